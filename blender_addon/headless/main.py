@@ -15,6 +15,7 @@ from typing import Any
 from .._exchange.cluster_address import use_certificates
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.errors import Cancelled, MocapError
+from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..errors import BakeFailed, BatchInvalid, BlenderMissing
@@ -83,6 +84,8 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     except MocapError:
         raise
     except Exception as error:
+        if (named := full_disk(error)) is not None:
+            raise named from error
         traceback.print_exc()
         kind = type(error).__name__
         hint = "Please report this with the log above."

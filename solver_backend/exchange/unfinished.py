@@ -7,6 +7,7 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -62,6 +63,22 @@ def unfinished_names(folder: Path) -> Iterator[str]:
     finally:
         _remove(held)
         os.close(handle)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new folder among the system's temporary ones, removed at the end.
+
+    What processes that were killed have left there is removed by the next that asks for one.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    place = Path(tempfile.gettempdir())
+    with unfinished_names(place) as beginning:
+        folder = place / f"{beginning}work"
+        folder.mkdir(mode=0o700)
+        yield folder
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
