@@ -1,8 +1,7 @@
 """``python -m blender_addon``: the add-on's work without Blender's window."""
 
-import sys
-
+from .headless.leave import leave
 from .headless.main import main
 
 if __name__ == "__main__":
-    sys.exit(main())
+    leave(main())

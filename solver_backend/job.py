@@ -164,6 +164,8 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     """
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
+    if any("\0" in text for text in given.values()):
+        raise JobInvalid("A path of the settings holds the character U+0000, which no path can.", where="settings")
     return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
 
 

@@ -76,6 +76,9 @@ def test_relative_paths_start_at_the_job_file(tmp_path):
         ({"out": "motion.bvh"}, r"A motion file ends in \.npz.*Try motion\.bvh\.npz"),
         ({"capture": "motion.npz"}, r"must be different files"),
         ({"report": "sub/../motion.npz"}, r"must be different files"),
+        ({"capture": "a\0b.npz"}, r"holds the character U\+0000"),
+        ({"report": "a\0.html"}, r"holds the character U\+0000"),
+        ({"settings": {"layout": "a\0.json"}}, r"holds the character U\+0000"),
     ],
 )
 def test_what_is_wrong_is_named(change, message):

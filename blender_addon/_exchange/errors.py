@@ -249,6 +249,12 @@ class ShapeMismatch(MocapError):
     code = "shape_mismatch"
 
 
+class SchedulerUnsafe(MocapError):
+    """A scheduler is on another host, and the connection to it would be neither encrypted nor authenticated."""
+
+    code = "scheduler_unsafe"
+
+
 class CommandLineInvalid(MocapError):
     """The command line names an unknown verb or option, or lacks one."""
 

@@ -14,6 +14,7 @@ import numpy as np
 from .errors import FileDamaged, FileMissing
 from .npz_members import Members, NeedsPickle
 from .outputs import atomic_output
+from .regular_file import open_regular
 
 _DAMAGE = (
     OSError, ValueError, EOFError, KeyError, IndexError, NotImplementedError, RuntimeError, OverflowError, MemoryError,
@@ -111,7 +112,7 @@ def _opened(path: Path | str) -> Iterator[Members]:
     """Yield the archive's arrays; whatever is wrong with its bytes, here or in the block, becomes a named error."""
     path = require_file(path)
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             bare = stream.read(len(_START_OF_A_BARE_ARRAY)) == _START_OF_A_BARE_ARRAY
             if bare or not zipfile.is_zipfile(stream):
                 raise zipfile.BadZipFile("no zip archive" + (" but one bare array" if bare else ""))

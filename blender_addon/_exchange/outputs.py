@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import os
 import stat
 from collections.abc import Iterator, Sequence
@@ -10,6 +11,9 @@ from pathlib import Path
 
 from .errors import OutputExists, OutputNotWritable
 from .unfinished import is_leftover, probe, unfinished_names
+
+_NO_ROOM = {getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG", "EROFS") if hasattr(errno, name)}
+"""No space, a quota, a limit of file size, a disk that is only read."""
 
 
 def check_output(path: Path | str, *, overwrite: bool = False) -> Path:
@@ -193,7 +197,14 @@ def _exists(path: Path) -> OutputExists:
     )
 
 
-def _not_writable(where: Path, error: OSError) -> OutputNotWritable:
+def full_disk(error: BaseException) -> OutputNotWritable | None:
+    """Return the named error of a disk that is full or may not be written to, None for any other failure."""
+    if isinstance(error, OSError) and error.errno in _NO_ROOM:
+        return _not_writable(error.filename or "", error)
+    return None
+
+
+def _not_writable(where: Path | str, error: OSError) -> OutputNotWritable:
     return OutputNotWritable(
         f"The output cannot be written: {error.strerror or error}.",
         where=str(where),

@@ -9,6 +9,7 @@ from collections import OrderedDict
 from typing import Any, Protocol, TextIO
 
 from .plain_text import plain
+from .plain_values import as_plain
 
 
 class Progress(Protocol):
@@ -99,5 +100,5 @@ class JsonProgress:
 
     def event(self, event: dict[str, Any]) -> None:
         """Write one event."""
-        self._stream.write(json.dumps(event) + "\n")
+        self._stream.write(json.dumps(as_plain(event), allow_nan=False) + "\n")
         self._stream.flush()

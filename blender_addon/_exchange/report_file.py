@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from .regular_file import open_regular
+
 REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'
 """Stands in the head of every report."""
 _HEAD_BYTES = 2000
@@ -15,7 +17,7 @@ def is_report(path: Path, folder: Path) -> bool:
         inside = path.resolve().parent == folder.resolve()
         if path.suffix.lower() != ".html" or not inside or not path.is_file():
             return False
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             return REPORT_MARK.encode() in stream.read(_HEAD_BYTES)
     except OSError:
         return False

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
@@ -11,6 +10,7 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from .._exchange.unfinished import temporary_folder
 from ..body.mesh import positions
 from ..conventions.timing import go_to_frame
 from .take import ExportTake
@@ -33,9 +33,9 @@ def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
     collection = bpy.data.collections.new("Export")
     take.scene.collection.children.link(collection)
     copies: list[bpy.types.Object] = []
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+    with temporary_folder() as folder:
         try:
-            files = [Path(folder) / _CACHE.format(number) for number in range(len(names))]
+            files = [folder / _CACHE.format(number) for number in range(len(names))]
             _sample(take, files)
             for mesh, path in zip(take.meshes, files, strict=True):
                 copies.append(_player(mesh, path, take, collection))

@@ -160,6 +160,7 @@ def _add_workers(verb: argparse.ArgumentParser, what: str) -> None:
     who = verb.add_mutually_exclusive_group()
     who.add_argument("--scheduler", default="", metavar="ADDRESS", help="spread over the workers of a Dask scheduler")
     who.add_argument("--workers", type=_count, default=0, metavar="N", help=f"so many {what} at a time on this machine")
+    verb.add_argument("--tls", type=Path, metavar="FOLDER", help="certificates of a scheduler on another host")
     verb.add_argument(
         "--patience", type=_positive, default=60.0, metavar="S", help="wait so long for scheduler and workers; 60"
     )

@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 import bpy
 import numpy as np
 
 from .._exchange.errors import OutputNotWritable
 from .._exchange.outputs import write_text
+from .._exchange.unfinished import temporary_folder
 from ..body.body_file import BodyFile
 from ..body.rig import Rig
 from ..render.picture import layer_from_render
@@ -63,7 +63,7 @@ def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
     size = (_PREVIEW_PX, _PREVIEW_PX)
     view = View(three_quarter_view(corners, -np.pi / 2, size, margin_m=0.05), size)
     look = Look(shrink=2, cavity=True)
-    with TemporaryDirectory() as folder, open_stage("Preview", (collection,), view, look, Path(folder)) as stage:
+    with temporary_folder() as folder, open_stage("Preview", (collection,), view, look, folder) as stage:
         layer = layer_from_render(stage.render(bpy.context.scene.frame_current), look.shrink)
     return (layer + (1.0 - layer[..., 3:]) * _BACKGROUND).astype(np.float32)
 

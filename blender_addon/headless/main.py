@@ -12,8 +12,10 @@ from pathlib import Path
 from types import FrameType
 from typing import Any
 
+from .._exchange.cluster_address import use_certificates
 from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.errors import Cancelled, MocapError
+from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..errors import BakeFailed, BatchInvalid, BlenderMissing
@@ -82,6 +84,8 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     except MocapError:
         raise
     except Exception as error:
+        if (named := full_disk(error)) is not None:
+            raise named from error
         traceback.print_exc()
         kind = type(error).__name__
         hint = "Please report this with the log above."
@@ -153,6 +157,7 @@ def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _use_certificates(options)
     if options.bake or options.render or options.export:
         _require_blender()
     if (options.captures is None) == (options.watch is None):
@@ -172,7 +177,13 @@ def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_batch(request, progress, spread)
 
 
+def _use_certificates(options: argparse.Namespace) -> None:
+    if options.tls is not None:
+        use_certificates(options.tls)
+
+
 def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _use_certificates(options)
     request = StudioRequest(
         options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
         options.python, Spread(options.scheduler, options.workers, patience_s=options.patience), options.colour_of,

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import ExitStack
 from pathlib import Path
 
 import numpy as np
 
 from .._exchange.progress import Progress
+from .._exchange.unfinished import temporary_folder
 from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
 from .stage import Look, open_stage
@@ -42,8 +42,7 @@ def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> No
     sheet = np.empty((poses_height + (GAP + views[0].height if views else 0), width, 3), dtype=np.uint8)
     sheet[:] = _SHEET_COLOUR
     total = POSES + len(cameras)
-    with tempfile.TemporaryDirectory(prefix="sheet_") as name, ExitStack() as stack:
-        folder = Path(name)
+    with temporary_folder() as folder, ExitStack() as stack:
         letters = stack.enter_context(open_lettering(folder, 20))
         frames = np.linspace(0, subject.motion.num_frames - 1, POSES).round().astype(int)
         for i, (frame, tile) in enumerate(zip(frames.tolist(), poses, strict=True)):

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path
@@ -10,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .._exchange.progress import Progress
+from .._exchange.unfinished import temporary_folder
 from ..scene.footage import find_footage
 from .backdrop import Backdrop
 from .lettering import Lettering, open_lettering
@@ -78,8 +78,7 @@ def render_preview(path: Path, subject: Subject, progress: Progress, settings: P
     """
     settings = settings or PreviewSettings()
     frames, fps = preview_frames(subject.motion.num_frames, subject.motion.fps, settings)
-    with tempfile.TemporaryDirectory(prefix="preview_") as name, ExitStack() as stack:
-        folder = Path(name)
+    with temporary_folder() as folder, ExitStack() as stack:
         letters = stack.enter_context(open_lettering(folder, _LINE))
         panes = [_pane(stack, folder, subject, view, tile, settings) for view, tile in _views(subject, settings)]
         pictures = []

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import tempfile
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,7 +16,7 @@ from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import write_text
-from .._exchange.unfinished import publish, unfinished_names
+from .._exchange.unfinished import publish, temporary_folder, unfinished_names
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..render.picture import write_png
@@ -81,13 +80,13 @@ def film_in_colour(
     scene = _empty_scene()
     shot = _set_up(folder, record, scene, stand_in)
     frames, count = record["frames"], 0
-    with tempfile.TemporaryDirectory(prefix="studio_") as name, unfinished_names(folder) as beginning:
+    with temporary_folder() as working, unfinished_names(folder) as beginning:
         unfinished = folder / f"{beginning}{FOLDER}"
         for frame in range(frames):
             for view, camera in enumerate(shot.capture.cameras):
                 target = unfinished / camera.name
                 target.mkdir(parents=True, exist_ok=True)
-                write_png(target / f"{frame:06d}.png", _picture(scene, shot, view, frame, Path(name)), level=1)
+                write_png(target / f"{frame:06d}.png", _picture(scene, shot, view, frame, working), level=1)
                 count += 1
             told(frame + 1)
         publish(unfinished, folder / FOLDER, DONE)

@@ -148,6 +148,7 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
     solve.add_argument(
         "--scheduler", metavar="ADDRESS", help="spread a long solve over the workers of a Dask scheduler"
     )
+    solve.add_argument("--tls", type=Path, metavar="FOLDER", help="certificates of a scheduler on another host")
     solve.add_argument(
         "--job", type=Path, action="append", metavar="JOB.json",
         help="read the arguments from a job file; may be repeated",

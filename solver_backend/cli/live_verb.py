@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import argparse
 import gc
-import json
 import sys
+from collections.abc import Iterator
+from contextlib import nullcontext
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.line_output import Lines
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
+    from solver_backend.live.frames import PointFrame
     from solver_backend.live.session import LiveSession
+    from solver_backend.live.statistics import LiveStatistics
 
 
 def add_live(
@@ -42,39 +46,59 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     from solver_backend.live.frames import from_lines, replayed
-    from solver_backend.live.recording import Recorder, person_fit
+    from solver_backend.live.person import person_fit
+    from solver_backend.live.recording import LiveRecorder
     from solver_backend.live.session import LiveSession
     from solver_backend.live.statistics import LiveStatistics
 
     network, fit = person_fit(args.subject)
     if args.source == "-":
         session = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis)
-        frames = from_lines(sys.stdin, args.fps or 120.0)
+        frames = from_lines(sys.stdin.buffer, args.fps or 120.0)
         fps = args.fps
     else:
         cloud = _cloud(args, progress)
         session = LiveSession(network, fit, unit="m", up_axis="z")
         frames, fps = replayed(cloud, paced=not args.fast), cloud.fps
-    recorder = Recorder() if args.record is not None else None
     statistics = LiveStatistics()
-    stopped = False
+    recorder = None
+    if args.record is not None:
+        recorder = LiveRecorder(args.record, fps, lambda: session.to_metres, overwrite=overwrite)
     make_ready(session)
-    with Lines(args.lines, overwrite) as stream:
-        try:
-            for line in session.run(frames if recorder is None else recorder.watched(frames)):
-                statistics.add(line)
-                if args.with_points and session.shown is not None and "frame" in line:
-                    line = {**line, "cloud": session.shown.round(4).tolist()}
-                stream.write(json.dumps(line) + "\n")
-                stream.flush()
-        except Cancelled:  # the usual end of what is live: what was recorded is kept
-            stopped = True
-            stream.write("\n")
+    with recorder or nullcontext(), Lines(args.lines) as stream:
+        if recorder is not None and recorder.recovered is not None:
+            stream.write(_event("recovered", f"A recording that was not finished is now {recorder.recovered}."))
+        stopped = _run(session, frames if recorder is None else recorder.watched(frames), stream, args, statistics)
     data: dict[str, Any] = {**statistics.summary(), "stopped": stopped}
-    if recorder is not None and args.record is not None and recorder.count:
-        data["recorded"] = str(recorder.write(args.record, fps, session.to_metres, overwrite=overwrite))
+    if recorder is not None:
+        if recorder.recovered is not None:
+            data["recovered"] = str(recorder.recovered)
+        if args.record.exists() and recorder.count:
+            data["recorded"] = str(args.record)
+    stream.require_whole()
     text = ", ".join(f"{name} {value}" for name, value in data.items())
     return Outcome(f"live: {text}", data)
+
+
+def _run(
+    session: LiveSession, frames: Iterator[PointFrame], stream: Lines, args: argparse.Namespace,
+    statistics: LiveStatistics,
+) -> bool:  # fmt: skip
+    """Write a line a frame until the source ends; return whether somebody stopped it before."""
+    try:
+        for line in session.run(frames):
+            statistics.add(line)
+            if args.with_points and session.shown is not None and "frame" in line:
+                line = {**line, "cloud": session.shown.round(4).tolist()}
+            stream.write(line)
+    except Cancelled:  # the usual end of what is live: what was recorded is kept
+        stream.end_line()
+        return True
+    return False
+
+
+def _event(kind: str, message: str) -> dict[str, Any]:
+    return {"event": kind, "t": None, "message": message}
 
 
 def make_ready(session: LiveSession) -> None:
@@ -94,22 +118,3 @@ def _cloud(args: argparse.Namespace, progress: Progress) -> Any:
     if capture.markers is None:
         raise NoDetections("The capture has no markers to replay.", where=capture.name, hint="Choose a C3D or TRC.")
     return capture.markers
-
-
-class Lines:
-    """The stream that lines go to: a file, or the process's own standard output, which verbs do not print to."""
-
-    def __init__(self, path: Path | None, overwrite: bool) -> None:
-        self.path, self.overwrite = path, overwrite
-        self.stream: TextIO | None = None
-
-    def __enter__(self) -> TextIO:
-        if self.path is None:
-            assert sys.__stdout__ is not None
-            return sys.__stdout__
-        self.stream = self.path.open("w", encoding="utf-8", newline="\n")
-        return self.stream
-
-    def __exit__(self, *_: object) -> None:
-        if self.stream is not None:
-            self.stream.close()

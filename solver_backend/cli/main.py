@@ -26,6 +26,7 @@ from solver_backend.cli.studio_verbs import STUDIO_VERBS
 from solver_backend.cli.video_arguments import VIDEO_VERBS
 from solver_backend.cli.wand_verbs import WAND_VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
+from solver_backend.exchange.outputs import full_disk
 from solver_backend.exchange.progress import Progress
 
 logger = logging.getLogger("solver_backend")
@@ -70,6 +71,9 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
     except BrokenPipeError:
         raise
     except Exception as error:
+        if (named := full_disk(error)) is not None:
+            teller.error(named)
+            return ExitCode.of(named)
         logger.exception("The solver broke.")
         kind = type(error).__name__
         failed = SolverFailed(f"The solver broke: {kind}: {error}", hint="Please report this with the log above.")

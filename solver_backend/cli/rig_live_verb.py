@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import argparse
-import json
 import time
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TextIO
+from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.live_verb import Lines, make_ready
+from solver_backend.cli.line_output import Lines
+from solver_backend.cli.live_verb import make_ready
 from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
@@ -54,7 +54,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     _check(args)
     statistics = None
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
-    with _chain(args) as chain, Lines(args.lines, overwrite) as stream:
+    with _chain(args) as chain, Lines(args.lines) as stream:
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[dict[str, Any]]
         if session is not None:
@@ -74,10 +74,10 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
             for line in lines:
                 if statistics is not None:
                     statistics.add(line)
-                _say(stream, line)
+                stream.write(line)
         except Cancelled:  # the usual end of what is live
             stopped = True
-            stream.write("\n")
+            stream.end_line()
     data = {**chain_summary(chain), "stopped": stopped} | (
         {} if statistics is None else {"poses": statistics.summary()}
     )
@@ -85,6 +85,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         data["recorded"] = str(args.record)
         if args.solve is not None and not stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
+    stream.require_whole()
     # Standard output may be another program's points: to people it says nothing else.
     text = "" if args.lines is None else f"rig-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
     return Outcome(text, data)
@@ -129,7 +130,7 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     return MarkerChain(tasks, args.fps, FusionSettings(clusters=args.clusters), recording)
 
 
-def _moments(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
+def _moments(chain: MarkerChain, stream: Lines, until: float | None, progress: Progress) -> Iterator[LiveMoment]:
     """Yield moments until the time is over; what happens to sensors is written at once."""
     from solver_backend.sensors.streaming.chain import LiveMoment
 
@@ -138,12 +139,12 @@ def _moments(chain: MarkerChain, stream: TextIO, until: float | None, progress: 
         if isinstance(moment, LiveMoment):
             yield moment
         else:
-            _say(stream, {"event": moment.kind, "message": moment.said})
+            stream.write({"event": moment.kind, "message": moment.said})
         if until is not None and time.perf_counter() > until:
             return
 
 
-def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress) -> Iterator[PointFrame]:
+def _frames(chain: MarkerChain, stream: Lines, until: float | None, progress: Progress) -> Iterator[PointFrame]:
     """Yield the markers of each moment, ghosts left out."""
     from solver_backend.live.frames import PointFrame
 
@@ -154,7 +155,7 @@ def _frames(chain: MarkerChain, stream: TextIO, until: float | None, progress: P
 
 def _session(subject: Path | None) -> LiveSession:
     """Return what fits poses, ready to begin."""
-    from solver_backend.live.recording import person_fit
+    from solver_backend.live.person import person_fit
     from solver_backend.live.session import LiveSession
 
     network, fit = person_fit(subject)
@@ -172,7 +173,7 @@ def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: b
 
 
 def _waved(
-    chain: MarkerChain, stream: TextIO, until: float | None, progress: Progress
+    chain: MarkerChain, stream: Lines, until: float | None, progress: Progress
 ) -> Iterator[dict[str, Any]]:  # fmt: skip
     """Yield a line each ``TOLD_S`` on what of every picture the wand visited, and where it should go next."""
     import numpy as np
@@ -216,8 +217,3 @@ def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) 
     capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)
     write_motion(out, solve(capture, progress=progress).motion, overwrite=overwrite)
     return str(out)
-
-
-def _say(stream: TextIO, line: dict[str, Any]) -> None:
-    stream.write(json.dumps(line) + "\n")
-    stream.flush()

@@ -16,6 +16,7 @@ from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import EVERYBODY, load, reading, trials_of
 from solver_backend.cli.setting_options import given_settings
 from solver_backend.cli.solve_outcome import outcome_of, record_found
+from solver_backend.exchange.cluster_address import use_certificates
 from solver_backend.exchange.diagnostics import refuse_errors
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, MocapError
 from solver_backend.exchange.job_file import MOTION_SUFFIX
@@ -37,17 +38,17 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
     jobs = _jobs(args)
     keep_freed_memory()
     if len(jobs) > 1 or jobs[0].person == EVERYBODY:
-        with _stretches(args.scheduler) as each:
+        with _stretches(args.scheduler, args.tls) as each:
             return _several(jobs, progress, each)
     _check(jobs[0])
     if jobs[0].resolve is not None and is_motion(jobs[0].capture):
         return _resolve_alone(jobs[0], progress)
-    with _stretches(args.scheduler) as each:
+    with _stretches(args.scheduler, args.tls) as each:
         return _solve_one(jobs[0], load(jobs[0].capture, jobs[0].reading(), progress), progress, each)
 
 
 @contextmanager
-def _stretches(scheduler: str | None) -> Iterator[Stretches]:
+def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
     """Yield what solves the stretches of a long take: this process, or a cluster."""
     from solver_backend.fitters.keyframes.chunked import in_turn
 
@@ -56,6 +57,8 @@ def _stretches(scheduler: str | None) -> Iterator[Stretches]:
         return
     from solver_backend.cli.spread import ClusterStretches
 
+    if tls is not None:
+        use_certificates(tls)
     cluster = ClusterStretches(scheduler)
     try:
         yield cluster

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
+from solver_backend.exchange.cluster_address import require_safe
 from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.keyframes.chunked import Stretch, in_turn
@@ -33,11 +34,13 @@ class ClusterStretches:
         address: of the scheduler, or the name of its file.
 
     Raises:
+        SchedulerUnsafe: the scheduler is on another host, without TLS.
         BackendMissing: Dask is not installed.
         CommandLineInvalid: no scheduler answers.
     """
 
     def __init__(self, address: str) -> None:
+        require_safe(address)
         try:
             from distributed import Client
         except ImportError as error:

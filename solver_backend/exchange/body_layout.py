@@ -32,7 +32,7 @@ class BodyLayout:
                 f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups are no layout.",
                 where=self.name, hint="Every joint has a name of its own, a parent and a group.",
             )  # fmt: skip
-        if any(p >= j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
+        if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
             raise BodyInvalid(
                 f"Parents {self.parents} are no tree; one root (-1) and parents before their children are expected.",
                 where=self.name,

@@ -64,7 +64,7 @@ class JobFile(TimeSettings, WorldSettings):
     """One solve: what is read, how it is solved, where the result goes.
 
     Raises:
-        JobInvalid: the motion's name has another ending, two of the files are one, or a setting is invalid.
+        JobInvalid: the motion's name has another ending, two of the files are one, or a path or setting is invalid.
     """
 
     capture: Path
@@ -105,17 +105,19 @@ class JobFile(TimeSettings, WorldSettings):
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)
         WorldSettings.__post_init__(self)
+        earlier = None if self.resolve is None else self.resolve.motion
+        files = (self.capture, self.out, self.report, self.subject, self.told, earlier)
+        if any("\0" in str(path) for path in files if path is not None):
+            raise JobInvalid("A path of the job holds the character U+0000, which no path can.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
             raise JobInvalid(
                 f"A motion file ends in {MOTION_SUFFIX}.",
                 where=f"out = {self.out}",
                 hint=f"Try {self.out.name}{MOTION_SUFFIX}.",
             )
-        earlier = None if self.resolve is None else self.resolve.motion
         # A motion that came without its recording is measured by itself: then it stands in for the capture.
         again = earlier is not None and earlier.resolve() == self.capture.resolve()
-        files = (self.capture, self.out, self.report, self.subject, self.told, None if again else earlier)
-        places = [p.resolve() for p in files if p is not None]
+        places = [p.resolve() for p in (files[:-1] if again else files) if p is not None]
         if len(set(places)) < len(places):
             raise JobInvalid(
                 "The capture, the motion, the report, a subject, names and an earlier motion must be different files.",

@@ -8,6 +8,7 @@ from typing import Any
 
 from .errors import FileDamaged
 from .npz import require_file
+from .regular_file import open_regular
 
 LARGEST = 20_000_000
 """Bytes of a file that a person or a program writes as text; real ones have thousands."""
@@ -22,7 +23,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
     """
     path = require_file(path)
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             data = stream.read(largest + 1)
         text = data.decode("utf-8-sig") if len(data) <= largest else ""
     except (OSError, UnicodeDecodeError) as error:

@@ -12,7 +12,8 @@ from .body_layout import SMPL, BodyLayout
 from .errors import BodyInvalid, MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS
 from .npz import array_names, read_arrays, write_npz
-from .schema import Fields, Shape
+from .plausible import require_motion
+from .schema import Fields, Shape, fits
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
 FLAG_UNSEEN = 1
@@ -123,6 +124,16 @@ class MotionFile:
     provenance: str = ""
     """JSON text: version, settings and sources of the solve."""
 
+    def __post_init__(self) -> None:
+        frames, joints = (*np.shape(self.rotvec), 0)[0], self.body_layout.num_joints
+        shapes = {"rotvec": (frames, joints, 3), "transl": (frames, 3), "betas": (NUM_BETAS,)}
+        for name, shape in (shapes | optional_shapes(frames, joints)).items():
+            value = getattr(self, name)
+            if value is not None and not fits(np.shape(value), shape):
+                wanted = f"({', '.join(map(str, shape))})"
+                raise MotionInvalid(f"{name} has shape {np.shape(value)}; {wanted} is expected.", where="motion")
+        require_motion(self.fps, self.rotvec, self.transl, self.betas, self.joints, MotionInvalid, "motion")
+
     @property
     def num_frames(self) -> int:
         """Number of frames."""
@@ -151,14 +162,8 @@ def read_motion(path: Path, layout: BodyLayout = SMPL) -> MotionFile:
     """
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
-    _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
     motion = motion_of(fields)
     motion.body_layout.require_same_joints(layout, str(fields.path))
-    _require(np.isfinite(motion.fps) and 0.01 <= motion.fps <= 30000,
-             f"The frame rate must be 0.01 to 30000, not {motion.fps}.", fields)  # fmt: skip
-    for name in ("rotvec", "transl", "betas", "joints"):
-        value = getattr(motion, name)
-        _require(value is None or bool(np.isfinite(value).all()), f"{name} holds NaN or infinite values.", fields)
     return motion
 
 
@@ -166,29 +171,26 @@ def motion_of(fields: Fields) -> MotionFile:
     """Return the motion that the arrays of a file describe; optional ones that are not there are None.
 
     Raises:
-        MotionInvalid: shapes disagree, or there is no frame rate.
+        MotionInvalid: shapes disagree, there is no frame rate, or its numbers cannot be (see ``plausible``).
     """
     layout = layout_of(fields)
+    _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
     rotvec = _rotations(fields, layout)
     present: dict[str, Any] = {
         key: fields.shaped(key, shape, MotionInvalid).astype(_DTYPES.get(key, np.float64), copy=False)
         for key, shape in optional_shapes(len(rotvec), layout.num_joints).items()
         if key in fields
     }
-    return MotionFile(
-        name=fields.path.stem,
-        rotvec=rotvec,
-        transl=fields.shaped("trans", (len(rotvec), 3), MotionInvalid),
-        betas=_betas(fields),
-        fps=_frame_rate(fields),
-        body=fields.text("body", ""),
-        body_layout=layout,
-        joint_set=fields.text("joint_set", ""),
-        marker_labels=fields.texts("marker_labels"),
-        layout=fields.texts("layout"),
-        provenance=fields.text("provenance", ""),
-        **present,
-    )
+    given: dict[str, Any] = {
+        "transl": fields.shaped("trans", (len(rotvec), 3), MotionInvalid), "betas": _betas(fields),
+        "fps": _frame_rate(fields), "body": fields.text("body", ""), "body_layout": layout,
+        "joint_set": fields.text("joint_set", ""), "marker_labels": fields.texts("marker_labels"),
+        "layout": fields.texts("layout"), "provenance": fields.text("provenance", ""),
+    }  # fmt: skip
+    try:
+        return MotionFile(name=fields.path.stem, rotvec=rotvec, **given, **present)
+    except MotionInvalid as error:
+        raise MotionInvalid(error.message, where=str(fields.path), hint=error.hint) from error
 
 
 def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = False) -> Path:

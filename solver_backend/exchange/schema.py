@@ -47,7 +47,7 @@ class Fields:
             FileDamaged: it is missing, not numeric or of another shape.
         """
         value = self.array(key)
-        if value.dtype.kind not in "fiub" or not _fits(value, shape):
+        if value.dtype.kind not in "fiub" or not fits(value.shape, shape):
             wanted = "(" + ", ".join(str(n) if isinstance(n, int) else "any" for n in shape) + ")"
             raise FileDamaged(
                 f"'{key}' is {value.dtype} of shape {value.shape}; numbers of shape {wanted} are expected.",
@@ -84,7 +84,7 @@ class Fields:
             MocapError: it is of another shape; of the class ``invalid``.
         """
         value = self.floats(key, invalid)
-        if not _fits(value, shape):
+        if not fits(value.shape, shape):
             wanted = f"({', '.join(map(str, shape))}{',' if len(shape) == 1 else ''})"
             raise invalid(f"{key} has shape {value.shape}; {wanted} is expected.", where=str(self.path))
         return value
@@ -170,7 +170,8 @@ def read_fields(path: Path | str, names: Iterable[str], *, prefix: str | None = 
     )
 
 
-def _fits(value: np.ndarray, shape: Shape) -> bool:
-    return value.ndim == len(shape) and all(
-        have == want or not isinstance(want, int) for want, have in zip(shape, value.shape, strict=True)
+def fits(found: tuple[int, ...], shape: Shape) -> bool:
+    """Return whether the lengths of an array's axes are those that are expected."""
+    return len(found) == len(shape) and all(
+        have == want or not isinstance(want, int) for want, have in zip(shape, found, strict=True)
     )

@@ -7,6 +7,7 @@ import re
 import secrets
 import shutil
 import stat
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -55,13 +56,29 @@ def unfinished_names(folder: Path) -> Iterator[str]:
     Raises:
         OSError: the folder cannot be written to.
     """
-    lock, handle = _new_lock(folder)
+    held, handle = _new_lock(folder)
     try:
         sweep(folder, os.fstat(handle).st_mtime)
-        yield f"{lock.name}_"
+        yield f"{held.name}_"
     finally:
-        _remove(lock)
+        _remove(held)
         os.close(handle)
+
+
+@contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new folder among the system's temporary ones, removed at the end.
+
+    What processes that were killed have left there is removed by the next that asks for one.
+
+    Raises:
+        OSError: it cannot be made.
+    """
+    place = Path(tempfile.gettempdir())
+    with unfinished_names(place) as beginning:
+        folder = place / f"{beginning}work"
+        folder.mkdir(mode=0o700)
+        yield folder
 
 
 def publish(unfinished: Path, whole: Path, mark: str) -> None:
@@ -108,30 +125,41 @@ def _sweep_one(path: Path, now: float) -> None:
         return
     handle = os.open(path, os.O_RDWR)
     try:
-        if _is_locked_by_us(handle) or age > _OLD_S:
+        if lock(handle) or age > _OLD_S:
             _remove(path)
     finally:
         os.close(handle)
 
 
-def _remove(lock: Path) -> None:
+def _remove(held: Path) -> None:
     """Remove the files and folders whose names begin with the lock's, then the lock."""
-    for path in [path for path in lock.parent.iterdir() if path.name.startswith(f"{lock.name}_")]:
+    for path in [path for path in held.parent.iterdir() if path.name.startswith(f"{held.name}_")]:
         if path.is_dir() and not path.is_symlink():
             shutil.rmtree(path, ignore_errors=True)
         else:
             path.unlink(missing_ok=True)
-    lock.unlink(missing_ok=True)
+    held.unlink(missing_ok=True)
 
 
 def _new_lock(folder: Path) -> tuple[Path, int]:
     path = folder / f"{_PART}-{secrets.token_hex(8)}"
     handle = os.open(path, os.O_RDWR | os.O_CREAT | os.O_EXCL, 0o600)
-    _is_locked_by_us(handle)
+    lock(handle)
     return path, handle
 
 
-def _is_locked_by_us(handle: int) -> bool:
+def is_held(path: Path) -> bool:
+    """Return whether a process that is alive holds the lock of a file; False where the system has no such locks."""
+    if fcntl is None:
+        return False
+    handle = os.open(path, os.O_RDWR)
+    try:
+        return not lock(handle)
+    finally:
+        os.close(handle)
+
+
+def lock(handle: int) -> bool:
     """Lock an open file if nobody holds it; False where another does, or the system has no such locks."""
     if fcntl is None:
         return False

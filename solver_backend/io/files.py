@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import io
 import os
 import re
 import stat
 import tomllib
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.npz import require_file
+from solver_backend.exchange.regular_file import open_regular
 
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
@@ -31,11 +31,10 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         FileDamaged: it is larger, or cannot be read.
     """
     try:
-        status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode):  # opening a pipe would wait for what never comes
+        if not stat.S_ISREG(os.stat(path).st_mode):
             require_file(path)
-        size = status.st_size
-        with open(path, "rb", buffering=0) as stream:
+        with open_regular(path) as stream:
+            size = os.fstat(stream.fileno()).st_size
             data = _read_all(stream, largest + 1) if size <= largest else b""
     except FileNotFoundError:
         require_file(path)
@@ -51,7 +50,7 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
     return data
 
 
-def _read_all(stream: io.RawIOBase, most: int) -> bytes:
+def _read_all(stream: BinaryIO, most: int) -> bytes:
     """Return what a file holds, up to so many bytes."""
     parts, left = [], most
     while left and (part := stream.read(min(left, _PART))):

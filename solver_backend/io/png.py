@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.io.files import read_bytes
 
 _SIGNATURE = b"\x89PNG\r\n\x1a\n"
 _SUB, _UP, _PAETH = 1, 2, 4
@@ -49,7 +50,7 @@ def read_png(path: Path) -> np.ndarray:
     """
     if not path.is_file():
         raise FileMissing("The picture is not there.", where=str(path))
-    data = path.read_bytes()
+    data = read_bytes(path)
     try:
         return _decoded(data)
     except (ValueError, KeyError, struct.error, zlib.error, IndexError) as error:

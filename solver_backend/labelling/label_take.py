@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.errors import CaptureInvalid, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import BodyFit, body_evidence
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
@@ -26,6 +26,12 @@ FEWEST_POINTS = 6
 _FLOOR = -8.0
 """Least log probability that one reading may have: no single frame rules a label out."""
 _PART = 64
+"""Most frames that the network reads at once; fewer where the frames' pairs of points are more than ``_PAIRS``."""
+_PAIRS = _PART * 100**2
+MOST_POINTS = 2000
+"""Points of one frame: the network weighs every pair of them, 0.6 GB at this number."""
+MOST_CHAINS = 5000
+"""Chains of stretches: every pair of them is compared, 2 GB at this number."""
 
 
 @dataclass(frozen=True)
@@ -98,6 +104,7 @@ def label_take(
 
     Raises:
         NoDetections: in no frame are there enough points.
+        CaptureInvalid: there are more points than can be compared with one another.
     """
     positions = np.asarray(cloud.positions, dtype=np.float64)
     seen = np.isfinite(positions).all(-1)
@@ -105,7 +112,9 @@ def label_take(
         raise NoDetections(
             f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
         )
+    _require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
     tracklets = tracklets_of(positions, cloud.fps, persistent=persistent)
+    _require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
@@ -115,6 +124,15 @@ def label_take(
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
     confidence = np.where(stretch >= 0, sure[stretch], np.nan)
     return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
+
+
+def _require_at_most(most: int, found: int, what: str) -> None:
+    if found > most:
+        raise CaptureInvalid(
+            f"Labelling is not supported for {found} {what}; at most {most} are compared with one another.",
+            where="markers",
+            hint="Remove stray points, or cut the take, in the recording program.",
+        )
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
@@ -137,8 +155,9 @@ def _read(
     evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
     landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
     covariance = np.zeros((len(frames), len(LANDMARKS), 3, 3))
-    for start in range(0, len(frames), _PART):
-        part = frames[start : start + _PART]
+    size = int(np.clip(_PAIRS // int(seen[frames].sum(1).max()) ** 2, 1, _PART))
+    for start in range(0, len(frames), size):
+        part = frames[start : start + size]
         columns = np.argsort(~seen[part], axis=1, kind="stable")[:, : int(seen[part].sum(1).max())]
         there = np.take_along_axis(seen[part], columns, axis=1)
         points = np.take_along_axis(positions[part], columns[..., None], axis=1)

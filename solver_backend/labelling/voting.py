@@ -34,6 +34,10 @@ FIRST_AGREED, AGREED = 0.5, 0.4
 """Mean probability by the network that these need besides: at first, and always where a body is laid over them."""
 
 
+_ROWS = 512
+"""Stretches that are compared with all others at once."""
+
+
 @dataclass(frozen=True)
 class Votes:
     """What the network said of C chains in K frames."""
@@ -100,9 +104,10 @@ def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
 def seen_together(tracklets: Tracklets) -> np.ndarray:
     """Return (C, C) whether two chains have stretches that are seen at one time."""
     first, last, chain = tracklets.first, tracklets.last, tracklets.chain
-    both = (first[:, None] <= last[None]) & (first[None] <= last[:, None])
-    a, b = np.nonzero(both)
     together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
-    together[chain[a], chain[b]] = True
+    for start in range(0, len(first), _ROWS):
+        rows = slice(start, start + _ROWS)
+        a, b = np.nonzero((first[rows, None] <= last) & (first <= last[rows, None]))
+        together[chain[rows][a], chain[b]] = True
     np.fill_diagonal(together, False)
     return together

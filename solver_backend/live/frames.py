@@ -7,16 +7,18 @@ import math
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TextIO
+from typing import BinaryIO
 
 import numpy as np
 
+from solver_backend.io.markers.live_recording import MOST_POINTS
 from solver_backend.types import MarkerCloud
 
-MOST_POINTS = 400
-"""More in one frame are no marker cloud of a person."""
+FARTHEST = 1e8
+"""A coordinate at least this large is no marker's, in whichever unit: 100 km in millimetres."""
 
 _LONGEST_LINE = 1 << 17
+"""Bytes of a line: 400 points of three numbers of 100 digits."""
 
 
 @dataclass(frozen=True)
@@ -41,20 +43,26 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
             at = number / cloud.fps
             if paced and (ahead := start + at - time.perf_counter()) > 0:
                 time.sleep(ahead)
-            yield PointFrame(at, frame[np.isfinite(frame).all(-1)], time.perf_counter())
+            yield PointFrame(at, measured(frame), time.perf_counter())
             number += 1
         if not repeat:
             return
 
 
-def from_lines(stream: TextIO, fps: float = 120.0) -> Iterator[PointFrame]:
+def measured(points: np.ndarray) -> np.ndarray:
+    """Return those of (N, 3) points that can be markers: finite, and not at the other end of the world."""
+    return points[(np.abs(points) < FARTHEST).all(-1)]
+
+
+def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
     """Yield a frame a line: ``{"t": seconds, "points": [[x, y, z], ...]}``, or numbers: the time, then x y z of each.
 
     A line that is neither is yielded with its fault; empty lines are left out, and so are events of whoever sends them.
+    Bytes that are no UTF-8 are part of such a line, and end nothing.
     """
     number = 0
     while line := stream.readline(_LONGEST_LINE):
-        arrived, text = time.perf_counter(), line.strip()
+        arrived, text = time.perf_counter(), line.decode("utf-8", "replace").strip()
         if not text or text.startswith('{"event":'):
             continue
         try:
@@ -66,13 +74,13 @@ def from_lines(stream: TextIO, fps: float = 120.0) -> Iterator[PointFrame]:
         number += 1
 
 
-def _require_whole(line: str, stream: TextIO) -> None:
+def _require_whole(line: bytes, stream: BinaryIO) -> None:
     """Pass over the rest of a line that is longer than any frame's."""
-    if len(line) < _LONGEST_LINE or line.endswith("\n"):
+    if len(line) < _LONGEST_LINE or line.endswith(b"\n"):
         return
-    while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith("\n"):
+    while len(rest := stream.readline(_LONGEST_LINE)) == _LONGEST_LINE and not rest.endswith(b"\n"):
         pass
-    raise ValueError(f"it has more than {_LONGEST_LINE} letters")
+    raise ValueError(f"it has more than {_LONGEST_LINE} bytes")
 
 
 def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
@@ -88,7 +96,7 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         at, points = float(numbers[0]), numbers[1:].reshape(-1, 3)
     if not math.isfinite(at):
         raise ValueError("the time is no number")
-    points = points[np.isfinite(points).all(-1)]
+    points = measured(points)
     if len(points) > MOST_POINTS:
         raise ValueError(f"{len(points)} points in one frame; at most {MOST_POINTS} are read")
     return at, points

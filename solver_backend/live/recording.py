@@ -1,72 +1,151 @@
-"""What live begins and ends with: the person to fit, and the take that was recorded."""
+"""Recording what comes live: written as it comes, finished into a C3D file at the end or when the next run starts."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import replace
+import contextlib
+import os
+from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.body.body import load_body
-from solver_backend.body.marker_names import name_markers
-from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
-from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.io.native.subject_file import read_subject
-from solver_backend.labelling.outputs import MARKERS
-from solver_backend.labelling.point_network import PointNetwork, load_network
+from solver_backend.exchange.errors import MocapError, OutputNotWritable
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.unfinished import is_held, lock
+from solver_backend.io.appended_file import AppendedFile, open_appended
+from solver_backend.io.markers.c3d_writer import C3dSize, unnamed_labels, write_c3d_parts
+from solver_backend.io.markers.live_recording import (
+    SUFFIX,
+    LiveBlock,
+    measure_recording,
+    pack_block,
+    read_parts,
+)
 from solver_backend.live.frames import PointFrame
-from solver_backend.types import MarkerCloud
+
+_FRAMES_AT_ONCE = 512
+"""Frames of a recording that are in memory while it is finished."""
+
+World = Callable[[], np.ndarray | None]
 
 
-def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
-    """Return the network and a fit of a calibrated person, or of one whose shape is learned as they move.
+class LiveRecorder:
+    """Appends every frame to ``TAKE.c3d.recording``, and makes ``TAKE.c3d`` of it at the end.
 
-    Raises:
-        FileMissing, SubjectInvalid: the subject cannot be read.
+    Whatever ends the process, the frames before are in that file, which readers of markers open (see
+    ``live_recording``) and which the next run to the same file finishes under a name of its own.
     """
-    network = load_network()
-    if subject is None:
-        return network, fit_average_person()
-    person = read_subject(subject)
-    offsets = np.zeros((len(MARKERS), 3))
-    places = name_markers(person.places).known
-    for place, offset in zip(person.places, person.offsets, strict=True):
-        if places.get(place) in MARKERS:
-            offsets[MARKERS.index(places[place])] = offset
-    return network, LiveFit(load_body(), offsets=offsets, betas=person.betas)
 
+    def __init__(self, path: Path, fps: float | None, world: World, *, overwrite: bool) -> None:
+        """Begin a recording.
 
-class Recorder:
-    """Keeps the points of all frames that were read."""
+        Args:
+            path: the C3D file.
+            fps: nominal rate, None where nobody said one.
+            world: returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known.
+            overwrite: replace a file that is there.
 
-    def __init__(self) -> None:
-        self.frames: list[PointFrame] = []
+        Raises:
+            OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
+        """
+        self.path = check_output(path, overwrite=overwrite)
+        self.unfinished = recording_of(self.path)
+        self.recovered = recover(self.path)
+        self._fps, self._world, self._overwrite = fps, world, overwrite
+        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
+        lock(self._file.handle)
+        self.finished = False
 
     @property
     def count(self) -> int:
-        """Number of frames with points."""
-        return sum(len(frame.points) > 0 for frame in self.frames)
+        """Number of frames in the file."""
+        return self._file.written
 
     def watched(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
-        """Yield the same frames."""
+        """Yield the same frames, each after it was recorded."""
         for frame in frames:
             if not frame.fault:
-                self.frames.append(replace(frame))
+                self._file.append(pack_block(LiveBlock(frame.time, frame.points, self._fps, self._world())))
             yield frame
 
-    def write(self, path: Path, fps: float | None, to_metres: np.ndarray | None, *, overwrite: bool) -> Path:
-        """Write the take as C3D; its rate is that of the times where none is told.
+    def finish(self) -> None:
+        """Write the C3D file and remove the unfinished one; only the latter where no frame has points.
 
         Raises:
-            OutputExists, OutputNotWritable: see ``write_c3d``.
+            OutputNotWritable: the C3D file cannot be written (the unfinished one is kept), or frames were lost.
         """
-        most = max(len(frame.points) for frame in self.frames)
-        positions = np.full((len(self.frames), most, 3), np.nan)
-        turn = np.eye(3) if to_metres is None else to_metres
-        for row, frame in zip(positions, self.frames, strict=True):
-            row[: len(frame.points)] = frame.points @ turn.T
-        steps = np.diff([frame.time for frame in self.frames])
-        steps = steps[steps > 0]
-        rate = fps or (1.0 / float(np.median(steps)) if len(steps) else 120.0)
-        return write_c3d(path, MarkerCloud(positions, rate), overwrite=overwrite)
+        if self.finished:
+            return
+        self.finished = True
+        self._file.close()
+        finish_recording(self.unfinished, self.path, self._world(), overwrite=self._overwrite)
+        self._file.require_whole(f"The other frames are in {self.path.name}; make room on the disk before recording.")
+
+    def __enter__(self) -> LiveRecorder:
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        """Finish; an error that is on its way already is not replaced by one of finishing."""
+        with contextlib.suppress(MocapError) if kind is not None else contextlib.nullcontext():
+            self.finish()
+
+
+def recording_of(path: Path) -> Path:
+    """Return the unfinished recording of a C3D file."""
+    return path.with_name(path.name + SUFFIX)
+
+
+def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, overwrite: bool = False) -> bool:
+    """Write a recording as C3D and remove it; return whether it had points.
+
+    Args:
+        recording: the unfinished one.
+        path: the C3D file.
+        world: what turns the points into metres, Z up; None takes what the recording knows.
+        overwrite: replace a file that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable: the C3D file cannot be written; the recording is kept.
+    """
+    with recording.open("rb") as stream:
+        extent = measure_recording(stream)
+        turn = world if world is not None else extent.to_metres
+        turn = np.eye(3) if turn is None else np.asarray(turn)
+        # Rows of a scaled rotation: no coordinate grows by more than the sum of a row.
+        reach = extent.largest * float(np.abs(turn).sum(axis=1).max())
+        size = C3dSize(extent.frames, unnamed_labels(extent.most), extent.rate, reach)
+        stream.seek(0)
+        parts = ((part @ turn.T, None) for part in read_parts(stream, extent.most, _FRAMES_AT_ONCE))
+        if extent.most:
+            try:
+                write_c3d_parts(path, size, parts, overwrite=overwrite)
+            except OutputNotWritable as error:
+                hint = f"The recording is whole in {recording.name}: info and solve open it, the next run finishes it."
+                raise OutputNotWritable(error.message, where=str(path), hint=hint) from error
+    recording.unlink()
+    return bool(extent.most)
+
+
+def recover(path: Path) -> Path | None:
+    """Finish what a run that was killed has left of the recording to a file; return where it is, None for nothing.
+
+    Raises:
+        OutputNotWritable: another process is recording, or the disk is full; nothing is lost.
+    """
+    left = recording_of(path)
+    if not left.exists():
+        return None
+    if is_held(left):
+        raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Choose another.")
+    number = 1
+    while (whole := path.with_name(f"{path.stem}_recovered_{number}{path.suffix}")).exists() or (
+        aside := recording_of(whole)
+    ).exists():
+        number += 1
+    try:
+        os.rename(left, aside)
+    except OSError as error:
+        raise OutputNotWritable(
+            f"An earlier recording cannot be finished: {error.strerror or error}.", where=str(left)
+        ) from error
+    return whole if finish_recording(aside, whole, None) else None

@@ -88,7 +88,8 @@ def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:
     sigma = np.asarray(motion.provenance.get("sigma_px", ()), dtype=np.float64)
     settings = motion.provenance.get("settings", {})
     usual = SolveSettings().robust_scale
-    scale = settings.get("robust_scale", usual) if isinstance(settings, dict) else usual
+    scale = settings.get("robust_scale", usual)
+    scale = scale if isinstance(scale, int | float) else usual
     if sigma.shape != error.shape[-1:] or not np.isfinite(sigma).all():
         sigma = quantile(error.reshape(-1, error.shape[-1]), 0.5, axis=0) / RAYLEIGH_MEDIAN
     return 2.0 * scale * sigma

@@ -9,10 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import (
+    CalibrationMismatch,
+    CaptureInvalid,
     KeypointCountMismatch,
     NoDetections,
     NonFiniteData,
     PersonUnknown,
+    ShapeMismatch,
     TooFewViews,
 )
 from solver_backend.exchange.joint_sets import JointSet
@@ -111,6 +114,19 @@ class MarkerCloud:
     covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
     """(frames, markers, 3, 3) m², how surely each position was measured; it stands in the residual's place."""
 
+    def __post_init__(self) -> None:
+        shape = np.shape(self.positions)
+        if len(shape) != 3 or shape[-1] != 3 or not shape[0]:
+            raise CaptureInvalid(f"Markers have the shape {shape}; (frames, markers, 3) is expected.", where="markers")
+        if not (np.isfinite(self.fps) and self.fps > 0):
+            raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
+        if self.labels is not None and len(self.labels) != shape[1]:
+            raise ShapeMismatch(f"{len(self.labels)} labels do not fit {shape[1]} markers.", where="markers")
+        for name, expected in (("residual", shape[:2]), ("covariance", (*shape[:2], 3, 3))):
+            value = getattr(self, name)
+            if value is not None and np.shape(value) != expected:
+                raise ShapeMismatch(f"{name} has the shape {np.shape(value)}; {expected} is expected.", where="markers")
+
     def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None) -> MarkerCloud:
         """Return these markers under these labels."""
         residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
@@ -145,6 +161,24 @@ class Capture:
     """Whose ``keypoints`` are, by name, where a recording shows several people."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
+
+    def __post_init__(self) -> None:
+        cameras, found = self.cameras, self.keypoints
+        if cameras is not None and found is not None and len(cameras) != found.num_views:
+            raise CalibrationMismatch(
+                f"There are {len(cameras)} cameras ({', '.join(cameras.names)}) and {found.num_views} views.",
+                where=self.name,
+            )
+        if cameras is not None and self.footage and len(self.footage) != len(cameras):
+            raise CaptureInvalid(
+                f"{len(self.footage)} entries of footage do not fit {len(cameras)} cameras.", where=self.name,
+                hint="One entry a camera is expected, none where there is no footage.",
+            )  # fmt: skip
+        for person in self.people:
+            if found is None or person.keypoints.xy.shape != found.xy.shape:
+                raise CaptureInvalid(
+                    f"{person.name} is seen in other views or frames than the capture.", where=self.name
+                )
 
     @property
     def num_frames(self) -> int:

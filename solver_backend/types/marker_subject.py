@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import SubjectInvalid
 from solver_backend.exchange.joint_sets import NUM_BETAS
+from solver_backend.exchange.plausible import FARTHEST_M, LARGEST_BETA, require_within
 from solver_backend.types.shapes import Float
 
 
@@ -42,6 +43,8 @@ class MarkerSubject:
                 raise SubjectInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="subject")
             if name != "skin_m" and not np.isfinite(value).all():
                 raise SubjectInvalid(f"{name} holds NaN or infinite values.", where="subject")
+        require_within("betas", self.betas, LARGEST_BETA, SubjectInvalid, "subject")
+        require_within("offsets", self.offsets, FARTHEST_M, SubjectInvalid, "subject")
         if len(self.places) != count or len(set(self.labels)) < count:
             raise SubjectInvalid("Every marker needs one place and a label of its own.", where="subject")
         if count and not (np.asarray(self.sigma_m) > 0).all():

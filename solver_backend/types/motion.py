@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import JointSet
+from solver_backend.exchange.plausible import require_motion
 from solver_backend.types.shapes import Bool, Float, Int
 
 
@@ -74,7 +75,7 @@ class Motion:
     """Version, weights hash, settings, source files, statistics; plain JSON values."""
 
     def __post_init__(self) -> None:
-        frames, joints = len(self.global_orient), self.body_layout.num_joints
+        frames, joints = (*np.shape(self.global_orient), 0)[0], self.body_layout.num_joints
         shapes = {
             "betas": (10,), "global_orient": (frames, 3), "body_pose": (frames, 3 * (joints - 1)),
             "transl": (frames, 3), "joints": (frames, joints, 3), "joint_sigma": (frames, joints),
@@ -88,9 +89,8 @@ class Motion:
                     f"{name} has shape {np.shape(value)}; {shape} is expected of the layout {self.body_layout.name}.",
                     where="motion",
                 )
-        for name in ("betas", "global_orient", "body_pose", "transl", "joints"):
-            if not np.isfinite(getattr(self, name)).all():
-                raise MotionInvalid(f"{name} holds NaN or infinite values.", where="motion")
+        for turns in (self.body_pose, self.global_orient):
+            require_motion(self.fps, turns, self.transl, self.betas, self.joints, MotionInvalid, "motion")
 
     @property
     def num_frames(self) -> int:

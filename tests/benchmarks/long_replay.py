@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.recording import person_fit
+from solver_backend.live.person import person_fit
 from solver_backend.live.session import LiveSession
 from solver_backend.live.statistics import LiveStatistics
 from solver_backend.sensors.devices.source import open_folder

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.live_recording import LiveBlock, pack_block
 from solver_backend.io.markers.motive_csv import read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv
 from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
@@ -37,6 +38,14 @@ def _c3d_of_two() -> Write:
     labels = ("A:LFHD", "A:C7", "B:LANK", "B:LTOE")
     residual = np.full((12, 4), 5.0)
     return file("a.c3d", C3dBytes(standing(), labels, fourth=residual, screen=None, units=None).to_bytes())
+
+
+def _live(known: bool) -> bytes:
+    """Return a live recording, with or without what turns its points into metres."""
+    points = np.random.default_rng(6).uniform(0.1, 1.7, (4, 9, 3))
+    return b"".join(
+        pack_block(LiveBlock(k / 60.0, p, 60.0, np.eye(3) if known else None)) for k, p in enumerate(points)
+    )
 
 
 def _read(folder: Path) -> object:
@@ -70,6 +79,14 @@ TARGETS: tuple[Target, ...] = (
         {".c3d": "binary"},
         40,
         (*odd_markers.C3D, *odd_markers.LYING),
+    ),
+    Target(
+        "markers, live recording",
+        (file("a.c3d.recording", _live(True)), file("a.c3d.recording", _live(False))),
+        _read,
+        {".recording": "binary"},
+        10,
+        (file("a.c3d.recording", _live(True)[:-9] + _live(False)), file("a.c3d.recording", b"")),
     ),
     Target(
         "markers, TRC",

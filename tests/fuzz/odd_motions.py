@@ -52,6 +52,10 @@ _FORGED: tuple[dict[str, Any], ...] = (
     {"joint_set": "NONE"}, {"keyframes": np.zeros(3, bool)}, {"poses": np.zeros((4, 150))}, {"poses": np.zeros(4)},
     {"markers": np.zeros((4, 2, 3))}, {"joints": np.array([{}], dtype=object)}, {"betas": "none"},
     {"format": None, "joints": None}, {"betas": np.full(10, 20.0)}, {"provenance": "[" * 5000},
+    {"mocap_framerate": np.nan}, {"mocap_framerate": 1e300}, {"mocap_framerate": -60.0}, {"betas": np.full(10, 1e30)},
+    {"trans": np.full((4, 3), 7e37)}, {"poses": np.full((4, 156), 1e30)},
+    *({"provenance": json.dumps({key: value})} for key in ("findings", "resolved", "settings", "sigma_px", "person")
+      for value in (1.5, ["x"], {"a": 1})),
     {"poses": np.zeros((0, 72)), "trans": np.zeros((0, 3)), "joints": None},
 )  # fmt: skip
 MOTIONS: tuple[Write, ...] = (
@@ -90,7 +94,8 @@ JOBS: tuple[Write, ...] = (
             {"settings": {"unknown": 1}}, {"settings": {"window": 1}}, {"settings": {"betas": [1.0]}},
             {"settings": {"layout": "l.json", "body": "bodies/b.npz"}}, {"resolve": {"motion": "m.npz"}},
             {"resolve": {"motion": 3, "first": 0, "last": 1}}, {"trim": "yes"}, {"unit": 5}, {"subject": 5},
-            {"resolve": {"first": 0, "last": 1}},
+            {"resolve": {"first": 0, "last": 1}}, {"capture": "a\0b.npz"}, {"report": "\0.html"},
+            {"settings": {"layout": "\0.json"}},
         )
     ),
 )  # fmt: skip

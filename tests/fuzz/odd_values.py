@@ -110,6 +110,8 @@ LINES: tuple[Write, ...] = tuple(
     for text in (
         "1" * 3_000_000 + "\n0.1 1 2 3\n", "1" * 3_000_000, '{"t": NaN, "points": []}\n', "nan 1 2 3\n", "inf\n",
         "0.1" + " 1" * 3 * 500 + "\n", '{"t": 1e999, "points": [[1, 2, 3]]}\n', '{"points": [[1, 2]]}\n',
+        '{"t": 1e300, "points": [[1e300, 0, 0], [-1e299, 1, 2]]}\n', "-9e18 1 2 3\n", b"\xff\xfe 1 2 3\n0.1 1 2 3\n",
+        b"\x00" * 200_000 + b"\n0.1 1 2 3\n",
         '{"event": "x"}\n', '{"points": ' + _DEEP + "\n", "0.1 1 2\n", "one two\n", '{"t": 1}\n',
     )
 )  # fmt: skip

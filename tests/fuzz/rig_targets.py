@@ -115,8 +115,7 @@ def _read_answers(folder: Path) -> object:
 
 
 def _frames(folder: Path) -> object:
-    text = (folder / "a.txt").read_bytes().decode("utf-8", "replace")
-    return list(from_lines(io.StringIO(text)))
+    return list(from_lines(io.BytesIO((folder / "a.txt").read_bytes())))
 
 
 _NOISE = {

@@ -18,11 +18,14 @@ from blender_addon.solving.road_file import read_road
 from blender_addon.studio.place_file import FORMAT as PLACES
 from blender_addon.studio.place_file import read_places, shared_limits
 from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
+from solver_backend.exchange.errors import MocapError
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes
+from solver_backend.sensors.acquisition.sightings import Sightings
 from solver_backend.sensors.devices.recording_files import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX
 from solver_backend.sensors.devices.recording_files import FORMAT as RECORDING
 from solver_backend.sensors.devices.source import STUDIO_SHOT, open_folder
+from solver_backend.sensors.fusion.gather import Gatherer
 from solver_backend.sensors.wand.points_files import read_points_folder
 from solver_backend.types import Capture
 from tests.fuzz.odd_values import variants
@@ -86,6 +89,25 @@ def _read_recording(folder: Path) -> object:
     return [[frame.number for frame in device.frames()] for device in found.devices]
 
 
+def _moments(folder: Path) -> object:
+    """Gather the frames of two sensors whose times a file holds: sensor, device's and host's seconds a line."""
+    text = (folder / "a.csv").read_bytes().decode("utf-8", "replace")
+    try:
+        rows = [(int(a), float(b), float(c)) for a, b, c in (line.split(",") for line in text.splitlines())]
+    except (ValueError, OverflowError) as error:
+        raise MocapError(str(error)) from error
+    gatherer, found = Gatherer(("a", "b"), 1 / 30.0), 0
+    empty = [np.zeros((0, *shape)) for shape in ((2,), (), (3,), (3, 3))]
+    for sensor, time, host in rows:
+        seen = Sightings(sensor % 2, time, *empty, np.zeros(3), empty[2], empty[1], host_s=host)
+        gatherer.push(seen)
+        found += len(gatherer.moments())
+    for sensor in (0, 1):
+        gatherer.ended(sensor)
+    return found + len(gatherer.moments())
+
+
+_TIMES = "".join(f"{k % 2},{k / 60},{9 + k / 60}\n" for k in range(12))
 _SENSOR = _ABOUT["sensors"][0]
 _ODD_RECORDINGS: tuple[Write, ...] = (
     _recording(format="other"), _recording(version=9), _recording("film"), _recording(fps=0), _recording(fps=1e400),
@@ -98,6 +120,7 @@ _ODD_RECORDINGS: tuple[Write, ...] = (
         )
     ),
     _recording(index=""), _recording(index="a,b,c\n"), _recording(index=HEADER), _recording(index=HEADER + "0,1\n"),
+    _recording(index=HEADER + "0,0,0\n1,0.1,-9e18\n"),
     _recording(index=HEADER + "0,nan,1\n"), _recording(index=HEADER + "0,1e300,1\n1,-1e300,5\n"),
     _recording(index=HEADER + _LINES * 9), _recording("png", HEADER + _LINES * 2), _recording(toml="x = ["),
 )  # fmt: skip
@@ -150,6 +173,17 @@ def _poses(folder: Path) -> object:
 
 
 TARGETS: tuple[Target, ...] = (
+    Target(
+        "moments of sensors",
+        (file("a.csv", _TIMES),),
+        _moments,
+        {".csv": "table"},
+        10,
+        (
+            file("a.csv", _TIMES + "0,0.2,-9e18\n1,0.2,9e18\n" + _TIMES),
+            file("a.csv", "0,nan,inf\n1,-inf,0\n0,1e300,1\n"),
+        ),
+    ),
     Target(
         "recording of sensors",
         (_recording(), _recording("png", HEADER + "0,0,1\n1,0.1,1.1\n")),

@@ -10,14 +10,14 @@ import pytest
 
 from solver_backend.body.marker_names import name_markers
 from solver_backend.cli.main import main
-from solver_backend.exchange.errors import FileDamaged, MarkersUnknown, NoDetections
+from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MarkersUnknown, NoDetections
 from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.told_file import read_told
-from solver_backend.labelling.label_take import label_take
+from solver_backend.labelling.label_take import MOST_POINTS, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.embedded.marker_demo import record_markers
@@ -183,3 +183,23 @@ def test_a_points_residual_goes_with_its_label(demo):
             assert same.any() and (named.residual[same, column] == residual[same, true]).all()
             assert (named.covariance[same, column] == covariance[same, true]).all()
     assert (np.isnan(named.residual) == np.isnan(named.positions[..., 0])).all()
+
+
+def test_more_points_than_can_be_compared_are_named(demo):
+    rng, network = np.random.default_rng(0), load_network()
+    crowd = MarkerCloud(rng.uniform(0.0, 2.0, (3, MOST_POINTS + 1, 3)), 100.0)
+    with pytest.raises(CaptureInvalid, match=f"{MOST_POINTS + 1} points in frame 0"):
+        label_take(crowd, network, fit_average_person)
+    blinking = np.full((120, 100, 3), np.nan)
+    blinking[::2] = rng.uniform(0.0, 2.0, (60, 100, 3))
+    with pytest.raises(CaptureInvalid, match="stretches of points"):
+        label_take(MarkerCloud(blinking, 10.0), network, fit_average_person)
+
+
+def test_frames_read_in_smaller_parts_say_the_same(demo, monkeypatch):
+    bare, network = MarkerCloud(demo.positions, demo.fps), load_network()
+    whole = label_take(bare, network, fit_average_person)
+    monkeypatch.setattr("solver_backend.labelling.label_take._PAIRS", 3 * demo.positions.shape[1] ** 2)
+    parts = label_take(bare, network, fit_average_person)
+    assert np.array_equal(whole.labels, parts.labels)
+    assert np.allclose(whole.landmarks, parts.landmarks, atol=1e-4)

@@ -141,7 +141,7 @@ def test_nonsense_of_the_network_does_not_end_it(session, walk):
 def test_lines_that_are_no_points_are_named(session, walk, line, said):
     import re
 
-    found = next(iter(from_lines(io.StringIO(line + "\n"))))
+    found = next(iter(from_lines(io.BytesIO((line + "\n").encode()))))
     assert re.search(said, found.fault)
     lines = list(session.run([found]))
     assert lines[0]["event"] == "line_ignored" and lines[0]["t"] is None
@@ -150,7 +150,7 @@ def test_lines_that_are_no_points_are_named(session, walk, line, said):
 
 def test_lines_of_both_kinds_are_read():
     text = '{"t": 0.5, "points": [[1, 2, 3], [4, 5, 6]]}\n\n0.6 1 2 3 4 5 6\n0.7;1;2;3;nan;nan;nan\n'
-    read = list(from_lines(io.StringIO(text)))
+    read = list(from_lines(io.BytesIO(text.encode())))
     assert [f.time for f in read] == [0.5, 0.6, 0.7] and [len(f.points) for f in read] == [2, 2, 1]
 
 

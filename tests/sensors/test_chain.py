@@ -136,7 +136,7 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     assert main([*command, "--seconds", "3"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
-    with lines.open(encoding="utf-8") as stream:
+    with lines.open("rb") as stream:
         frames = list(from_lines(stream))
     assert frames and not any(frame.fault for frame in frames)
     assert max(len(frame.points) for frame in frames) == 8

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
@@ -200,3 +202,18 @@ def test_late_sensors_are_not_waited_for() -> None:
     assert len(gatherer.moments(100.011)) == 1
     gatherer.push(sighted(CAMERAS, 2, POINTS[:1], time=5.0, host_s=100.02))
     assert not gatherer.moments(200.0), "what comes after its moment is dropped"
+
+
+@pytest.mark.parametrize("host", [-9e18, 9e18, 1e300, np.nan, np.inf])
+def test_times_of_the_end_of_the_world_end_nothing(host: float) -> None:
+    """Half a period more than such a time is that time: every moment holds its first frame all the same."""
+    gatherer = Gatherer(("a", "b"), 1 / 60.0)
+    for number in range(20):
+        for sensor in (0, 1):
+            seen = sighted(CAMERAS, sensor, POINTS, time=number / 60.0)
+            gatherer.push(replace(seen, host_s=host if (number, sensor) == (7, 1) else number / 60.0))
+            for moment in gatherer.moments():
+                assert moment
+    for sensor in (0, 1):
+        gatherer.ended(sensor)
+    assert all(gatherer.moments())

@@ -16,7 +16,7 @@ from solver_backend.sensors.devices.device import Device
 from solver_backend.sensors.devices.pacing import due_frames
 from solver_backend.sensors.devices.record import Recording, SensorRecorder
 from solver_backend.sensors.devices.recorded import StudioSensor
-from solver_backend.sensors.devices.recording_files import INDEX, SensorFiles
+from solver_backend.sensors.devices.recording_files import HEADER, INDEX, SensorFiles, read_index
 from solver_backend.sensors.devices.source import open_folder
 from solver_backend.sensors.errors import NoMarkers, RecordingInvalid, SensorUnknown
 from solver_backend.sensors.take import cloud_of
@@ -243,3 +243,11 @@ def test_empty_indices_have_no_frames(copy: Path) -> None:
     os.remove(copy / "sensor0" / INDEX)
     with pytest.raises(RecordingInvalid):
         open_folder(copy)
+
+
+@pytest.mark.parametrize("value", ["-9e18", "1e300"])
+def test_a_number_that_is_no_time_is_named_with_its_line(tmp_path: Path, value: str) -> None:
+    path = tmp_path / INDEX
+    path.write_text(f"{HEADER}0,0.0,0.0\n1,0.02,{value}\n")
+    with pytest.raises(RecordingInvalid, match="line 3 holds"):
+        read_index(path)

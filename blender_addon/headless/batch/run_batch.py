@@ -6,13 +6,12 @@ again does only what is missing or whose inputs, settings or version have change
 
 from __future__ import annotations
 
-import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
 from typing import Any
 
 from ..._exchange.progress import Progress
+from ..._exchange.unfinished import temporary_folder
 from ...errors import BatchInvalid
 from .dispatch import SET_ASIDE, dispatch
 from .engines.base import Engine
@@ -91,8 +90,8 @@ def _local(work: Work, spread: Spread) -> Iterator[Engine]:
     from .engines.cluster import ClusterEngine
     from .engines.local_cluster import LocalCluster, machine_memory_mb
 
-    with tempfile.TemporaryDirectory(prefix="manifold_mocap_", ignore_cleanup_errors=True) as folder:
-        cluster = LocalCluster(spread.workers, machine_memory_mb(), Path(folder))
+    with temporary_folder() as folder:
+        cluster = LocalCluster(spread.workers, machine_memory_mb(), folder)
         try:
             engine = ClusterEngine(work, cluster.address, cluster.tend, spread.patience_s, spread.stretches)
             try:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
-from ..._exchange.outputs import is_free
+from ..._exchange.outputs import full_disk, is_free
 from ..._exchange.progress import Progress
 from ..exit_codes import BROKEN, exit_code
 from .record import is_step_done, read_record, write_record
@@ -111,6 +111,8 @@ def run_step(
     except MocapError as error:
         failure = error.as_event() | {"exit_code": exit_code(error)}
     except Exception as error:  # what breaks one take must not stop the others
+        if (named := full_disk(error)) is not None:
+            return failed(record, folder, named.as_event() | {"exit_code": exit_code(named)})
         traceback.print_exc()
         failure = {"code": "take_failed", "message": f"{type(error).__name__}: {error}", "exit_code": BROKEN}
     return failed(record, folder, failure)

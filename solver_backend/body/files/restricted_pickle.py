@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.files.pickle_machine import Machine, StandIn
 from solver_backend.body.files.pickled_arrays import finished
 from solver_backend.exchange.errors import BodyInvalid, UnsafePickle
+from solver_backend.exchange.regular_file import open_regular
 
 MAX_ELEMENTS = 50_000_000
 """Of a matrix that is stored sparse: the joint regressor of the largest family has 0.6 million."""
@@ -26,7 +27,7 @@ def read_pickle(path: Path) -> dict[str, Any]:
         BodyInvalid: the file is damaged or is no dictionary.
     """
     try:
-        with path.open("rb") as stream:
+        with open_regular(path) as stream:
             content = Machine(stream, str(path), _CHUMPY | _SPARSE).load()
         if isinstance(content, dict):
             values = {str(key): _plain(value) for key, value in content.items()}

@@ -17,6 +17,9 @@ DEPTH_SIGMA_M = 0.5
 BLOCKS = 8
 """Stretches of the take that err independently, from whose disagreement the deviations are told."""
 
+MOST_NUMBERS = 4_000_000
+"""Of the rows that are in memory at once: 32 MB a copy; more views than that stand in several parts."""
+
 
 @dataclass(frozen=True)
 class DelayStep:
@@ -65,7 +68,6 @@ def delay_step(
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
     Liang and Zeger 1986 (the covariance).
     """
-    count = len(cameras)
     px, J, _ = project_with_jacobian(
         cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model
     )
@@ -79,35 +81,69 @@ def delay_step(
     pull = np.swapaxes(J, -1, -2) * weight[..., None, None]
     spread = inverse_symmetric_3x3((pull @ J).sum(axis=0) + np.eye(3) / DEPTH_SIGMA_M**2)
     moved = (spread @ (pull @ velocity[..., None]))[..., 0]
-    basis = -np.einsum("cnkij,pnkj->pcnki", J, moved, optimize=True)
-    basis[np.arange(count), np.arange(count)] += velocity
     shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
     error = _centred(error - (J @ shift[..., None])[..., 0], weight)
-    columns = [_centred(basis, weight)] + ([_centred(basis * at[:, None, None], weight)] if drifting else [])
-    step, sigma = _solved(np.stack(columns), error, weight, blocks)
-    late = step.T @ np.stack([np.ones_like(at), at])[: len(columns)]
+    kinds = 2 if drifting else 1
+    ramps = np.stack([np.ones_like(at), at])[:kinds]
+    step, sigma = _solved(*_equations(_Rows(J, moved, velocity, error, weight), ramps, blocks), kinds)
+    late = step.T @ ramps
     points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
     none = np.zeros(len(cameras))
     delay, drift = step if drifting else (step[0], none)
     return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
 
 
-def _solved(
-    columns: np.ndarray, error: np.ndarray, weight: np.ndarray, count_of_blocks: int
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return least-squares steps (B, C) by columns (B, C, C, N, K, 2) and their deviations; each row has mean zero."""
-    kinds, count = columns.shape[:2]
-    root = np.sqrt(weight)[..., None]
-    rows, residual = columns.reshape(kinds * count, *error.shape) * root, error * root
-    blocks = np.array_split(np.arange(error.shape[1]), min(count_of_blocks, error.shape[1]))
-    parts = [(rows[:, :, b].reshape(len(rows), -1), residual[:, b].reshape(-1)) for b in blocks]
-    normal, gradient = np.stack([a @ a.T for a, _ in parts]), np.stack([a @ r for a, r in parts])
+@dataclass(frozen=True)
+class _Rows:
+    """What the rows of the least-squares problem are made of."""
+
+    J: np.ndarray
+    """(C, N, K, 2, 3) of the detections by the points."""
+    moved: np.ndarray
+    """(C, N, K, 3) how a point follows the velocity in each view."""
+    velocity: np.ndarray
+    """(C, N, K, 2) px a frame."""
+    error: np.ndarray
+    """(C, N, K, 2) px, with the points' own steps taken out."""
+    weight: np.ndarray
+    """(C, N, K)"""
+
+    def of_views(self, views: slice, ramps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted rows (B, V, N, K, 2) of V views, B = C for every ramp, and their (V, N, K, 2) errors."""
+        own, weight = np.arange(len(self.J))[views], self.weight[views]
+        basis = -np.einsum("cnkij,pnkj->pcnki", self.J[views], self.moved, optimize=True)
+        basis[own, own - own[0]] += self.velocity[views]
+        # The first ramp is 1 throughout.
+        columns = [_centred(basis if k == 0 else basis * ramp[:, None, None], weight) for k, ramp in enumerate(ramps)]
+        root = np.sqrt(weight)[..., None]
+        return np.stack(columns).reshape(-1, *basis.shape[1:]) * root, self.error[views] * root
+
+
+def _equations(rows: _Rows, ramps: np.ndarray, count_of_blocks: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B), summed over parts of the views."""
+    count, frames = rows.error.shape[:2]
+    blocks = np.array_split(np.arange(frames), min(count_of_blocks, frames))
+    size = len(ramps) * count
+    normal, gradient = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size))
+    step = max(1, MOST_NUMBERS // max(size * rows.error[0].size, 1))
+    for first in range(0, count, step):
+        columns, residual = rows.of_views(slice(first, first + step), ramps)
+        for number, block in enumerate(blocks):
+            a = columns[:, :, block].reshape(size, -1)
+            normal[number] += a @ a.T
+            gradient[number] += a @ residual[:, block].reshape(-1)
+    return normal, gradient
+
+
+def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return least-squares steps (kinds, C) and their deviations; each row has mean zero."""
+    count = normal.shape[-1] // kinds
     total = normal.sum(axis=0)
     alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
     inverse = np.linalg.pinv(total + alike + 1e-9 * np.eye(len(total)), hermitian=True)
     step = -inverse @ gradient.sum(axis=0)
     left = gradient + normal @ step
-    spread = inverse @ (left.T @ left) @ inverse * (len(blocks) / max(len(blocks) - 1, 1))
+    spread = inverse @ (left.T @ left) @ inverse * (len(normal) / max(len(normal) - 1, 1))
     sigma = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
     return step.reshape(kinds, count), sigma.reshape(kinds, count)
 

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.pin_doubts import express_pin_doubts
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -79,6 +80,9 @@ def spliced(
         solved: the frames solved again.
         covariance: (n, 24, 6) of the joints in the frames of the layout (see ``packed``).
         scale: see ``build_motion``.
+
+    Raises:
+        MotionInvalid: the motion is of other views, keypoints or markers than the recording.
     """
     layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
     whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
@@ -96,6 +100,7 @@ def spliced(
     for field in fields(Motion):
         old, new = getattr(motion, field.name), getattr(again, field.name)
         if isinstance(old, np.ndarray) and isinstance(new, np.ndarray) and field.name not in _OF_THE_TAKE:
+            _require_alike(field.name, old, new)
             values[field.name] = old.copy()
             index = (slice(None), moved) if field.name == "reprojection_px" else moved
             values[field.name][index] = new[index]
@@ -103,6 +108,15 @@ def spliced(
     record = {**motion.provenance, "resolved": [*motion.provenance.get("resolved", []), entry]}
     record |= {"statistics": again.provenance["statistics"], "status": solved.status}
     return replace(motion, **values, provenance=record)
+
+
+def _require_alike(name: str, old: np.ndarray, new: np.ndarray) -> None:
+    if old.shape != new.shape:
+        raise MotionInvalid(
+            f"The motion's {name} has the shape {old.shape}, this recording gives {new.shape}.",
+            where="motion",
+            hint="Solve frames again with the recording that the motion was solved from.",
+        )
 
 
 def _copied(values: Array) -> Array:

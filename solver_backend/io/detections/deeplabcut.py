@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames
 from solver_backend.io.files import read_text
 
@@ -20,7 +21,7 @@ _START_BYTES = 64
 def is_table(path: Path) -> bool:
     """Whether a file begins as DeepLabCut's tables do."""
     try:
-        with path.open("rb") as file:
+        with open_regular(path) as file:
             return file.read(_START_BYTES).lstrip(b"\xef\xbb\xbf").lower().startswith(b"scorer,")
     except OSError:
         return False

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.detections import deeplabcut, freemocap, sleap
 from solver_backend.io.detections.camera_frames import CameraFrames
@@ -96,8 +97,8 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
 def _is_whole_take(path: Path) -> bool:
     """Whether a file begins as those do that hold all frames of a camera."""
     try:
-        with path.open(encoding="utf-8", errors="replace") as file:
-            return _WHOLE.search(file.read(_LOOKED_AT)) is not None
+        with open_regular(path) as file:
+            return _WHOLE.search(file.read(_LOOKED_AT).decode("utf-8", "replace")) is not None
     except OSError:
         return False
 

@@ -10,6 +10,8 @@ from typing import BinaryIO
 
 import numpy as np
 
+from solver_backend.exchange.regular_file import open_regular
+
 _LARGEST_HEADER = 1 << 26
 """Bytes; ten hours of video have less."""
 _MOST_BOXES = 10_000
@@ -34,7 +36,7 @@ def read_video_header(path: Path) -> VideoHeader | None:
     ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
     """
     try:
-        with open(path, "rb") as stream:
+        with open_regular(path) as stream:
             moov = _top_level_box(stream, b"moov")
         return None if moov is None else _video_track(memoryview(moov))
     except (OSError, struct.error, IndexError, ValueError, OverflowError):

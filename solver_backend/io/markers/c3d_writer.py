@@ -8,7 +8,8 @@ long files look for them in the one or the other; more than 255 labels go on in 
 from __future__ import annotations
 
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +24,8 @@ from solver_backend.types import MarkerCloud
 PER_PARAMETER = 255
 """Most strings in one parameter, and most characters in one."""
 MOST_POINTS = 65535
+LARGEST_M = 1e30
+"""Largest coordinate: single precision ends at 3.4e38, millimetres and the scale included."""
 _MM = 1000.0
 
 
@@ -45,24 +48,82 @@ def write_c3d(
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_output``.
-        NonFiniteData: the frame rate is not positive.
+        NonFiniteData: the frame rate is not positive, or a number is larger than the file's can be.
         ShapeMismatch: labels and markers differ in number, or the labels are too many or too long for a C3D file.
     """
-    positions = np.asarray(cloud.positions, dtype=np.float64) * _MM
+    positions = np.asarray(cloud.positions, dtype=np.float64)
     frames, markers = positions.shape[:2]
-    if not (np.isfinite(cloud.fps) and cloud.fps > 0):
-        raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
-    labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
-    if len(labels) != markers or markers > MOST_POINTS:
-        raise ShapeMismatch(f"{len(labels)} labels do not fit {markers} markers.", where=str(path))
+    labels = cloud.labels or unnamed_labels(markers)
     largest = float(np.nanmax(np.abs(positions), initial=0.0)) if np.isfinite(positions).any() else 0.0
+    size = C3dSize(frames, labels, cloud.fps, largest)
+    if len(labels) != markers:
+        raise ShapeMismatch(f"{len(labels)} labels do not fit {markers} markers.", where=str(path))
+    parts = [(positions, cloud.residual)]
+    return write_c3d_parts(path, size, parts, events=events, first_frame=first_frame, overwrite=overwrite)
+
+
+@dataclass(frozen=True)
+class C3dSize:
+    """What the head of a file says before its frames are there."""
+
+    frames: int
+    """Number of frames."""
+    labels: Sequence[str]
+    """One label a marker."""
+    fps: float
+    """Frames per second."""
+    largest_m: float
+    """Largest absolute coordinate in metres."""
+
+
+def unnamed_labels(markers: int) -> tuple[str, ...]:
+    """Return labels of points without names."""
+    return tuple(f"*{i}" for i in range(1, markers + 1))
+
+
+def write_c3d_parts(
+    path: Path | str,
+    size: C3dSize,
+    parts: Iterable[tuple[np.ndarray, np.ndarray | None]],
+    *,
+    events: Sequence[MarkerEvent] = (),
+    first_frame: int = 1,
+    overwrite: bool = False,
+) -> Path:
+    """Write a C3D file whose frames come in parts, which together are never in memory.
+
+    Args:
+        path: the file.
+        size: what all parts together are.
+        parts: (F, M, 3) positions in metres and (F, M) residuals, in the order of time.
+        events: what happened during the take.
+        first_frame: number of the first frame.
+        overwrite: replace a file that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable, NonFiniteData, ShapeMismatch: see ``write_c3d``.
+    """
+    markers = len(size.labels)
+    if not (np.isfinite(size.fps) and size.fps > 0):
+        raise NonFiniteData(f"The frame rate must be a positive number, not {size.fps}.", where=str(path))
+    if not (size.largest_m < LARGEST_M and size.fps < LARGEST_M):
+        raise NonFiniteData(
+            f"A coordinate of {size.largest_m:.3g} m or the rate of {size.fps:.3g} Hz does not fit a C3D file, whose "
+            f"numbers end at {LARGEST_M:g}.",
+            where=str(path),
+            hint="Leave out the marker or the frames where it is.",
+        )
+    if markers > MOST_POINTS:
+        raise ShapeMismatch(f"{markers} markers do not fit a C3D file, which holds {MOST_POINTS}.", where=str(path))
     # Half of a 16-bit integer's range, should a program store the points as such.
-    scale = max(0.1, largest / 32000.0)
-    section, data_block = _parameter_section(cloud.fps, frames, labels, events, first_frame, scale)
+    scale = max(0.1, size.largest_m * _MM / 32000.0)
+    section, data_block = _parameter_section(size.fps, size.frames, size.labels, events, first_frame, scale)
     with atomic_output(path, overwrite=overwrite) as temporary, open(temporary, "wb") as stream:
-        stream.write(_header(cloud.fps, frames, markers, first_frame, scale, data_block))
+        stream.write(_header(size.fps, size.frames, markers, first_frame, scale, data_block))
         stream.write(section)
-        stream.write(_padded(_frames(positions, cloud.residual, scale).tobytes()))
+        for positions, residual in parts:
+            stream.write(_frames(np.asarray(positions, np.float64) * _MM, residual, scale).tobytes())
+        stream.write(bytes(-stream.tell() % BLOCK))
     return Path(path)
 
 

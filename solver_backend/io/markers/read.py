@@ -7,7 +7,9 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
 from solver_backend.io.markers.motive_csv import read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.point_array import is_point_array, read_point_array
@@ -40,7 +42,7 @@ def _row(
 def _head(path: Path) -> str:
     """Return how the file begins, empty where it cannot be read."""
     try:
-        with open(path, "rb") as stream:
+        with open_regular(path) as stream:
             return stream.read(_HEAD_BYTES).decode("utf-8-sig", "replace").lstrip(' "\r\n\t')
     except OSError:
         return ""
@@ -57,6 +59,7 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
     Reader("array of 3D points (.npy)", is_point_array, _read_array),
     _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
+    _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
 """Asked in this order; the first that recognises a path reads it."""
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.exchange.regular_file import open_regular
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.motions.skeleton_maps import SkeletonMap, skeleton_map
@@ -48,7 +49,7 @@ def read_clip(path: Path) -> RecordedClip:
     if not path.is_file():
         raise FileMissing("The clip is missing.", where=path.name)
     try:
-        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
+        with open_regular(path) as stream, np.load(stream, allow_pickle=False) as data:
             fields = {key: data[key] for key in data.files}
     except (OSError, ValueError) as error:
         raise FileDamaged("The clip cannot be read.", where=path.name, hint=str(error)) from error

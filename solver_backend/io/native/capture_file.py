@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
-from solver_backend.exchange.errors import CalibrationMismatch, NonFiniteData
+from solver_backend.exchange.errors import MocapError, NonFiniteData
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
@@ -84,16 +84,21 @@ def read_capture(path: Path | str) -> Capture:
     """
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
+    try:
+        return _capture(fields, Path(path))
+    except MocapError as error:
+        if str(path) in error.where:
+            raise
+        where = f"{path}, {error.where}" if error.where else str(path)
+        raise type(error)(error.message, where=where, hint=error.hint) from error
+
+
+def _capture(fields: Fields, path: Path) -> Capture:
     cameras = _cameras(fields) if "K" in fields else None
     keypoints = _keypoints(fields) if "xy" in fields else None
-    if cameras is not None and keypoints is not None and len(cameras) != keypoints.num_views:
-        raise CalibrationMismatch(
-            f"The file holds {len(cameras)} cameras ({', '.join(cameras.names)}) and {keypoints.num_views} views.",
-            where=str(path),
-        )
     people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
     return Capture(
-        name=fields.text("name", Path(path).stem),
+        name=fields.text("name", path.stem),
         cameras=cameras,
         keypoints=keypoints,
         markers=_markers(fields) if "marker_positions" in fields else None,

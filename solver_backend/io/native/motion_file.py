@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import math
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -21,7 +19,9 @@ from solver_backend.exchange.motion_file import (
     layout_of,
     motion_of,
 )
+from solver_backend.exchange.plain_values import as_plain
 from solver_backend.exchange.schema import Fields, read_fields
+from solver_backend.io.native.provenance import read_provenance
 from solver_backend.types import NUM_BETAS, Motion
 
 _SAME = (
@@ -45,7 +45,7 @@ def write_motion(path: Path | str, motion: Motion, overwrite: bool = False, name
         joint_set="" if motion.joint_set is None else motion.joint_set.value,
         marker_labels=motion.marker_labels or (),
         layout=motion.layout or (),
-        provenance=json.dumps(_plain(motion.provenance), sort_keys=True),
+        provenance=json.dumps(as_plain(motion.provenance), sort_keys=True),
         **{name: getattr(motion, name) for name in _SAME},
     )
     return motion_file.write_motion(path, record, overwrite=overwrite)
@@ -74,7 +74,7 @@ def read_motion(path: Path | str) -> Motion:
         joint_set=fields.joint_set() if "joint_set" in fields else None,
         marker_labels=record.marker_labels or None,
         layout=record.layout or None,
-        provenance=_provenance(fields),
+        provenance=read_provenance(fields),
         **{name: getattr(record, name) for name in _SAME},
     )
 
@@ -94,26 +94,3 @@ def _require_arrays(fields: Fields) -> None:
         if key in fields or key in ("betas", "trans", "mocap_framerate", "joints"):
             fields.numbers(key, shape)
     fields.text("body")
-
-
-def _plain(value: Any) -> Any:
-    """Return the value in JSON's types: arrays as lists, numbers that are not finite as null, the rest as text."""
-    if isinstance(value, dict):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
-        return _plain(value.tolist())
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    if isinstance(value, float):
-        return value if math.isfinite(value) else None
-    return value if value is None or isinstance(value, bool | int | str) else str(value)
-
-
-def _provenance(fields: Fields) -> dict[str, Any]:
-    try:
-        value = json.loads(fields.text("provenance", "{}"))
-    except (ValueError, RecursionError) as error:
-        raise FileDamaged(f"The provenance is not JSON ({error}).", where=str(fields.path)) from error
-    if not isinstance(value, dict):
-        raise FileDamaged("The provenance is not a JSON object.", where=str(fields.path))
-    return value

@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import read_fields
+from solver_backend.io.native.provenance import read_provenance
 from solver_backend.types import NUM_BETAS, MarkerSubject
 
 FORMAT, VERSION = "manifold_mocap_subject", 1
@@ -50,12 +50,6 @@ def read_subject(path: Path | str) -> MarkerSubject:
     fields = read_fields(path, _STORED)
     fields.require_format(FORMAT, VERSION)
     labels = fields.texts("marker_labels")
-    try:
-        provenance = json.loads(fields.text("provenance", "{}"))
-    except (ValueError, RecursionError) as error:
-        raise FileDamaged(f"The provenance is not JSON ({error}).", where=str(path)) from error
-    if not isinstance(provenance, dict):
-        raise FileDamaged("The provenance is not a JSON object.", where=str(path))
     return MarkerSubject(
         body=fields.text("body"),
         betas=fields.numbers("betas", (NUM_BETAS,)),
@@ -64,5 +58,5 @@ def read_subject(path: Path | str) -> MarkerSubject:
         offsets=fields.numbers("offsets", (len(labels), 3)),
         sigma_m=fields.numbers("marker_sigma", (len(labels),)),
         skin_m=fields.numbers("skin_distance", (len(labels),)),
-        provenance=provenance,
+        provenance=read_provenance(fields),
     )

@@ -12,22 +12,21 @@ from enum import Enum
 import numpy as np
 
 from solver_backend.cameras.distortion import distort, largest_radius
-from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange import plausible
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
-from solver_backend.io.recognition.world_check import FIGURES, disagreement
+from solver_backend.io.recognition.world_check import FIGURES, check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3
 FOCAL_LENGTHS = (0.25, 20.0)
 """Of the longer side of the picture; 0.25 is a picture 127° wide, 20 one of 3°."""
 POSSIBLE_FOCAL_LENGTHS = (0.01, 1000.0)
-FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, 1e5, 0.01
-FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), (0.01, 30_000.0)
+FARTHEST_M, IMPOSSIBLE_M, COINCIDENT_M = 100.0, plausible.FARTHEST_M, 0.01
+FRAME_RATES, POSSIBLE_FRAME_RATES = (1.0, 1000.0), plausible.FRAME_RATES
 _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 """Picture sizes beyond the edge, and the share of the detections that makes it worth a sentence."""
-_SAMPLED_FRAMES = 20
 
 Find = Callable[[Capture], Iterator[str]]
 
@@ -66,7 +65,22 @@ def checked(capture: Capture) -> Capture:
                 hint = "Check the file's units and the order of its values."
                 raise check.error(sentence, where=capture.name, hint=hint)
             odd.append(sentence)
+    return _with_world(_with_problems(capture, odd))
+
+
+def _with_problems(capture: Capture, odd: Iterable[str]) -> Capture:
     return replace(capture, problems=(*capture.problems, *(s for s in odd if s not in capture.problems)))
+
+
+def _with_world(capture: Capture) -> Capture:
+    """Return the capture with what the person says of its world, where no reader has looked at it."""
+    if not _has_views(capture) or any(note.startswith(FIGURES) for note in capture.notes):
+        return capture
+    world = check_world(*capture.require_multiview())
+    if np.isnan(world.residual_px):
+        unknown = "No keypoint can be located from the views: is this the recording's calibration?"
+        return _with_problems(capture, [unknown])
+    return _with_problems(replace(capture, notes=(*capture.notes, *world.notes())), world.problems())
 
 
 def _with_unit_confidence(capture: Capture) -> Capture:
@@ -212,18 +226,15 @@ def _odd_places(capture: Capture) -> Iterator[str]:
         )
 
 
-def _disagreement(capture: Capture) -> Iterator[str]:
-    """The median residual, where no reader has looked at it."""
-    if not _has_views(capture) or any(note.startswith(FIGURES) for note in capture.notes):
+def _impossibly_far_markers(capture: Capture) -> Iterator[str]:
+    cloud = capture.markers
+    if cloud is None or not cloud.positions.shape[1]:
         return
-    cameras, found = capture.require_multiview()
-    frames = np.unique(np.linspace(0, found.num_frames - 1, _SAMPLED_FRAMES).round().astype(int))
-    residual = np.asarray(triangulate(cameras, found.xy[:, frames], found.confidence[:, frames]).residual_px)
-    known = residual[np.isfinite(residual)]
-    if known.size:
-        yield from disagreement(float(np.median(known)))
-    else:
-        yield "No keypoint can be located from the views: is this the recording's calibration?"
+    largest = np.nanmax(np.abs(cloud.positions), axis=(0, 2), initial=0.0)
+    column = int(largest.argmax())
+    if largest[column] > IMPOSSIBLE_M:
+        name = str(column) if cloud.labels is None else cloud.labels[column]
+        yield f"The marker {name} would be {largest[column] / 1000:.3g} km from the origin."
 
 
 RANGE_CHECKS: tuple[RangeCheck, ...] = (
@@ -239,6 +250,6 @@ RANGE_CHECKS: tuple[RangeCheck, ...] = (
     RangeCheck(Severity.PROBLEM, _odd_rate),
     RangeCheck(Severity.ERROR, _impossible_places),
     RangeCheck(Severity.PROBLEM, _odd_places),
-    RangeCheck(Severity.PROBLEM, _disagreement),
+    RangeCheck(Severity.ERROR, _impossibly_far_markers),
 )
 """Asked in this order."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 
@@ -21,7 +22,8 @@ LEAST_UPRIGHT = 0.9
 """Cosine of the angle to an axis below which somebody does not stand along it."""
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
-BIAS_FRAMES = 40
+BIAS_FRAMES, BIAS_CAMERAS = 40, 24
+"""Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
 FIGURES = "Triangulated,"
 """How the note with the figures begins."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
@@ -29,6 +31,16 @@ _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead 
 
 SHIFTED = "Against the other cameras some see everything shifted"
 """How the sentence begins that says a calibration is a little off, which refining it may mend."""
+
+_SENTENCES = re.compile(
+    rf"{re.escape(FIGURES)}|The person would be |The person stands along .*: the calibration's world may have"
+    rf"|The lowest foot is at z = |The views disagree by |{re.escape(SHIFTED)}|No keypoint can be located"
+)
+
+
+def without_world(sentences: tuple[str, ...]) -> tuple[str, ...]:
+    """Return the sentences but for those of an earlier check of the world."""
+    return tuple(sentence for sentence in sentences if not _SENTENCES.match(sentence))
 
 
 @dataclass(frozen=True)
@@ -115,7 +127,8 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     """
     frames = np.unique(np.linspace(0, keypoints.num_frames - 1, SAMPLED_FRAMES).round().astype(int))
     xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
-    few = slice(None, None, len(frames) // BIAS_FRAMES + 1)
+    most = max(4, min(BIAS_FRAMES, int(BIAS_FRAMES * (BIAS_CAMERAS / max(len(cameras), 1)) ** 2)))
+    few = slice(None, None, len(frames) // most + 1)
     found = triangulate(cameras, xy, confidence)
     points = np.asarray(found.points)
     named = {name: points[:, k] for k, name in enumerate(keypoints.joint_set.keypoints)}

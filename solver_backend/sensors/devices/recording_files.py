@@ -60,6 +60,10 @@ class SensorFiles:
         return {"name": self.name, "size": [self.width, self.height], "infrared": self.infrared, "depth": self.depth}
 
 
+LARGEST_NUMBER = 1e11
+"""Of a frame or of seconds in an index: 3,000 years, beyond which steps of a microsecond are lost in rounding."""
+
+
 @dataclass(frozen=True)
 class RecordingAbout:
     """What ``recording.json`` says."""
@@ -128,6 +132,9 @@ def read_index(path: Path) -> np.ndarray:
         rows = np.array([[float(part) for part in line.split(",")] for line in whole]).reshape(-1, 3)
         if not lines or lines[0] != HEADER or not np.isfinite(rows).all():
             raise ValueError("another header, or times that are no numbers")
+        if (beyond := np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > LARGEST_NUMBER)).size:
+            row = int(beyond[0])
+            raise ValueError(f"line {row + 2} holds {np.abs(rows[row]).max():.3g}, which is no time or frame number")
     except (FileDamaged, FileMissing, ValueError) as error:
         raise RecordingInvalid(f"The index cannot be read: {error}.", where=str(path), hint="Record again.") from error
     return rows

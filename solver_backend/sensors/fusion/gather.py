@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections import deque
 from dataclasses import dataclass, replace
 
@@ -50,7 +51,10 @@ class Gatherer:
         self.findings: list[Finding] = []
 
     def push(self, seen: Sightings) -> None:
-        """Take a frame."""
+        """Take a frame; one whose times are no numbers is told of and dropped."""
+        if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
+            self._tell("time_jumped", seen, "a frame without a time is left out")
+            return
         seen = self._on_our_clock(seen)
         index = seen.sensor
         if not self._expected[index]:
@@ -112,7 +116,11 @@ class Gatherer:
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
         if lacking and not waited:
             return None
-        moment = [queue.popleft() for queue in self._queues if queue and queue[0].time < first + 0.5 * self._period]
+        # The earliest goes out whatever its time is: half a period is lost in rounding beside a very large one.
+        moment = [min((queue for queue in self._queues if queue), key=lambda queue: queue[0].time).popleft()]
+        others = (queue for queue in self._queues if queue and queue[0].sensor != moment[0].sensor)
+        moment += [queue.popleft() for queue in others if queue[0].time < first + 0.5 * self._period]
+        moment.sort(key=lambda seen: seen.sensor)
         self._gone = first
         return moment
 

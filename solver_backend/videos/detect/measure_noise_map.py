@@ -10,7 +10,7 @@ from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.leave_one_out import predict_views
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.errors import TooFewViews
+from solver_backend.exchange.errors import NoDetections, TooFewViews
 from solver_backend.types import Capture
 
 BINS = 8
@@ -31,6 +31,7 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
 
     Raises:
         TooFewViews: no capture has three views.
+        NoDetections: no detection can be compared.
 
     Reference: Barlow et al. 1972 (pooling of adjacent violators).
     """
@@ -42,6 +43,11 @@ def measure_noise_map(captures: Sequence[Capture], detector: str) -> NoiseMap:
         )  # fmt: skip
     parts = [_errors(capture) for capture in used]
     confidence, square = (np.concatenate([part[i] for part in parts]) for i in (0, 1))
+    if not len(confidence):
+        raise NoDetections(
+            "No detection can be compared with where other views see it.", where=", ".join(c.name for c in used),
+            hint="Film a person who moves, in three or more views that see them at once.",
+        )  # fmt: skip
     order = np.argsort(confidence, kind="stable")
     steps = [step for step in np.array_split(order, BINS) if len(step)]
     middle = np.array([np.median(confidence[step]) for step in steps])

@@ -7,12 +7,15 @@ import pytest
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.cameras.view_checks import joint_delays
+from solver_backend.cameras.view_checks.joint_delays import delay_step
 from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.detector import detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
 from solver_backend.synthesis.simulation.camera_errors import delayed
 from solver_backend.types import Capture
+from tests.support.camera_ring import ring
 
 
 @pytest.fixture(scope="module")
@@ -91,3 +94,18 @@ def test_moved_detections_are_those_in_step(capture):
     np.testing.assert_array_equal(moved.xy[1, :-2], keypoints.xy[1, 2:])
     assert (moved.confidence[1, -2:] == 0).all() and (moved.confidence[3, 0] == 0).all()
     np.testing.assert_allclose(moved.xy[3, 1:], 0.5 * (keypoints.xy[3, 1:] + keypoints.xy[3, :-1]))
+
+
+@pytest.mark.parametrize("drifting", [False, True])
+def test_views_in_several_parts_give_the_same_step(monkeypatch: pytest.MonkeyPatch, drifting: bool) -> None:
+    rng, cameras = np.random.default_rng(2), ring(7)
+    points = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.8], (40, 13, 3))
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    xy, velocity = px + rng.normal(0.0, 3.0, px.shape), rng.normal(0.0, 5.0, px.shape)
+    xy[rng.uniform(size=xy.shape[:3]) < 0.1] = np.nan
+    given = (cameras, xy, velocity, points, np.linspace(-1.0, 1.0, 40), np.full(13, 3.0))
+    whole = delay_step(*given, drifting=drifting)
+    monkeypatch.setattr(joint_delays, "MOST_NUMBERS", 20_000)
+    parts = delay_step(*given, drifting=drifting)
+    for name in ("delay", "drift", "sigma", "drift_sigma", "points"):
+        assert np.allclose(getattr(whole, name), getattr(parts, name), rtol=1e-9, atol=1e-12)

@@ -198,3 +198,10 @@ def test_feet_that_stand_beyond_the_range_do_not_slip_at_its_ends():
         return 1000 * max(float(np.linalg.norm(stand - stand.mean(axis=0), axis=-1).max()) for stand in stands)
 
     assert slip_mm(True) < 8.0 < 15.0 < slip_mm(False)
+
+
+def test_a_motion_of_other_views_is_named(capture, solved):
+    assert solved.reprojection_px is not None
+    other = replace(solved, reprojection_px=solved.reprojection_px[:2])
+    with pytest.raises(MotionInvalid, match="reprojection_px has the shape"):
+        resolve_range(capture, other, FrameRange(FIRST, LAST), QUICK)

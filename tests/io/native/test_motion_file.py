@@ -72,6 +72,9 @@ def test_no_overwriting(tmp_path: Path) -> None:
         ({"joints": None}, FileDamaged, "lacks 'joints'"),
         ({"provenance": np.array("{")}, FileDamaged, "provenance is not JSON"),
         ({"provenance": np.array("[]")}, FileDamaged, "not a JSON object"),
+        ({"provenance": np.array('{"resolved": 1.5}')}, FileDamaged, "'resolved' is of another type"),
+        ({"provenance": np.array('{"edits": ["x"]}')}, FileDamaged, "'edits' is of another type"),
+        ({"provenance": np.array('{"settings": []}')}, FileDamaged, "'settings' is of another type"),
         ({"trans": np.full((6, 3), np.nan)}, MotionInvalid, "transl holds NaN"),
     ],
 )

@@ -11,7 +11,7 @@ from research.simulation.filming import around
 from solver_backend.cameras.noise_map import NoiseMap, read_noise_map
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
-from solver_backend.exchange.errors import FileDamaged, TooFewViews
+from solver_backend.exchange.errors import FileDamaged, NoDetections, TooFewViews
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from solver_backend.videos.detect.measure_noise_map import measure_noise_map
@@ -43,6 +43,14 @@ def test_the_spread_at_each_confidence_is_recovered() -> None:
     np.testing.assert_allclose(found.sigma_mm, true_mm(found.confidence), rtol=0.15)
     weight = found.weight(np.array([0.0, 0.25, 0.95]))
     assert weight[0] == 0.0 and weight[2] / weight[1] == pytest.approx((22.9**2 + 64.0) / (7.1**2 + 64.0), rel=0.3)
+
+
+def test_detections_of_one_place_tell_no_spread() -> None:
+    known = capture(frames=20)
+    assert known.keypoints is not None
+    still = replace(known, keypoints=replace(known.keypoints, xy=np.full_like(known.keypoints.xy, 300.0)))
+    with pytest.raises(NoDetections, match="No detection can be compared"):
+        measure_noise_map([still], "toy")
 
 
 def test_two_views_tell_no_spread() -> None:

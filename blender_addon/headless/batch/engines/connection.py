@@ -7,6 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
+from ...._exchange.cluster_address import require_safe
 from ....errors import EngineMissing, SchedulerMissing
 
 
@@ -34,8 +35,10 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
         tend: called before each try.
 
     Raises:
+        SchedulerUnsafe: it is on another host, without TLS.
         SchedulerMissing: none answers for so long.
     """
+    require_safe(address)
     from distributed import Client
 
     for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):

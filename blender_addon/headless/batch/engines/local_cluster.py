@@ -31,13 +31,14 @@ class LocalCluster:
         port = _some_port()
         self.address = f"tcp://127.0.0.1:{port}"
         self._folder = folder
-        own = ["--no-dashboard"] if not _has_bokeh() else ["--dashboard-address", "127.0.0.1:0"]
+        # Without pages, too, Dask serves HTTP (its metrics), and on all addresses where none is given.
+        own = ["--dashboard-address", "127.0.0.1:0", *([] if _has_bokeh() else ["--no-dashboard"])]
         own += ["--preload", f"{__package__}.ends_with_parent"]
         scheduler = ["-m", "distributed.cli.dask_scheduler", "--host", "127.0.0.1", "--port", str(port), *own]
         worker = [
             "-m", "distributed.cli.dask_worker", self.address, "--nthreads", "1", "--no-nanny", "--host", "127.0.0.1",
-            "--memory-limit", "0", "--no-dashboard", "--death-timeout", "30", "--local-directory", str(folder),
-            "--preload", f"{__package__}.ends_with_parent",
+            "--memory-limit", "0", "--no-dashboard", "--dashboard-address", "127.0.0.1:0", "--death-timeout", "30",
+            "--local-directory", str(folder), "--preload", f"{__package__}.ends_with_parent",
         ]  # fmt: skip
         worker += ["--resources", f"memory_mb={memory_mb / workers:.0f}"] if memory_mb else []
         self._commands = [scheduler, *([worker] * workers)]

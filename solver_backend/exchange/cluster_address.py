@@ -1,0 +1,64 @@
+"""Which Dask schedulers are connected to: those of this machine, and others only through TLS.
+
+Whoever reaches a scheduler runs programs on its workers, and a scheduler can send programs to whoever connects.
+"""
+
+from __future__ import annotations
+
+import ipaddress
+import os
+from pathlib import Path
+
+from .errors import FileMissing, SchedulerUnsafe
+from .json_file import read_json_file
+
+CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
+"""Files in the folder of ``--tls``, by the ending of the variable of the environment that tells Dask of each."""
+_PREFIX = "DASK_DISTRIBUTED__COMM__"
+_LOCAL = ("localhost", "")
+
+
+def require_safe(address: str) -> None:
+    """Make sure that a scheduler is on this machine or speaks TLS.
+
+    Args:
+        address: of the scheduler, or the path of its file, which holds the address.
+
+    Raises:
+        SchedulerUnsafe: it is on another host and its address does not begin with ``tls://``.
+        FileMissing, FileDamaged: the scheduler's file cannot be read.
+    """
+    found = address
+    if address.endswith(".json"):
+        values = read_json_file(address)
+        found = str(values.get("address", "")) if isinstance(values, dict) else ""
+    protocol, _, rest = found.rpartition("://")
+    if protocol in ("tls", "inproc") or _is_loopback(rest.rpartition(":")[0] if ":" in rest else rest):
+        return
+    raise SchedulerUnsafe(
+        f"The scheduler {found or address} is on another host and not encrypted.", where=address,
+        hint="Start scheduler and workers with TLS, and give tls://HOST:PORT and --tls FOLDER (see the docs).",
+    )  # fmt: skip
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host in _LOCAL or ipaddress.ip_address(host.strip("[]")).is_loopback
+    except ValueError:
+        return False
+
+
+def use_certificates(folder: Path) -> None:
+    """Tell Dask, in this process and in those that it starts, of the certificates in a folder.
+
+    To be called before Dask is imported.
+
+    Raises:
+        FileMissing: ``ca.pem``, ``cert.pem`` or ``key.pem`` is not there.
+    """
+    for name, file in CERTIFICATES.items():
+        path = folder.absolute() / file
+        if not path.is_file():
+            raise FileMissing(f"The folder of certificates lacks {file}.", where=str(folder), hint="See the docs.")
+        os.environ[f"{_PREFIX}TLS__{name}"] = str(path)
+    os.environ[f"{_PREFIX}REQUIRE_ENCRYPTION"] = "true"

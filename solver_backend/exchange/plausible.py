@@ -1,0 +1,72 @@
+"""What the numbers of motions and recordings can be, one check for the solver's types and the add-on's.
+
+These are bounds of the possible, not of the usual: what lies beyond is refused wherever it comes from.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from .errors import MocapError
+
+FRAME_RATES = (0.01, 30_000.0)
+"""Hz: a picture in 100 seconds, and the fastest cameras that film people."""
+FARTHEST_M = 1e5
+"""From the origin, 100 km: recordings in millimetres of a whole town lie within."""
+LARGEST_BETA = 100.0
+"""Standard deviations of people; nobody has more than 5."""
+LARGEST_TURN = 1000.0
+"""Radians of an axis-angle vector; tracks that count turns stay far below."""
+
+
+def require_rate(fps: float, error: type[MocapError], where: str) -> None:
+    """Make sure that a frame rate can be.
+
+    Raises:
+        MocapError: it cannot; of the class ``error``.
+    """
+    least, most = FRAME_RATES
+    if not (isinstance(fps, int | float | np.number) and least <= fps <= most):
+        raise error(f"The frame rate must be {least:g} to {most:g}, not {fps}.", where=where)
+
+
+def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
+    """Make sure that all numbers are finite and none is beyond what can be.
+
+    Raises:
+        MocapError: one is not; of the class ``error``.
+    """
+    values = np.asarray(values)
+    largest = float(max(values.max(initial=0.0), -values.min(initial=0.0)))
+    if not np.isfinite(largest):
+        raise error(f"{name} holds NaN or infinite values.", where=where)
+    if largest > most:
+        raise error(f"{name} holds {largest:.3g}; at most {most:g} can be.", where=where)
+
+
+def require_motion(
+    fps: float, turns: np.ndarray, transl: np.ndarray, betas: np.ndarray, joints: np.ndarray | None,
+    error: type[MocapError], where: str,
+) -> None:  # fmt: skip
+    """Make sure that a body's motion can be.
+
+    Args:
+        fps: frames per second.
+        turns: axis-angle of the joints, frames first.
+        transl: (F, 3) metres.
+        betas: shape.
+        joints: (F, J, 3) metres, if they are known.
+        error: what is raised.
+        where: of the error.
+
+    Raises:
+        MocapError: it has no frames, or its rate, places, turns or shape cannot be.
+    """
+    if not len(turns):
+        raise error("The motion has no frames.", where=where)
+    require_rate(fps, error, where)
+    require_within("The pose", turns, LARGEST_TURN, error, where)
+    require_within("transl", transl, FARTHEST_M, error, where)
+    require_within("betas", betas, LARGEST_BETA, error, where)
+    if joints is not None:
+        require_within("joints", joints, FARTHEST_M, error, where)

@@ -1,0 +1,221 @@
+"""Recordings of live points as they grow: one block a frame, each readable without the others.
+
+A block is, little-endian: 8 bytes of mark, the number of points (uint32), the CRC-32 of all that follows, begun with
+that number (uint32), the time in seconds, the nominal rate and the 3 x 3 matrix that turns points into metres, Z up (11
+float64, NaN for what is not known yet), and x, y, z of each point in the source's unit and axes (float32). Every whole
+block is read, whatever happened to the rest of the file: damage is passed over up to the next mark.
+"""
+
+from __future__ import annotations
+
+import struct
+import zlib
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.exchange.npz import require_file
+from solver_backend.exchange.plausible import FRAME_RATES
+from solver_backend.exchange.regular_file import open_regular
+from solver_backend.io.markers.source import MarkerSource, as_take
+from solver_backend.io.markers.take import MarkerTake
+
+SUFFIX = ".recording"
+"""Added to the name of the file that the recording becomes."""
+MARK = b"MMLIVE1\n"
+MOST_POINTS = 400
+"""More in one frame are no marker cloud of a person."""
+_HEAD, _FIXED = struct.Struct("<8sII"), struct.Struct("<11d")
+_SEARCHED = 64, 1 << 20
+"""Bytes that are searched first for the next mark, and at most at once: twice as many each time."""
+MOST_NUMBERS = 400_000_000
+"""Coordinates of a take that is read whole: 1.6 GB, more than six hours of 60 points at 100 Hz."""
+DEFAULT_RATE = 120.0
+
+
+@dataclass(frozen=True)
+class LiveBlock:
+    """One frame."""
+
+    time: float
+    """Seconds on the source's clock."""
+    points: np.ndarray
+    """(N, 3) float32 in the source's unit and axes."""
+    fps: float | None = None
+    """Nominal rate, None where nobody said one."""
+    to_metres: np.ndarray | None = None
+    """(3, 3) what turns the points into metres, Z up; None while it is not known."""
+
+
+@dataclass(frozen=True)
+class LiveExtent:
+    """What a recording holds up to where it ends."""
+
+    frames: int
+    """Whole blocks."""
+    most: int
+    """Points in the fullest frame."""
+    rate: float
+    """Frames per second, see ``rate_of``."""
+    last: float
+    """Time of the last frame, NaN without frames."""
+    to_metres: np.ndarray | None
+    """What turns the points into metres, as far as it became known."""
+    largest: float
+    """Largest absolute coordinate."""
+    damaged: int
+    """Bytes that belong to no whole block."""
+
+
+def pack_block(block: LiveBlock) -> bytes:
+    """Return a block's bytes."""
+    turn = np.full(9, np.nan) if block.to_metres is None else np.ravel(block.to_metres)
+    body = _FIXED.pack(block.time, np.nan if block.fps is None else block.fps, *turn)
+    body += np.ascontiguousarray(block.points, "<f4").tobytes()
+    count = len(block.points)
+    return _HEAD.pack(MARK, count, zlib.crc32(body, count)) + body
+
+
+def read_blocks(stream: BinaryIO) -> Iterator[LiveBlock | int]:
+    """Yield the whole blocks of a stream from where it is, and the number of bytes wherever some belong to none."""
+    damaged, at = 0, stream.tell()
+    while head := stream.read(_HEAD.size):
+        block, size = _block(head, stream)
+        if block is not None:
+            if damaged:
+                yield damaged
+            damaged, at = 0, at + size
+            yield block
+            continue
+        step = _next_mark(stream, at + 1) - at
+        damaged, at = damaged + step, at + step
+        stream.seek(at)
+    if damaged:
+        yield damaged
+
+
+def _block(head: bytes, stream: BinaryIO) -> tuple[LiveBlock | None, int]:
+    """Return the block that begins with a head, None if it is not whole, and its length."""
+    if len(head) < _HEAD.size:
+        return None, 0
+    mark, count, check = _HEAD.unpack(head)
+    if mark != MARK or count > MOST_POINTS:
+        return None, 0
+    body = stream.read(_FIXED.size + 12 * count)
+    if len(body) < _FIXED.size + 12 * count or zlib.crc32(body, count) != check:
+        return None, 0
+    time, fps, *turn = _FIXED.unpack_from(body)
+    points = np.frombuffer(body, "<f4", offset=_FIXED.size).reshape(-1, 3)
+    known = np.array(turn).reshape(3, 3)
+    to_metres = known if np.isfinite(known).all() else None
+    return LiveBlock(time, points, fps if np.isfinite(fps) else None, to_metres), len(head) + len(body)
+
+
+def _next_mark(stream: BinaryIO, at: int) -> int:
+    """Return where the next mark begins, or the stream ends."""
+    size, most = _SEARCHED
+    while True:
+        stream.seek(at)
+        part = stream.read(size)
+        if (found := part.find(MARK)) >= 0:
+            return at + found
+        if len(part) < size:
+            return at + len(part)
+        at, size = at + size - len(MARK) + 1, min(2 * size, most)
+
+
+def measure_recording(stream: BinaryIO) -> LiveExtent:
+    """Return what a recording holds; memory is that of its times."""
+    times, fps, turn, most, largest, damaged = array("d"), None, None, 0, 0.0, 0
+    for block in read_blocks(stream):
+        if isinstance(block, int):
+            damaged += block
+            continue
+        times.append(block.time)
+        fps, most = block.fps or fps, max(most, len(block.points))
+        turn = turn if block.to_metres is None else block.to_metres
+        largest = max(largest, float(np.abs(block.points).max(initial=0.0)))
+    at = np.array(times)
+    return LiveExtent(len(at), most, rate_of(at, fps), at[-1] if len(at) else np.nan, turn, largest, damaged)
+
+
+def rate_of(times: np.ndarray, fps: float | None) -> float:
+    """Return the nominal rate or, without a possible one, that of the median step between times."""
+    with np.errstate(all="ignore"):
+        steps = np.diff(times)
+        measured = 1.0 / float(np.median(steps[steps > 0])) if (steps > 0).any() else np.nan
+    rates = (rate for rate in (fps, measured) if rate and FRAME_RATES[0] <= rate <= FRAME_RATES[1])
+    return next(rates, DEFAULT_RATE)
+
+
+def read_parts(stream: BinaryIO, most: int, frames: int) -> Iterator[np.ndarray]:
+    """Yield the points of a recording, up to so many frames at once, as (F, most, 3) with NaN behind each frame's."""
+    part, filled = np.full((frames, most, 3), np.nan, np.float32), 0
+    for block in read_blocks(stream):
+        if isinstance(block, int):
+            continue
+        part[filled, : len(block.points)] = block.points
+        filled += 1
+        if filled == frames:
+            yield part
+            part, filled = np.full((frames, most, 3), np.nan, np.float32), 0
+    if filled:
+        yield part[:filled]
+
+
+def read_live_recording(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read a live recording that was not finished, up to where it ends.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the recording says, or its times.
+        unit: the points' unit; None takes the one that the live run found.
+        up_axis: their axis that points up; None takes the one that the live run found.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is larger than a take is, or holds no whole frame.
+        NoDetections: no frame has points.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = require_file(path)
+    try:
+        with open_regular(path) as stream:
+            extent = measure_recording(stream)
+            _require_frames(extent, path)
+            stream.seek(0)
+            [positions] = read_parts(stream, extent.most, extent.frames)
+    except OSError as error:
+        raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
+    known = extent.to_metres is not None and unit is None and up_axis is None
+    if known:
+        positions = positions @ np.asarray(extent.to_metres, np.float32).T
+    damage = f" {extent.damaged} bytes of no whole frame are left out." if extent.damaged else ""
+    source = MarkerSource(
+        path, "live recording", positions.astype(np.float64), ("",) * extent.most, extent.rate, "m", "z",
+        unit="m" if known else "", up_axis="z" if known else "",
+        problems=(
+            f"The live recording was not finished: it ends with frame {extent.frames}, at {extent.last:.2f} s.{damage}",
+        ),
+    )  # fmt: skip
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _require_frames(extent: LiveExtent, path: Path) -> None:
+    if not extent.frames:
+        raise FileDamaged("The live recording holds no whole frame.", where=str(path), hint="Record again.")
+    if not extent.most:
+        raise NoDetections("No frame of the live recording has points.", where=str(path), hint="Record again.")
+    if 3 * extent.frames * extent.most > MOST_NUMBERS:
+        raise FileDamaged(
+            f"The live recording has {extent.frames} frames of {extent.most} points: too many to be read at once.",
+            where=str(path),
+            hint=f"At most {MOST_NUMBERS // 3} points are read; record in shorter takes.",
+        )

@@ -1,0 +1,66 @@
+"""Our own capture files are looked at as those of other programs: what they say of their world is not believed."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.io.calibration.units import with_up_axis
+from solver_backend.io.load import load_capture
+from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.recognition.world_check import FIGURES
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.types import Cameras, Capture
+
+
+@pytest.fixture(scope="module")
+def demo() -> Capture:
+    return replace(demo_capture(60), truth={})
+
+
+def moved(cameras: Cameras, z: float) -> Cameras:
+    """Return the cameras in a world whose floor lies at a height."""
+    return replace(cameras, t=cameras.t - z * cameras.R[:, :, 2])
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda cameras: with_up_axis(cameras, "-z"), "stands along -Z"),
+        (lambda cameras: with_up_axis(cameras, "y"), "stands along -?Y"),
+        (lambda cameras: moved(cameras, 1.9), r"lowest foot is at z = 1\.[89]"),
+        (lambda cameras: replace(cameras, t=0.5 * cameras.t), r"would be 0\.8\d* m tall"),
+        (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Is the unit right"),
+    ],
+)
+def test_a_world_that_cannot_be_is_named(demo: Capture, tmp_path: Path, change: object, told: str) -> None:
+    cameras = change(demo.cameras)  # type: ignore[operator]
+    stored = replace(demo, cameras=cameras, notes=(f"{FIGURES} the person is about 1.77 m tall by the legs.",))
+    capture = load_capture(write_capture(tmp_path / "a.npz", stored))
+    [problem] = [problem for problem in capture.problems if re.search(told, problem)]
+    assert problem and len([note for note in capture.notes if note.startswith(FIGURES)]) == ("unit" not in told)
+    again = load_capture(write_capture(tmp_path / "b.npz", capture))
+    assert again.problems == capture.problems and again.notes == capture.notes
+
+
+def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
+    assert load_capture(write_capture(tmp_path / "a.npz", demo)).problems == ()
+
+
+@pytest.mark.parametrize(
+    ("turn", "scale", "told"),
+    [
+        (np.diag([1.0, -1.0, -1.0]), 1.0, "stands along -Z"), (np.eye(3)[[1, 2, 0]], 1.0, "not along Z"),
+        (np.eye(3), 100.0, "spread over"), (np.eye(3), 0.01, "spread over"), (np.eye(3), 1.0, ""),
+    ],
+)  # fmt: skip
+def test_markers_of_another_size_or_world_are_named(tmp_path: Path, turn: np.ndarray, scale: float, told: str) -> None:
+    cloud = record_markers(60).cloud
+    changed = Capture("m", markers=replace(cloud, positions=scale * cloud.positions @ turn.T))
+    problems = load_capture(write_capture(tmp_path / "m.npz", changed)).problems
+    assert (not told and not problems) or any(told in problem for problem in problems)
