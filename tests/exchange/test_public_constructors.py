@@ -90,7 +90,9 @@ def test_clouds(data: st.DataObject) -> None:
                  residual=residual, covariance=covariance)  # fmt: skip
     if cloud is None:
         return
-    assert cloud.positions.ndim == 3 and len(cloud.positions) and 0 < cloud.fps < np.inf
+    assert (
+        cloud.positions.ndim == 3 and (len(cloud.positions) or not cloud.positions.shape[1]) and 0 < cloud.fps < np.inf
+    )
     assert cloud.labels is None or len(cloud.labels) == cloud.positions.shape[1]
     assert cloud.residual is None or cloud.residual.shape == cloud.positions.shape[:2]
 

@@ -101,12 +101,12 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float
     betas, layout = np.zeros(10), body.layout.recorded
     lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
     transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
-    empty = Motion(
-        betas, np.zeros((0, 3)), np.zeros((0, 3 * (layout.num_joints - 1))), np.zeros((0, 3)), fps, body.id,
-        np.zeros((0, layout.num_joints, 3)), layout,
+    rest = Motion(
+        betas, np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), np.zeros((1, 3)), fps, body.id,
+        np.zeros((1, layout.num_joints, 3)), layout,
     )  # fmt: skip
     edit = {"verb": "sample", "count": count, "seed": seed}
-    return _new_motion(empty, body, prior, PosedFrames(root, local, transl), edit)
+    return _new_motion(rest, body, prior, PosedFrames(root, local, transl), edit)
 
 
 def frames_of(motion: Motion, body: Body) -> PosedFrames:

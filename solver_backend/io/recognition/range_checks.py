@@ -226,9 +226,14 @@ def _odd_places(capture: Capture) -> Iterator[str]:
         )
 
 
+def _no_markers(capture: Capture) -> Iterator[str]:
+    if capture.keypoints is None and capture.markers is not None and not capture.markers.positions.size:
+        yield "The capture holds no keypoints, and no frame of its markers."
+
+
 def _impossibly_far_markers(capture: Capture) -> Iterator[str]:
     cloud = capture.markers
-    if cloud is None or not cloud.positions.shape[1]:
+    if cloud is None or not cloud.positions.size:
         return
     largest = np.nanmax(np.abs(cloud.positions), axis=(0, 2), initial=0.0)
     column = int(largest.argmax())
@@ -250,6 +255,7 @@ RANGE_CHECKS: tuple[RangeCheck, ...] = (
     RangeCheck(Severity.PROBLEM, _odd_rate),
     RangeCheck(Severity.ERROR, _impossible_places),
     RangeCheck(Severity.PROBLEM, _odd_places),
+    RangeCheck(Severity.ERROR, _no_markers),
     RangeCheck(Severity.ERROR, _impossibly_far_markers),
 )
 """Asked in this order."""
