@@ -53,7 +53,7 @@ def panel_values(properties: Any, names: tuple[str, ...] = tuple(ROWS)) -> dict[
     values: Mapping[str, Any] = {name: getattr(properties, name) for name in names}
     # Blender's numbers are in single precision: 0.1 is 0.10000000149.
     plain = {name: round(value, 4) if isinstance(value, float) else value for name, value in values.items()}
-    plain |= {name: tuple(plain[name].replace(",", " ").split()) for name in names if ROWS[name].kind == "texts"}
+    plain |= {name: tuple(str(plain[name]).replace(",", " ").split()) for name in names if ROWS[name].kind == "texts"}
     return {name: value for name, value in plain.items() if value not in ("", ())}
 
 

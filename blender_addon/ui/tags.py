@@ -5,7 +5,7 @@ A pointer of the scene would keep alive whatever its user deletes.
 
 from __future__ import annotations
 
-from uuid import uuid4
+from secrets import token_hex
 
 import bpy
 
@@ -27,7 +27,7 @@ def give_tag(owner: bpy.types.ID | None) -> str:
     """Return the tag of an object or a collection, a new one if it has none; "" for None."""
     tag = tag_of(owner)
     if owner is not None and not tag:
-        tag = owner[TAG] = uuid4().hex
+        tag = owner[TAG] = token_hex(16)
     return tag
 
 

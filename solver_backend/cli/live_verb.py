@@ -73,7 +73,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     if recorder is not None:
         if recorder.recovered is not None:
             data["recovered"] = str(recorder.recovered)
-        if args.record.exists() and recorder.count:
+        if recorder.count and args.record is not None and args.record.exists():
             data["recorded"] = str(args.record)
     stream.require_whole()
     text = ", ".join(f"{name} {value}" for name, value in data.items())

@@ -7,7 +7,6 @@ import re
 import secrets
 import shutil
 import stat
-import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
@@ -74,7 +73,9 @@ def temporary_folder() -> Iterator[Path]:
     Raises:
         OSError: it cannot be made.
     """
-    place = Path(tempfile.gettempdir())
+    from tempfile import gettempdir  # registering the add-on loads this module, and should load little
+
+    place = Path(gettempdir())
     with unfinished_names(place) as beginning:
         folder = place / f"{beginning}work"
         folder.mkdir(mode=0o700)

@@ -86,7 +86,7 @@ def test_a_camera_that_was_moved_is_found_and_put_right(noisy: Capture) -> None:
     assert not any("moved" in word for word in check_calibration(cameras, keypoints).findings)
     checked = check_calibration(moved, keypoints)
     [said] = [word for word in checked.findings if "moved after calibration" in word]
-    assert f"what {cameras.names[2]} saw" in said
+    assert said.startswith(f"{cameras.names[2]} seems to have moved")
     assert checked.camera_px[2] > 3 * checked.refined_camera_px[2]
     refined = refine_by_person(moved, keypoints)
     assert apart(refined.cameras, cameras, False)[1] < 0.4
@@ -108,9 +108,10 @@ def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
     t = cameras.t.copy()
     t[1] += [0.3, -0.1, 0.2]
     R, shift, scale = align_cameras(replace(cameras, t=t), cameras)
-    np.testing.assert_allclose(R, np.eye(3), atol=5e-3)
-    np.testing.assert_allclose(shift, 0.0, atol=0.03)
-    assert scale == pytest.approx(1.0, abs=3e-3)
+    np.testing.assert_allclose(R, np.eye(3), atol=1e-4)
+    np.testing.assert_allclose(shift, 0.0, atol=5e-4)
+    assert scale == pytest.approx(1.0, abs=1e-4)
+    assert align_cameras(replace(cameras, t=2.0 * t), cameras)[2] == pytest.approx(0.5, abs=1e-4)
 
 
 def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -195,3 +196,9 @@ def _tube_faces(first: int) -> list[tuple[int, int, int]]:
         last = first + 2 * _SIDES
         faces += [(first, first + k + 1, first + k), (last, last + k, last + k + 1)]
     return faces
+
+
+def bare_motion(motion: MotionFile, frames: int, **values: Any) -> MotionFile:
+    """Return a motion of so many frames at rest with the same body, and nothing else but what is given."""
+    rest = {"rotvec": np.zeros((frames, *motion.rotvec.shape[1:])), "transl": np.zeros((frames, 3))}
+    return MotionFile(motion.name, betas=motion.betas, fps=motion.fps, body=motion.body, **rest | values)

@@ -145,11 +145,12 @@ def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray
     distances, so that one that moved drags no other along.
     """
     arm = np.linalg.norm(to.centres - to.centres.mean(0), axis=1).mean()
-    scale = arm / np.linalg.norm(cameras.centres - cameras.centres.mean(0), axis=1).mean()
-    own, theirs = (c.centres[:, None] + a * _ARMS @ c.R for c, a in ((cameras, arm / scale), (to, arm)))
-    weight = np.ones(len(cameras))
-    s, R, t = 1.0, np.eye(3), np.zeros(3)
+    theirs = to.centres[:, None] + arm * _ARMS @ to.R
+    s = arm / np.linalg.norm(cameras.centres - cameras.centres.mean(0), axis=1).mean()
+    R, t, weight = np.eye(3), np.zeros(3), np.ones(len(cameras))
     for number in range(_ROUNDS):
+        # Arms as long as the last scale has them: of another length no camera would be met exactly.
+        own = cameras.centres[:, None] + arm / s * _ARMS @ cameras.R
         s, R, t = umeyama(own.reshape(-1, 3), theirs.reshape(-1, 3), np.repeat(weight, 3), with_scale=True)
         off = np.sqrt(((s * own @ R.T + t - theirs) ** 2).sum((-1, -2)))
         weight = np.maximum(off, 1e-3 * arm) ** (-1.0 if number < _ROUNDS // 2 else -1.5)

@@ -8,6 +8,7 @@ import numpy as np
 
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.body.posed_body import pose_joints, skin
+from tests.support.addon_stand_in import bare_motion
 
 
 def test_posed_joints_are_the_solvers(files: Any) -> None:
@@ -24,13 +25,11 @@ def test_posed_joints_are_the_solvers(files: Any) -> None:
 
 def test_skin_moves_rigidly_with_the_root(files: Any) -> None:
     """Every vertex of a body that only turns and moves is turned and moved, correctives or not."""
-    from dataclasses import replace
-
-    still = replace(files.motion, rotvec=np.zeros((2, 24, 3)), transl=np.zeros((2, 3)))
+    still = bare_motion(files.motion, 2)
     turn, shift = np.array([0.3, -1.0, 0.5]), np.array([1.0, 2.0, 3.0])
     rotvec = np.zeros((2, 24, 3))
     rotvec[1, 0] = turn
-    moved = replace(still, rotvec=rotvec, transl=np.stack([np.zeros(3), shift]))
+    moved = bare_motion(files.motion, 2, rotvec=rotvec, transl=np.stack([np.zeros(3), shift]))
     rest = skin(files.body, still, [0])[0]
     np.testing.assert_allclose(rest, files.body.shaped(still.betas), atol=1e-12)
     pelvis = files.body.rest_joints(still.betas)[0]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import bpy
 import numpy as np
 import pytest
@@ -12,6 +10,7 @@ from blender_addon.conventions.materials import MARKER_COLOURS
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.scene.marker_cloud import create_marker_cloud, grade_markers, labels_of, marker_positions
 from blender_addon.scene.point_player import set_played_rate
+from tests.support.addon_stand_in import bare_motion
 
 FRAMES, LABELS = 12, ("Anna:LFHD", "Anna:RFHD", "Anna:C7", "Anna:wand")
 
@@ -61,8 +60,8 @@ def test_a_row_is_shown_by_time_and_named(scene, cloud, points):
 def test_markers_take_the_colour_of_their_residual(scene, cloud, points, files):
     residual = np.array([[3.0, 12.0, 40.0]] * FRAMES)
     residual[2, 0] = np.nan
-    motion = replace(
-        files.motion, marker_labels=("Anna:RFHD", "Anna:LFHD", "Anna:C7"), marker_residual_mm=residual,
+    motion = bare_motion(
+        files.motion, FRAMES, marker_labels=("Anna:RFHD", "Anna:LFHD", "Anna:C7"), marker_residual_mm=residual,
         markers=points[:, [1, 0, 2]],
     )  # fmt: skip
     grade_markers(cloud, motion)
@@ -75,7 +74,7 @@ def test_markers_take_the_colour_of_their_residual(scene, cloud, points, files):
 
 
 def test_a_motion_of_other_length_colours_the_frames_it_has(cloud, files):
-    motion = replace(files.motion, marker_labels=("Anna:C7",), marker_residual_mm=np.full((5, 1), 30.0))
+    motion = bare_motion(files.motion, 5, marker_labels=("Anna:C7",), marker_residual_mm=np.full((5, 1), 30.0))
     grade_markers(cloud, motion)
     grades = np.array([item.value for item in cloud.data.attributes["grade"].data]).reshape(FRAMES, -1)
     assert (grades[:5, 2] == 3).all() and not grades[5:].any() and not np.delete(grades, 2, axis=1).any()

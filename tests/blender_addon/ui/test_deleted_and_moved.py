@@ -43,6 +43,7 @@ def draw_all() -> int:
 
 def test_a_deleted_body_is_gone_and_solving_makes_one_that_is_seen(mocap, solved_take, solved, scene) -> None:
     armature = mocap.review.armature
+    assert armature is not None
     name = armature.name
     delete(armature, *armature.children)
     assert name not in bpy.data.objects and mocap.review.armature is None
@@ -91,7 +92,8 @@ def test_a_deleted_collection_is_gone_and_reading_again_keeps_the_body_that_was_
     assert mocap.capture.collection is None and mocap.review.armature == body
     take_capture(scene, solved.read)
     assert mocap.review.armature == body and mocap.review.take == solved_take
-    assert mocap.capture.collection.name in [child.name for child in scene.collection.children_recursive]
+    assert (kept := mocap.capture.collection) is not None
+    assert kept.name in [child.name for child in scene.collection.children_recursive]
 
 
 def test_a_deleted_target_of_retargeting_is_let_go(mocap, solved_take, scene) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 from types import SimpleNamespace
+from typing import Any, cast
 
 import bpy
 import pytest
@@ -50,9 +51,10 @@ def test_an_error_is_dismissed_and_stays_with_its_scene(mocap, spoiled, scene) -
 
 
 def test_a_result_is_shown_for_its_own_capture_alone(mocap, solved_take, solved, tmp_path: Path) -> None:
-    current.last = SimpleNamespace(
+    run = SimpleNamespace(
         verb="solve", error=None, result={"solve_s": 1.0, "unsure_frames": 3, "unseen_frames": 0}, log=[]
     )
+    current.last = cast(Any, run)
     current.about = bpy.context.scene.name, mocap.capture.file
     assert any("3 frames to look at" in text for text in drawn(solve.VIEW3D_PT_mocap_solve))
     copy = tmp_path / "capture.npz"
