@@ -49,7 +49,7 @@ def test_a_deleted_body_is_gone_and_solving_makes_one_that_is_seen(mocap, solved
     assert name not in bpy.data.objects and mocap.review.armature is None
     assert not bpy.ops.mocap.select_body.poll() and draw_all() > 3
     take_motion(bpy.context, solved.files)
-    body = mocap.review.armature
+    assert (body := mocap.review.armature) is not None
     assert body.name in scene.objects and len([o for o in body.children if o.type == "MESH" and o.visible_get()]) == 1
     assert bpy.ops.mocap.select_body() == {"FINISHED"} and bpy.context.object == body
 
