@@ -20,8 +20,8 @@ from solver_backend.types import JointSet
 
 WORLD = tuple(settings_of_class(WorldSettings))
 READING = (
-    "fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", "offset", "by_order",
-    *WORLD,
+    "fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", "camera", "offset",
+    "by_order", *WORLD,
 )  # fmt: skip
 """Fields that say how a capture is read, beside its frames."""
 PATHS = {
@@ -99,6 +99,7 @@ class Job(JobFile):
             subject=None if subject is None else folder / subject,
             told=None if told is None else folder / told,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
+            camera=tuple(_typed(values, "camera", list) or ()),
             offset=tuple(_typed(values, "offset", list) or ()),
             by_order=bool(_typed(values, "by_order", bool)),
             frames=_frames(_typed(values, "frames", list)),

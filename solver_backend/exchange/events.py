@@ -99,6 +99,10 @@ def _takes_of_videos(value: Any) -> bool:
 _RESULTS["check-cameras"] = {
     "verdict": _text, "findings": _texts, "stature_m": _number, "tilt_deg": _number, "tilt_sigma_deg": _number,
 }  # fmt: skip
+_RESULTS["fit-cameras"] = {
+    "calibration": _text, "format": _text, "cameras": _texts, "residual_px": _or_none(_number),
+    "stature_m": _or_none(_number), "notes": _texts, "problems": _texts,
+}  # fmt: skip
 _RESULTS["from-videos"] = {"takes": _takes_of_videos}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
     "convert": ("captures", {"captures": _each({**_CAPTURE, "source": _text})}),

@@ -1,4 +1,4 @@
-"""Which frames of the cameras belong together, declared once for the command line, jobs and panels."""
+"""Which cameras and frames belong together, declared once for the command line, jobs and panels."""
 
 from __future__ import annotations
 
@@ -15,12 +15,17 @@ TIME = "Time"
 
 @dataclass(frozen=True, kw_only=True)
 class TimeSettings:
-    """Which frames of the cameras belong together, where the user knows it.
+    """Which cameras and frames belong together, where the user knows it.
 
     Raises:
-        JobInvalid: a value is of another type, an offset is not CAMERA=FRAMES, or frames are no range.
+        JobInvalid: a value is of another type, a camera is not RECORDED=CALIBRATED, an offset is not CAMERA=FRAMES, or
+            frames are no range.
     """
 
+    camera: tuple[str, ...] = setting(
+        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, where names do not say it; "
+        "may be repeated", group=TIME, metavar="RECORDED=CALIBRATED", in_panel=False,
+    )  # fmt: skip
     offset: tuple[str, ...] = setting(
         "texts", (), "Start Offsets", "Frames by which a camera started later than the take, negative for earlier; may "
         "be repeated, and nothing is then estimated", group=TIME, metavar="CAMERA=FRAMES", in_panel=False,
@@ -35,6 +40,7 @@ class TimeSettings:
 
     def __post_init__(self) -> None:
         check_settings(self)
+        calibrated_names(self.camera)
         offsets_by_camera(self.offset)
         if self.frames is not None and not 0 <= self.frames[0] <= self.frames[1]:
             raise JobInvalid(
@@ -64,7 +70,27 @@ def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:
     return found
 
 
+def calibrated_names(texts: Sequence[str]) -> dict[str, str]:
+    """Return the calibrated names of recorded cameras, of texts such as ``hall_left=cam02``.
+
+    Raises:
+        JobInvalid: a text lacks one of the names.
+    """
+    found: dict[str, str] = {}
+    for text in texts:
+        recorded, _, calibrated = (part.strip() for part in text.partition("="))
+        if not recorded or not calibrated:
+            raise JobInvalid(f"The camera '{text}' is not RECORDED=CALIBRATED.", where="camera")
+        found[recorded] = calibrated
+    return found
+
+
 def time_values(values: Any) -> dict[str, Any]:
     """Return the settings of time that an object has and that are not at their defaults, as plain values by name."""
-    given = {"offset": list(values.offset), "by_order": values.by_order, "frames": values.frames}
+    given = {
+        "camera": list(values.camera),
+        "offset": list(values.offset),
+        "by_order": values.by_order,
+        "frames": values.frames,
+    }
     return {name: list(v) if isinstance(v, tuple) else v for name, v in given.items() if v}

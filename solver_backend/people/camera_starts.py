@@ -91,7 +91,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
 
 
 def _judge(gains: PairGains, numbered: np.ndarray, near: int) -> CameraStarts:
-    best = _largest_gain(gains, len(numbered))
+    best = largest_gain(gains, len(numbered))
     then, possible = gains.of_cameras(best)
     sure = then * (then / np.maximum(possible, 1e-9)) ** 2 >= LEAST_STRENGTH
     doubtful = tuple(np.flatnonzero(~sure).tolist())
@@ -106,7 +106,7 @@ def _judge(gains: PairGains, numbered: np.ndarray, near: int) -> CameraStarts:
     return CameraStarts(np.where(sure, best, numbered), Evidence.APART, doubtful)
 
 
-def _largest_gain(gains: PairGains, count: int) -> np.ndarray:
+def largest_gain(gains: PairGains, count: int) -> np.ndarray:
     """Return (C,) offsets against the first camera of the largest gain."""
     i, j = max(gains.tables, key=lambda pair: gains.tables[pair].max())
     placed = {i: 0, j: int(gains.tables[i, j].argmax()) - (gains.num_frames - 1)}

@@ -32,6 +32,8 @@ class PairGains:
     """(2 F - 1,) for the pairs i < j: row ``o + F - 1`` where frame f of i goes with frame f + o of j."""
     possible: dict[tuple[int, int], np.ndarray]
     """(2 F - 1,) what would be gained if every frame in common matched exactly."""
+    usual: dict[tuple[int, int], float]
+    """How far most frames of a pair disagree, 0 to 1; 0 where it never sees anybody."""
     num_frames: int
     """F."""
     step: int
@@ -63,27 +65,30 @@ class PairGains:
         return gained, possible
 
 
-def pair_gains(cameras: Cameras, xy: np.ndarray) -> PairGains:
+def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = _SAMPLES) -> PairGains:
     """Return the gains of all pairs of views, those of neighbours in large arrays.
 
     Args:
         cameras: C cameras.
         xy: (C, F, P, J, 2) normalised points of everybody, NaN where missing.
+        most_samples: frames of a view that are compared with all of another.
     """
     views = people_of_views(xy)
     count, num_frames = len(views), xy.shape[1]
     pairs = compared_pairs(count)
     samples = int(np.clip(_SAMPLES * _SAMPLED_PAIRS // max(len(pairs), 1), _FEWEST_SAMPLES, _SAMPLES))
+    samples = min(samples, most_samples)
     rows = [lively_frames(view, samples) for view in views]
     people = views[0].extent.shape[1]
     step = max(1, -(-samples * num_frames * people**2 // _MOST_CELLS))
     columns = np.arange(0, num_frames, step)
     thinned = [view.rows(columns) for view in views]
-    tables, possible = {}, {}
+    tables, possible, usual = {}, {}, {}
     for i, j in pairs:
         share = disagreements(cameras, i, j, views[i].rows(rows[i]), thinned[j])
         tables[i, j], possible[i, j] = _gains(share, rows[i], num_frames, step)
-    return PairGains(tables, possible, num_frames, step)
+        usual[i, j] = float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else 0.0
+    return PairGains(tables, possible, usual, num_frames, step)
 
 
 def people_of_views(xy: np.ndarray) -> list[ViewPeople]:

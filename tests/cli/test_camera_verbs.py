@@ -15,9 +15,12 @@ from solver_backend.camera_calibration.intrinsics.library import read_lenses
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.events import what_is_wrong
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.native.capture_file import write_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.recordings import recordings_folder
+from tests.support.trial_files import write_trial
 from tests.support.walking_take import EXACT, walk
 
 
@@ -48,6 +51,30 @@ def test_a_capture_calibrates_its_cameras_anew_and_is_checked(tmp_path: Path, ca
     assert np.abs(read_calibration(out).cameras.centres - capture.cameras.centres).max() < 0.01
     assert main(["check-cameras", str(path), "--json"]) == 0
     assert said(capsys)["median_px"] < 0.5
+
+
+def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None:
+    cameras, keypoints = demo_capture(num_frames=60).require_multiview()
+    trial, out = tmp_path / "trial", tmp_path / "meant.toml"
+    in_cm = replace(cameras, t=100 * cameras.t)
+    seen = [((keypoints.xy + 0.5) / 2 - 0.5, keypoints.confidence)]
+    write_trial(trial, cameras=in_cm, people=seen, names=cameras.names, calibrated=cameras.names)
+    assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 0
+    found = said(capsys)
+    assert what_is_wrong(found, "fit-cameras") == "" and found["cameras"] == list(cameras.names)
+    assert [any(word in problem for problem in found["problems"]) for word in ("0.5 times", "read as cm")] == [
+        True,
+        True,
+    ]
+    meant = read_calibration(out).cameras
+    np.testing.assert_allclose(meant.centres, cameras.centres, atol=1e-3)
+    np.testing.assert_allclose(meant.K[:, 0, 0], cameras.K[:, 0, 0] / 2, rtol=1e-6)
+    # Read again with what was written, nothing is left to correct.
+    (trial / "calibration" / "Calib.toml").write_text(out.read_text())
+    assert main(["info", str(trial), "--json"]) == 0
+    assert not any("correct" in problem or "read as" in problem for problem in said(capsys)["problems"])
+    assert main(["fit-cameras", str(trial), "--out", str(out), "--json"]) == 3
+    assert said(capsys)["code"] == "output_exists"
 
 
 def test_what_a_method_lacks_is_named(tmp_path: Path, capsys) -> None:

@@ -85,7 +85,7 @@ def test_a_useless_result_is_refused_and_writes_nothing_unless_it_is_accepted(st
 def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     argv = ["solve", "take", "--out", str(tmp_path / "m.npz"), "--fps", "50", "--trim", "--joint-set", "COCO_17"]
     argv += ["--unit", "mm", "--up-axis", "y", "--subject-prefix", "Anna"]
-    argv += ["--sync", "off", "--offset", "cam2=60", "--by-order", "--frames", "10", "20"]
+    argv += ["--camera", "hall=cam2", "--sync", "off", "--offset", "cam2=60", "--by-order", "--frames", "10", "20"]
     assert (
         main([*argv, "--method", "frame", "--backend", "torch", "--body", "anny", "--report", str(tmp_path / "r.html")])
         == 0
@@ -93,7 +93,14 @@ def test_the_options_reach_reader_and_solver(stand_ins, tmp_path):
     calls = dict(stand_ins.calls)
     reading = {"fps": 50.0, "trim": True, "joint_set": JointSet.COCO_17, "unit": "mm", "up_axis": "y"}
     reading |= {"as_calibrated": False, "stature": 0.0, "scale": 1.0, "level": "auto"}
-    reading |= {"subject_prefix": "Anna", "person": None, "offset": ("cam2=60",), "by_order": True, "sync": "off"}
+    reading |= {
+        "subject_prefix": "Anna",
+        "person": None,
+        "camera": ("hall=cam2",),
+        "offset": ("cam2=60",),
+        "by_order": True,
+        "sync": "off",
+    }
     reading |= {"frames": (10, 20)}
     assert calls["load"] | {"path": None, "progress": None} == {"path": None, "progress": None, **reading}
     assert calls["solve"]["settings"] == SolveSettings(method="frame", backend="torch", body="anny", sync="off")

@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
-from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMismatch, CalibrationMissing, MocapError
+from solver_backend.exchange.errors import (
+    CalibrationInvalid,
+    CalibrationMismatch,
+    CalibrationMissing,
+    JobInvalid,
+    MocapError,
+)
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
 from solver_backend.io.recognition.camera_names import listing, match_names, name_key
@@ -38,7 +44,12 @@ def is_calibration_folder(path: Path) -> bool:
 
 
 def find_calibration(
-    root: Path, recorded: Sequence[str], *, unit: str | None = None, up_axis: str | None = None
+    root: Path,
+    recorded: Sequence[str],
+    *,
+    unit: str | None = None,
+    up_axis: str | None = None,
+    names: Mapping[str, str] | None = None,
 ) -> Calibration:
     """Return the nearest calibration that knows the recorded cameras, with its cameras in the recorded order.
 
@@ -47,18 +58,21 @@ def find_calibration(
         recorded: names of the recorded cameras.
         unit: length unit of the calibration, see ``read_calibration``.
         up_axis: axis of its world that points up.
+        names: calibrated names of recorded cameras whose own names do not say them.
 
     Raises:
         CalibrationMissing: there is none.
+        JobInvalid: one of ``names`` is of no recorded camera.
         CalibrationMismatch: there are some, all for other cameras; names both.
         CalibrationInvalid, FileDamaged: a nearer one is bad, or the only files that could be one are damaged.
     """
+    called = _called(recorded, names or {})
     others: list[Calibration] = []
     damaged: list[MocapError] = []
     for folder in _folders(root):
         found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
         for calibration in found:
-            order = match_names(recorded, calibration.cameras.names)
+            order = match_names(called, calibration.cameras.names)
             if order is not None:
                 return ordered(calibration, order, recorded)
         others += found
@@ -79,8 +93,19 @@ def find_calibration(
         f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
         f"{listing(others[0].cameras.names)}.",
         where=str(others[0].source),
-        hint="Name the cameras alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
+        hint=f"Say which is which: --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
+        "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
     )
+
+
+def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
+    """Return recorded names, or the calibrated ones that the user gave for them."""
+    unknown = [name for name in names if name not in recorded]
+    if unknown:
+        raise JobInvalid(
+            f"No recorded camera is called {listing(unknown)}.", where="camera", hint=f"They are {listing(recorded)}."
+        )
+    return [names.get(name, name) for name in recorded]
 
 
 def _folders(root: Path) -> Iterator[Path]:

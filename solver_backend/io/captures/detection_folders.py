@@ -9,8 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import TooFewViews
-from solver_backend.io.calibration.as_meant import as_meant, in_persons_unit
+from solver_backend.exchange.time_settings import calibrated_names
+from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import find_calibration, levels_above
+from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.own_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
@@ -20,7 +22,7 @@ from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
-from solver_backend.io.recognition.start_times import bring_to_one_time, reads_apart
+from solver_backend.io.recognition.start_times import reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.person_selection import select_people
 from solver_backend.types import Capture, PersonInViews
@@ -43,7 +45,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     Raises:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
         KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
-        FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_one_time``.
+        FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_agreement``.
         TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
     """
     sources = camera_sources(root)
@@ -55,7 +57,9 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         )
     levels = levels_above(root)
     config = read_config(levels)
-    calibration = find_calibration(root, tuple(sources), unit=options.unit, up_axis=options.up_axis)
+    calibration = find_calibration(
+        root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera)
+    )
     detections = read_detections(
         sources,
         joint_set=options.joint_set,
@@ -69,10 +73,11 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
-    in_time = bring_to_one_time(calibration.cameras, detections, rate, options)
+    stated = [None if header is None else header.fps for header in videos]
+    agreeing = bring_to_agreement(calibration, detections, rate, stated, options)
+    in_time, calibration = agreeing.in_time, agreeing.calibration
     detections = in_time.detections
-    if not options.as_calibrated:
-        calibration = as_meant(calibration, detections, options.up_axis)
+    footage = tuple(None if moved else path for path, moved in zip(footage, agreeing.resampled, strict=True))
     calibration, to_plausible = in_persons_unit(
         calibration, detections, keep=options.as_calibrated or options.scale != 1.0
     )
@@ -86,6 +91,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         calibration.problems,
         detections.problems,
         rate_problems,
+        agreeing.problems,
         length_problems,
         in_time.problems,
         person.problems,

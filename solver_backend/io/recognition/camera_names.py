@@ -30,13 +30,15 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
     Names are compared by ``name_key``; where that fails, by the part of the recorded name that reads like a camera
     (``Static_cam_01`` -> ``cam_01``), by what is left of names when what all of them share is dropped (``trial1_A`` and
     ``trial1_B``: ``A`` and ``B``; ``camA``: ``A``), and by the one recorded name that has a calibrated name among its
-    words (``Walk_Miqus_1_28984`` -> ``28984``). Each way must give every recorded camera a calibration of its own.
+    words (``Walk_Miqus_1_28984`` -> ``28984``); each also the other way (``A`` -> ``camA``). Each way must give every
+    recorded camera a calibration of its own.
     """
     for read_recorded, read_calibrated in _WAYS:
         wanted, keys = read_recorded(recorded), read_calibrated(calibrated)
         if len(set(wanted)) == len(wanted) and all(keys.count(key) == 1 for key in wanted):
             return [keys.index(key) for key in wanted]
-    return _by_contained_names(recorded, calibrated)
+    inside = _by_contained_names(recorded, calibrated)
+    return _by_containing_names(recorded, calibrated) if inside is None else inside
 
 
 def _name_keys(names: Sequence[str]) -> list[tuple[str, ...]]:
@@ -82,12 +84,21 @@ def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> l
     return found if len(set(found)) == len(found) else None
 
 
+def _by_containing_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
+    """Return the index of the one calibrated name that has each recorded name's words side by side."""
+    found = _by_contained_names(calibrated, recorded) if len(calibrated) == len(recorded) else None
+    return None if found is None else [found.index(i) for i in range(len(recorded))]
+
+
 def _camera_part(name: str) -> tuple[str, ...]:
     found = _CAMERA.findall(name)
     return name_key(found[-1]) if found else name_key(name)
 
 
-_WAYS = ((_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys))
+_WAYS = (
+    (_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys),
+    (_camera_parts, _camera_parts), (_name_keys, _distinct_parts), (_distinct_parts, _distinct_parts),
+)  # fmt: skip
 """How recorded and calibrated names are read to be compared, the strictest first."""
 
 

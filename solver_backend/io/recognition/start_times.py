@@ -59,8 +59,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         NotSynchronised: synchronisation is required, and the views do not confirm any.
         FrameCountMismatch: the cameras' frames differ and nothing tells which belong together.
     """
-    firsts = np.array(detections.first_frames or [detections.first_frame] * len(cameras))
-    numbered = np.zeros(len(cameras), int) if options.by_order else firsts[0] - firsts
+    numbered = _numbered(detections, options)
     given = _given_offsets(detections.cameras, options.offset)
     if given is not None:
         words = tuple(f"{name} started {_late(by)}, as given." for name, by in _named(detections, given))
@@ -121,6 +120,23 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     late = [row - found.first_rows[0] for row in found.first_rows]
     pictures = [picture + by for picture, by in zip(cut.footage_first, late, strict=False)]
     return replace(cut, keypoints=moved[solved], people=people, footage_first=tuple(pictures))
+
+
+def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
+    """Return the rows that belong together by the numbers of the frames, whether they do or not.
+
+    Args: those of ``bring_to_one_time``.
+    """
+    offsets = _numbered(detections, options)
+    lengths = np.array(detections.lengths or [detections.num_frames] * len(offsets))
+    first, stop = common_rows(offsets, lengths)
+    return align_rows(detections, offsets, first, stop) if stop > first else detections
+
+
+def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
+    """Return (C,) offsets that the numbers of the frames say."""
+    firsts = np.array(detections.first_frames or [detections.first_frame] * len(detections.cameras))
+    return np.zeros(len(firsts), int) if options.by_order else firsts[0] - firsts
 
 
 _REMEDY = "None is moved: give --offset CAMERA=FRAMES, or --sync off if they started together."

@@ -1,0 +1,114 @@
+"""Cameras and detections that agree: calibrations as they are meant, one frame rate, and rows of one moment."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.camera_corrections import corrected
+from solver_backend.exchange.solve_settings import SYNC_OFF
+from solver_backend.io.calibration.as_meant import KEEP, as_meant
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.people.detections import Detections
+from solver_backend.people.resampled import at_one_rate
+from solver_backend.people.unlike_views import ViewReading, explain_unlike, views_match
+
+OTHER_RATE = 0.01
+"""Share by which frame rates differ that are not the same: 59.94 is 60."""
+
+
+@dataclass(frozen=True)
+class Agreeing:
+    """What a recording is solved from."""
+
+    calibration: Calibration
+    """As it is meant."""
+    in_time: InTime
+    """Detections at moments that cameras recorded together."""
+    resampled: tuple[bool, ...]
+    """Of each camera, whether its rows are no longer the frames of its video."""
+    problems: tuple[str, ...] = ()
+    """What was done to frame rates."""
+
+
+def bring_to_agreement(
+    calibration: Calibration, detections: Detections, fps: float, rates: Sequence[float | None], options: ReadOptions
+) -> Agreeing:
+    """Return calibration and detections that agree as far as anything explains why they do not.
+
+    Cameras that match as they are stay. Else the calibration is read as the views in step show; else other frame rates
+    and readings are tried at all offsets. Offsets are found last.
+
+    Args:
+        calibration: of C cameras.
+        detections: of the same, each from its own first frame where frames differ.
+        fps: frames a second of the take.
+        rates: (C,) frames a second that the videos state, None where they state nothing.
+        options: how the capture is read.
+
+    Raises:
+        JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
+    """
+    ratios, problems = np.ones(len(detections.cameras)), ()
+    searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
+    if not views_match(calibration.cameras, detections):
+        ratios = _stated_ratios(rates, fps)
+        if searched and (ratios == 1).all():
+            calibration, ratios = _explained(calibration, detections, options)
+        if (ratios != 1).any():
+            detections, problems = at_one_rate(detections, ratios.tolist()), _said(detections, ratios, fps)
+    in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
+    if not options.as_calibrated:
+        calibration = as_meant(calibration, in_time.detections, options.up_axis)
+    return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), problems)
+
+
+def _stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
+    ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
+    differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
+    return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
+
+
+def _explained(
+    calibration: Calibration, detections: Detections, options: ReadOptions
+) -> tuple[Calibration, np.ndarray]:
+    """Return the calibration, and frames of each camera for one of the take, under which all views match."""
+    ratios = np.ones(len(detections.cameras))
+    in_step = as_meant(calibration, as_numbered(detections, options), options.up_axis)
+    if in_step is not calibration:
+        return in_step, ratios
+    to_world = rotation_to_z_up(options.up_axis or "z")
+    in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
+    readings = explain_unlike(in_file, detections)
+    if readings is None:
+        return calibration, ratios
+    if (said := _corrected(detections.cameras, readings)) is not None:
+        cameras = corrected(in_file, [reading.correction for reading in readings])
+        cameras = replace(cameras, R=cameras.R @ to_world.T)
+        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, said))
+    return calibration, np.array([reading.rate for reading in readings])
+
+
+def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> str | None:
+    """Return what was corrected in the calibration, None where nothing was."""
+    meanings: dict[str, list[str]] = {}
+    for name, reading in zip(names, readings, strict=True):
+        if reading.correction.changes:
+            meanings.setdefault(reading.correction.sentence(), []).append(name)
+    if not meanings:
+        return None
+    parts = [f"{meaning} ({', '.join(cameras)})" for meaning, cameras in meanings.items()]
+    return f"The calibration is corrected: {'; '.join(parts)}. As written the views agree at no time. {KEEP}"
+
+
+def _said(detections: Detections, ratios: np.ndarray, fps: float) -> tuple[str, ...]:
+    parts = [f"{n} {r * fps:.4g}" for n, r in zip(detections.cameras, ratios.tolist(), strict=True) if r != 1.0]
+    return (
+        f"Cameras have other frame rates than the take's {fps:.4g} a second: {', '.join(parts)}. Their detections are "
+        "brought to it; their videos are not shown.",
+    )

@@ -1,0 +1,81 @@
+"""Recordings with two faults at once, or cameras of other frame rates, read as one take that fits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.io.load import load_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Capture
+from tests.support.trial_files import mp4_bytes, write_trial
+
+DEMO = demo_capture()
+CAMERAS, KEYPOINTS = DEMO.require_multiview()
+NAMES = CAMERAS.names
+
+
+def write_apart(root: Path, starts: list[int], rates: list[float], factor: float = 1.0) -> None:
+    """Write what cameras recorded that started at these frames, with so many pictures a frame of the demo."""
+    xy, confidence = np.full_like(KEYPOINTS.xy, np.nan), np.zeros_like(KEYPOINTS.confidence)
+    lengths = []
+    for c, (start, rate) in enumerate(zip(starts, rates, strict=True)):
+        at = np.round(np.arange(start, KEYPOINTS.num_frames - 1, 1 / rate)).astype(int)
+        xy[c, : len(at)], confidence[c, : len(at)] = KEYPOINTS.xy[c, at], KEYPOINTS.confidence[c, at]
+        lengths.append(len(at))
+    people = [((xy + 0.5) * factor - 0.5, confidence)]
+    config = "[project]\nframe_rate = 60\n"
+    write_trial(root, cameras=CAMERAS, people=people, lengths=lengths, names=NAMES, calibrated=NAMES, config=config)
+
+
+def median_error_m(capture: Capture, first: int) -> float:
+    """Return how far triangulated points are from the truth, the capture beginning at this frame of the demo."""
+    from solver_backend.cameras.triangulation.triangulate import triangulate
+
+    cameras, keypoints = capture.require_multiview()
+    points = np.asarray(triangulate(cameras, keypoints.xy, keypoints.confidence).points)
+    truth = DEMO.truth["keypoints3d"][first : first + capture.num_frames]
+    return float(np.nanmedian(np.linalg.norm(points[: len(truth)] - truth, axis=-1)))
+
+
+def test_half_size_and_started_apart(tmp_path: Path) -> None:
+    write_apart(tmp_path, [0, 45, 90, 20], [1, 1, 1, 1], factor=0.5)
+    capture = load_capture(tmp_path)
+    assert median_error_m(capture, 90) < 0.03
+    assert any("0.5 times as large" in problem and "--as-calibrated" in problem for problem in capture.problems)
+    assert any("did not start together" in problem for problem in capture.problems)
+
+
+def test_half_size_and_other_lengths(tmp_path: Path) -> None:
+    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
+    for path in sorted((tmp_path / "pose" / f"{NAMES[2]}_json").iterdir())[-7:]:
+        path.unlink()
+    capture = load_capture(tmp_path)
+    assert median_error_m(capture, 0) < 0.03
+    assert any("0.5 times as large" in problem for problem in capture.problems)
+
+
+@pytest.mark.parametrize("filmed", [False, True])
+def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
+    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 0.5])
+    if filmed:
+        (tmp_path / "videos").mkdir()
+        for name, fps, frames in zip(NAMES, (60, 60, 60, 30), (359, 359, 359, 180), strict=True):
+            (tmp_path / "videos" / f"{name}.mp4").write_bytes(mp4_bytes(fps, frames, (1920, 1080)))
+    capture = load_capture(tmp_path)
+    assert capture.fps == 60.0
+    assert capture.num_frames == pytest.approx(KEYPOINTS.num_frames, abs=3)
+    assert median_error_m(capture, 0) < 0.03
+    (said,) = [problem for problem in capture.problems if "frame rates than" in problem]
+    assert f"{NAMES[3]} 30" in said
+    assert [path is not None for path in capture.footage] == [True, True, True, False] * filmed
+
+
+def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
+    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
+    capture = load_capture(tmp_path, as_calibrated=True)
+    assert not any("corrected" in problem for problem in capture.problems)
+    np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)

@@ -1,0 +1,59 @@
+"""Recorded cameras find those of a calibration by what their names have in common, and never two the same."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from solver_backend.exchange.errors import CalibrationMismatch, CaptureNotRecognised, JobInvalid
+from solver_backend.io.load import load_capture
+from solver_backend.io.recognition.camera_names import match_names
+from tests.support.trial_files import mp4_bytes, write_trial
+
+
+@pytest.mark.parametrize(
+    ("recorded", "calibrated"),
+    [
+        ("trial1_cam01 trial1_cam02", "cam_1 cam_2"), ("A B C", "camA camB camC"), ("take1_camA take1_camB", "A B"),
+        ("Walk1_Miqus_1_28984 Walk1_Miqus_2_28985", "28984 28985 30115"), ("28984 28985", "Miqus_28984 Miqus_28985"),
+        ("walk_front walk_back", "front back side"), ("front_walk01 back_walk01", "front back"),
+        ("c1 c2", "Kinect_1 Kinect_2"),
+        ("front back", "cam_front_calib cam_back_calib"), ("cam_left cam_right", "stereo_left stereo_right"),
+        ("take1_camA take1_camB", "cameraA cameraB"), ("Static_cam1 Static_cam2", "walk_cam1 walk_cam2"),
+        ("vid_cam10_take2 vid_cam11_take2", "cam10 cam11"), ("01 02 03", "int_cam1 int_cam2 int_cam3 int_cam4"),
+    ],
+)  # fmt: skip
+def test_names_find_their_cameras(recorded: str, calibrated: str) -> None:
+    names = recorded.split()
+    assert match_names(names, calibrated.split()) == list(range(len(names)))
+    assert match_names(names[::-1], calibrated.split()) == list(range(len(names)))[::-1]
+
+
+@pytest.mark.parametrize(
+    ("recorded", "calibrated"), [("cam0 cam1", "cam1 cam2"), ("C0001 C0002", "left right"), ("A B", "A A1"), ("a", "b")]
+)
+def test_names_that_say_nothing_find_none(recorded: str, calibrated: str) -> None:
+    assert match_names(recorded.split(), calibrated.split()) is None
+
+
+def test_cameras_are_named_by_hand_where_names_say_nothing(tmp_path: Path) -> None:
+    names = ("C0001", "C0002", "C0003", "C0004")
+    write_trial(tmp_path, names=names, calibrated=("left", "right", "door", "wall"))
+    with pytest.raises(CalibrationMismatch, match=r"--camera C0001=left"):
+        load_capture(tmp_path)
+    pairs = ("C0001=left", "C0002=right", "C0003=door", "C0004=wall")
+    assert load_capture(tmp_path, camera=pairs).require_multiview()[0].names == ("left", "right", "door", "wall")
+    with pytest.raises(JobInvalid, match="No recorded camera is called C9"):
+        load_capture(tmp_path, camera=("C9=left",))
+    with pytest.raises(JobInvalid, match="RECORDED=CALIBRATED"):
+        load_capture(tmp_path, camera=("C0001",))
+
+
+@pytest.mark.parametrize("places", [("a.mp4", "b.mp4"), ("a/take.mp4", "b/take.mp4")])
+def test_folders_of_videos_are_called_so(tmp_path: Path, places: tuple[str, ...]) -> None:
+    for place in places:
+        (tmp_path / place).parent.mkdir(exist_ok=True)
+        (tmp_path / place).write_bytes(mp4_bytes(30, 10, (640, 480)))
+    with pytest.raises(CaptureNotRecognised, match=r"videos or pictures of 2 cameras.*from-videos"):
+        load_capture(tmp_path)

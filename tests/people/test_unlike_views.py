@@ -1,0 +1,107 @@
+"""Cameras of other rates, and calibrations meant otherwise, are found where cameras started apart as well."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.camera_corrections import CameraCorrection
+from solver_backend.people.detections import Detections
+from solver_backend.people.resampled import at_one_rate
+from solver_backend.people.unlike_views import explain_unlike, views_match
+from solver_backend.synthesis.embedded.demo import demo_capture
+
+CAMERAS, KEYPOINTS = demo_capture().require_multiview()
+COUNT = len(CAMERAS)
+
+
+def recorded(starts: list[int], rates: list[float]) -> Detections:
+    """Return the demo by cameras that started at these frames and took so many pictures a frame of the demo."""
+    xy = np.full((COUNT, 2 * KEYPOINTS.num_frames, 1, *KEYPOINTS.xy.shape[2:]), np.nan, np.float32)
+    confidence, lengths = np.zeros(xy.shape[:-1], np.float32), []
+    for c, (start, rate) in enumerate(zip(starts, rates, strict=True)):
+        at = np.arange(start, KEYPOINTS.num_frames - 1, 1 / rate)
+        row, share = np.floor(at).astype(int), (at % 1)[:, None, None]
+        xy[c, : len(at), 0] = (1 - share) * KEYPOINTS.xy[c, row] + share * KEYPOINTS.xy[c, row + 1]
+        confidence[c, : len(at), 0] = np.minimum(KEYPOINTS.confidence[c, row], KEYPOINTS.confidence[c, row + 1])
+        lengths.append(len(at))
+    confidence[np.isnan(xy).any(-1)] = 0.0
+    most = max(lengths)
+    return Detections(
+        CAMERAS.names, xy[:, :most], confidence[:, :most], KEYPOINTS.joint_set, first_frames=(0,) * COUNT,
+        lengths=tuple(lengths),
+    )  # fmt: skip
+
+
+def half(seen: Detections, chosen: list[int]) -> Detections:
+    xy = seen.xy.copy()
+    xy[chosen] = (xy[chosen] + 0.5) / 2 - 0.5
+    return replace(seen, xy=xy)
+
+
+@pytest.mark.parametrize(
+    ("starts", "rates"),
+    [([0, 0, 0, 0], [1, 1, 0.5, 0.5]), ([0, 45, 90, 20], [1, 5 / 6, 1, 1]), ([60, 0, 0, 9], [0.5, 0.5, 0.5, 1])],
+)
+def test_other_frame_rates_are_found(starts: list[int], rates: list[float]) -> None:
+    readings = explain_unlike(CAMERAS, recorded(starts, rates))
+    assert readings is not None
+    found = np.array([reading.rate for reading in readings])
+    # Of two and two, either may be the rate of the take.
+    np.testing.assert_allclose(found / found[0], np.array(rates) / rates[0], rtol=1e-3)
+    assert not any(reading.correction.changes for reading in readings)
+
+
+def test_pictures_of_another_size_are_found_whenever_cameras_started() -> None:
+    seen = recorded([0, 45, 90, 20], [1, 1, 1, 1])
+    readings = explain_unlike(CAMERAS, half(seen, [0, 1, 2, 3]))
+    assert readings is not None
+    assert {reading.correction for reading in readings} == {CameraCorrection(factor=0.5)}
+    readings = explain_unlike(CAMERAS, half(seen, [2]))
+    assert readings is not None
+    assert [reading.correction.factor for reading in readings] == [1, 1, 0.5, 1]
+
+
+def test_matching_views_stay_as_they_are() -> None:
+    for starts in ([0, 0, 0, 0], [0, 45, 90, 20]):
+        assert views_match(CAMERAS, recorded(starts, [1, 1, 1, 1]))
+        assert explain_unlike(CAMERAS, recorded(starts, [1, 1, 1, 1])) is None
+
+
+def test_what_nothing_explains_stays() -> None:
+    seen = recorded([0, 0, 0, 0], [1, 1, 1, 1])
+    xy = seen.xy.copy()
+    xy[1] = np.random.default_rng(0).uniform(0, 1000, xy[1].shape)
+    assert not views_match(CAMERAS, replace(seen, xy=xy))
+    assert explain_unlike(CAMERAS, replace(seen, xy=xy)) is None
+
+
+def test_a_person_who_stands_still_tells_nothing() -> None:
+    seen = recorded([0, 0, 0, 0], [1, 1, 1, 1])
+    still = replace(seen, xy=np.repeat(seen.xy[:, :1], seen.num_frames, axis=1))
+    assert views_match(CAMERAS, still)
+
+
+def test_detections_are_brought_to_one_rate_between_frames() -> None:
+    seen = recorded([0, 0, 0, 0], [1, 1, 1, 0.5])
+    moved = at_one_rate(seen, [1.0, 1.0, 1.0, 0.5])
+    np.testing.assert_array_equal(moved.xy[:3], seen.xy[:3])
+    rows = np.arange(0, 300, 2)
+    np.testing.assert_allclose(moved.xy[3, rows], seen.xy[3, rows // 2], atol=1e-3)
+    between = moved.xy[3, rows + 1]
+    known = np.isfinite(between).all(-1) & np.isfinite(KEYPOINTS.xy[3, rows + 1, :][:, None]).all(-1)
+    off = np.linalg.norm(between - KEYPOINTS.xy[3, rows + 1][:, None], axis=-1)[known]
+    assert np.median(off) < 8.0, "about the detector's noise"
+    assert moved.lengths[3] == pytest.approx(KEYPOINTS.num_frames, abs=3)
+
+
+def test_people_who_change_places_in_the_list_are_not_mixed() -> None:
+    seen = recorded([0, 0, 0, 0], [1, 1, 1, 0.5])
+    two = np.concatenate([seen.xy, seen.xy + 500.0], axis=2)
+    two[3, 1::2] = two[3, 1::2, ::-1]
+    moved = at_one_rate(replace(seen, xy=two, confidence=np.repeat(seen.confidence, 2, axis=2)), [1.0, 1.0, 1.0, 0.5])
+    given = {round(float(x), 1) for x in two[3, ..., 0].ravel() if np.isfinite(x)}
+    found = moved.xy[3, :300, ..., 0].ravel()
+    assert all(round(float(x), 1) in given for x in found[np.isfinite(found)])
