@@ -1,7 +1,7 @@
 """Anatomical angles of a hand: what each one means, and what they are in a hand of given points.
 
 Every segment of a finger has a frame: x along the bone, y out of the back of the hand, z = x × y. Angles turn a joint
-by ``R = Rz(-flexion) Ry(σ spread) Rx(σ twist)``, σ = 1 at a right hand and -1 at a left one: mirror images have the same
+by ``R = Rz(-flexion) Ry(σ spread) Rx(σ twist)``, σ = 1 at a right hand and -1 at a left one: mirror images have equal
 angles.
 """
 
