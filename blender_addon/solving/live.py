@@ -136,7 +136,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/file-formats.md)."""
+    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
