@@ -21,7 +21,7 @@ from ..errors import TakeMissing
 
 
 @dataclass(frozen=True)
-class FrameRange:
+class SceneRange:
     """A range of a take's frames, in scene frames."""
 
     action: bpy.types.Action
@@ -32,7 +32,7 @@ class FrameRange:
     """Scene frame and ``pinned_values`` of each pinned pose."""
 
 
-def resolve_of(frames: FrameRange) -> Resolve:
+def resolve_of(frames: SceneRange) -> Resolve:
     """Return the part of a job that solves a frame range again; pins outside it are left out.
 
     Raises:

@@ -17,7 +17,7 @@ from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..review.pinning import FrameRange, resolve_of
+from ..review.pinning import SceneRange, resolve_of
 from ..solving.take_paths import TakeFiles, capture_folder, next_take
 from .locations import files_folder, usable
 
@@ -35,7 +35,7 @@ class SolveRequest:
     """One of the scene's captures."""
     person: int
     """Index of one of its people."""
-    frames: FrameRange | None
+    frames: SceneRange | None
     """A range to solve again, None for the whole take."""
 
 
@@ -54,7 +54,7 @@ class CheckedFiles:
 
 def prepare_job(
     scene: bpy.types.Scene,
-    frames: FrameRange | None,
+    frames: SceneRange | None,
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:
