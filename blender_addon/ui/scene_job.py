@@ -10,7 +10,7 @@ import bpy
 
 from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
-from .._exchange.job_file import JobFile, Resolve
+from .._exchange.job_file import JobFile, JobRange
 from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
@@ -48,7 +48,7 @@ class CheckedFiles:
     """Of the calibrated person, None where markers are calibrated on the take itself."""
     noise: Path | None
     """Of the detector's noise, None for none."""
-    resolve: Resolve | None
+    resolve: JobRange | None
     """What is solved again, None for the whole take."""
 
 
