@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import ON_BONE
-from solver_backend.fitters.marker_calibration.calibrate import Calibration
+from solver_backend.fitters.marker_calibration.calibrate import SubjectCalibration
 from solver_backend.fitters.model.subject import pose
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
@@ -30,7 +30,7 @@ def off_place(places: tuple[str, ...], distance: np.ndarray) -> list[int]:
     return sorted(far, key=lambda m: -distance[m])
 
 
-def distances(found: Calibration, points: np.ndarray) -> np.ndarray:
+def distances(found: SubjectCalibration, points: np.ndarray) -> np.ndarray:
     """Return (M,) metres: each marker's offset from its place, and its median residual where it moves otherwise.
 
     Args:
