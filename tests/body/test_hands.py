@@ -4,16 +4,24 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy.spatial.transform import Rotation
 
 from solver_backend.body.body import DEFAULT_BODY, load_body
 from solver_backend.body.files.smpl_files import load_smpl_file
-from solver_backend.body.finger_frames import finger_frames, palm_axes
+from solver_backend.body.hand_angles import ANGLES, measure_angles
+from solver_backend.body.hand_on_body import (
+    finger_rotations,
+    hand_landmarks,
+    hand_points,
+    rest_angles,
+    tip_vertices,
+)
 from solver_backend.body.hands import FIRST_FINGER, load_body_with_hands, with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.hand_points import HAND_POINTS
 from solver_backend.geometry.rotations import exp_so3
 from tests.body.oracle import model, state
 from tests.support.stick_body import stick_body
@@ -26,10 +34,17 @@ def hands():
     return load_body_with_hands()
 
 
-def bend(hands, flexion, abduction=0.0):
-    """Return (1, 51, 3, 3) rotations with every finger joint turned alike, radians."""
-    vectors = finger_frames(hands).axes @ np.array([flexion, abduction, 0.0])
-    return np.concatenate([np.tile(np.eye(3), (1, SMPL.num_solved, 1, 1)), exp_so3(vectors)[None]], axis=1)
+def posed(hands, **degrees):
+    """Return (1, 51, 3, 3) rotations with these kinds of angles of both hands added to those at rest."""
+    angles = rest_angles(hands)[None].copy()
+    for kind, value in degrees.items():
+        angles[:, :, [kind in name and "thumb" not in name for name in ANGLES]] += np.radians(value)
+    body = np.tile(np.eye(3), (1, SMPL.num_solved, 1, 1))
+    return np.concatenate([body, finger_rotations(hands, angles)], axis=1)
+
+
+def skin_of(hands, local):
+    return pose_mesh(hands, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3)))[0]
 
 
 def test_without_turned_fingers_the_skin_is_that_of_the_body_without_finger_joints(hands):
@@ -71,25 +86,38 @@ def test_finger_joints_lie_inside_the_skin_of_small_and_large_people(hands, beta
     assert nearest.min() > 0.003 and nearest.max() < 0.02
 
 
-def test_flexion_brings_fingertips_to_the_palm_and_abduction_towards_the_thumb(hands):
-    frames, still = finger_frames(hands), (np.zeros(10), np.eye(3)[None])
-    at_rest = frames.tips
-    fist = pose_mesh(hands, *still, bend(hands, 1.0), np.zeros((1, 3)))[0, frames.tip_vertices]
-    joints = hands.joints_template
-    for side, rows in (("left", slice(0, 4)), ("right", slice(5, 9))):
-        middle = joints[SMPL_HANDS.joints.index(f"{side}_middle1")]
-        closer = np.linalg.norm(at_rest[rows] - middle, axis=1) - np.linalg.norm(fist[rows] - middle, axis=1)
-        assert closer.min() > 0.01
-        aside = pose_mesh(hands, *still, bend(hands, 0.0, 0.2), np.zeros((1, 3)))[0, frames.tip_vertices[rows]]
-        moved = (aside - at_rest[rows]) @ palm_axes(joints, side)[2]
-        assert moved.min() > 0.005
-    np.testing.assert_allclose(fist[5:], fist[:5] * FLIP, atol=1e-6)
+def test_flexion_brings_fingertips_to_the_palm_and_spread_towards_the_thumb(hands):
+    fist, spread = skin_of(hands, posed(hands, flexion=55)), skin_of(hands, posed(hands, mcp_spread=12))
+    for side in range(2):
+        points, tips = hand_points(hands, side), tip_vertices(hands)[side]
+        middle, at_rest = points[HAND_POINTS.index("middle_mcp")], hands.v_template[tips]
+        closer = np.linalg.norm(at_rest - middle, axis=1) - np.linalg.norm(fist[tips] - middle, axis=1)
+        assert closer[1:].min() > 0.01
+        assert ((spread[tips] - at_rest)[1:] @ (points[5] - points[17])).min() > 0.005 * 0.05
+    np.testing.assert_allclose(fist[tip_vertices(hands)[1]], fist[tip_vertices(hands)[0]] * FLIP, atol=1e-6)
 
 
 def test_rest_is_a_hand_that_is_slightly_bent_at_every_joint(hands):
-    bent = np.degrees(finger_frames(hands).bent)
-    assert (bent[[0, 1, 3, 4, 6, 7, 9, 10]] > 10).all() and bent.max() < 50
-    np.testing.assert_allclose(bent[15:], bent[:15], atol=1e-4)
+    angles = dict(zip(ANGLES, np.degrees(rest_angles(hands).T), strict=True))
+    for name, values in angles.items():
+        assert values[0] == pytest.approx(values[1], abs=1e-3)
+        assert not name.endswith(("mcp_flexion", "pip_flexion")) or 5 < values[0] < 50, name
+    np.testing.assert_allclose(posed(hands), np.tile(np.eye(3), (1, 51, 1, 1)), atol=1e-6)
+
+
+def test_hand_landmarks_are_the_posed_joints_and_tips(hands):
+    rng = np.random.default_rng(3)
+    state = (rng.normal(size=10), exp_so3(rng.normal(size=(2, 3))))
+    local, transl = exp_so3(0.3 * rng.normal(size=(2, 51, 3))), rng.normal(size=(2, 3))
+    joints = forward_kinematics(hands, *state, local, transl).joints
+    skin = pose_mesh(hands, *state, local, transl, correctives=False)
+    for side, name in enumerate(("left", "right")):
+        landmarks = hand_landmarks(hands, side)
+        found = pose_landmarks(hands, landmarks, *state, local, transl).points
+        assert landmarks.names[0] == f"{name}_wrist" and landmarks.names[8] == f"{name}_index_tip"
+        np.testing.assert_allclose(found[:, 5], joints[:, SMPL_HANDS.joints.index(f"{name}_index1")], atol=1e-9)
+        np.testing.assert_allclose(found[:, 19], joints[:, SMPL_HANDS.joints.index(f"{name}_pinky3")], atol=1e-9)
+        np.testing.assert_allclose(found[:, 4::4], skin[:, tip_vertices(hands)[side]], atol=1e-9)
 
 
 def test_larger_hands_grow_from_the_wrist(hands):
@@ -100,7 +128,7 @@ def test_larger_hands_grow_from_the_wrist(hands):
         grown[middle], 0.1 * (hands.joints_template[middle] - hands.joints_template[wrist]), atol=2e-5
     )
     assert np.abs(grown[:FIRST_FINGER]).max() < 2e-4
-    tips = finger_frames(hands).tip_vertices
+    tips = tip_vertices(hands).ravel()
     lengths = [
         np.linalg.norm(body.v_template[tips] - body.joints_template[[20] * 5 + [21] * 5], axis=1)
         for body in (large, hands)
@@ -131,12 +159,14 @@ def test_a_body_without_fingers_is_refused():
         with_fingers(stick_body())
 
 
-def test_pinky_bends_as_far_as_a_rotation_says(hands):
-    local = bend(hands, 0.0)
-    j = SMPL_HANDS.joints.index("right_pinky2")
-    turn = Rotation.from_rotvec(0.7 * finger_frames(hands).axes[j - FIRST_FINGER, :, 0]).as_matrix()
-    local[0, j - 1] = turn
-    posed = forward_kinematics(hands, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3))).joints[0]
-    bones = [np.diff(joints[[j - 1, j, j + 1]], axis=0) for joints in (hands.joints_template, posed)]
-    angles = [np.arccos(a @ b / np.linalg.norm(a) / np.linalg.norm(b)) for a, b in bones]
-    assert angles[1] - angles[0] == pytest.approx(0.7, abs=0.02)
+def test_angles_of_a_posed_hand_are_those_that_posed_it(hands):
+    rng = np.random.default_rng(5)
+    angles = rest_angles(hands)[None] + 0.25 * rng.normal(size=(4, 2, len(ANGLES)))
+    angles[:, :, ANGLES.index("thumb_cmc_twist")] = 0.0
+    local = np.concatenate([np.tile(np.eye(3), (4, 21, 1, 1)), finger_rotations(hands, angles)], axis=1)
+    still = (np.zeros(10), np.tile(np.eye(3), (4, 1, 1)), local, np.zeros((4, 3)))
+    for side in range(2):
+        landmarks = hand_landmarks(hands, side)
+        points = pose_landmarks(hands, landmarks, *still).points
+        of_joints = [i for i, name in enumerate(ANGLES) if not name.endswith(("dip_flexion", "ip_flexion"))]
+        np.testing.assert_allclose(measure_angles(points, side)[:, of_joints], angles[:, side][:, of_joints], atol=1e-3)

@@ -14,7 +14,7 @@ from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.camera_names import listing, name_key
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.frame_numbers import different_frames
-from solver_backend.people.camera_starts import CameraStarts, Evidence, find_starts
+from solver_backend.people.camera_starts import CameraStarts, StartEvidence, find_starts
 from solver_backend.people.common_time import align_rows, common_rows
 from solver_backend.people.detections import Detections
 from solver_backend.types import Cameras, Capture, stacked_hands
@@ -68,10 +68,10 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     if options.sync == SYNC_OFF:
         return _aligned(detections, numbered, options, (), ())
     found = find_starts(cameras, detections, fps, numbered)
-    if found.evidence is Evidence.APART:
+    if found.evidence is StartEvidence.APART:
         if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
             return _moved(detections, found, numbered, options)
-    elif found.evidence is not Evidence.IN_STEP:
+    elif found.evidence is not StartEvidence.IN_STEP:
         why = _doubt(detections, found)
         if options.sync == SYNC_ON:
             raise NotSynchronised(
@@ -79,8 +79,8 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
             )
         if detections.first_frames and not (options.trim or options.by_order):
             raise different_frames(_spans(detections), why)
-        notes, problems = ((why,), ()) if found.evidence is Evidence.STILL else ((), (f"{why} {_REMEDY}",))
-        silent = found.evidence is Evidence.STILL and len(found.doubtful) < len(cameras)
+        notes, problems = ((why,), ()) if found.evidence is StartEvidence.STILL else ((), (f"{why} {_REMEDY}",))
+        silent = found.evidence is StartEvidence.STILL and len(found.doubtful) < len(cameras)
         return _aligned(detections, numbered, options, () if silent else notes, problems)
     return _aligned(detections, numbered, options, (), ())
 
@@ -154,7 +154,7 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
 def _doubt(detections: Detections, found: CameraStarts) -> str:
     """Return why nothing was moved, for a person."""
     names = listing(detections.cameras[c] for c in found.doubtful)
-    if found.evidence is Evidence.STILL:
+    if found.evidence is StartEvidence.STILL:
         return (
             f"Whether {names} started with the others is unknown: too little moves there, or the views agree at no "
             "offset."
