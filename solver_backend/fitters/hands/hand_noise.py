@@ -1,4 +1,4 @@
-"""How far the points of a hand may miss its detections: the detector's noise, small hands, and another person's bones."""
+"""How far the points of a hand may miss its detections: the detector's noise, small hands, other people's bones."""
 
 from __future__ import annotations
 

@@ -27,7 +27,7 @@ INFORMED = 0.7
 CALIBRATION = 1.0
 """Share of the inflated posterior's variance that is found; see ``keyframes/posterior``."""
 CONSTANT_M = 0.004
-"""Standard deviation per axis of what does not average out: other people's bones, the calibration, a detector's bias."""
+"""Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
 
 
 @dataclass(frozen=True)

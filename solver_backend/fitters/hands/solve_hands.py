@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_of_body import hand_of_body
+from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
@@ -80,7 +80,7 @@ def solve_hands(
     views = sorted_hands.views
     seen = [side for side in range(2) if (views.confidence[:, :, side] > 0).any()]
     located = {side: _located(views, side) for side in seen}
-    skeletons = hand_of_body(body, betas, 0), hand_of_body(body, betas, 1)
+    skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
     sizes = [hand_size(skeletons[side], located[side].points) for side in seen]
     size = float(np.mean(sizes)) if sizes else 1.0
     skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)

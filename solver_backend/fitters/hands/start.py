@@ -58,7 +58,7 @@ def initial_keys(
     far = near + 1e-3 / (1.0 + np.abs(layout.key_times[:, None] - frames) / spacing) ** 2
     mean = (far @ relative.reshape(len(points), 9)).reshape(-1, 3, 3) + 1e-6 * np.eye(3)
     keys = np.zeros((layout.num_keys, DOF))
-    keys[:, TURN] = log_so3(_nearest_rotations(mean))
+    keys[:, TURN] = log_so3(nearest_rotations(mean))
     angles = np.clip(measure_angles(points, skeleton.side), prior.low, prior.high)
     keys[:, FINGERS] = _means(near, angles, prior.mean)
     shift = points[:, 0] - wrist.places
@@ -68,7 +68,7 @@ def initial_keys(
 
 
 def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, 3, 3) rotations from rest to the world that fit the palm (Kabsch 1976), and (F,) where it is located."""
+    """Return (F, 3, 3) rotations from rest to the world that fit the palm (Kabsch 1976), and (F,) where located."""
     palm, rest = points[:, PALM], skeleton.points_at_rest[list(PALM)]
     seen = np.isfinite(palm).all(-1)
     located = (seen.sum(1) >= LEAST_PALM) & seen[:, 0]
@@ -78,7 +78,7 @@ def palm_turns(skeleton: HandSkeleton, points: np.ndarray) -> tuple[np.ndarray, 
     there = np.where(weight, rest, 0.0)
     here = np.where(weight, here - here.sum(1, keepdims=True) / count, 0.0)
     there = np.where(weight, there - there.sum(1, keepdims=True) / count, 0.0)
-    return _nearest_rotations(np.swapaxes(here, 1, 2) @ there + 1e-12 * np.eye(3)), located
+    return nearest_rotations(np.swapaxes(here, 1, 2) @ there + 1e-12 * np.eye(3)), located
 
 
 def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.ndarray:
@@ -88,7 +88,7 @@ def _means(near: np.ndarray, values: np.ndarray, otherwise: np.ndarray) -> np.nd
     return (near @ np.where(known, values, 0.0) + least * otherwise) / (weight + least)
 
 
-def _nearest_rotations(matrices: np.ndarray) -> np.ndarray:
+def nearest_rotations(matrices: np.ndarray) -> np.ndarray:
     """Return the (n, 3, 3) rotations nearest to matrices."""
     U, _, V_T = np.linalg.svd(matrices)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ V_T))[..., None]

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.body.hand_of_body import hand_of_body, in_order_of_points
+from solver_backend.body.hand_on_body import by_finger, hand_of_shape
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL_HANDS
@@ -94,10 +94,10 @@ def errors_of(take: HandTake, motion: Motion) -> HandErrors:
     keypoints = take.capture.keypoints
     assert keypoints is not None and keypoints.hands is not None and motion.joint_covariance is not None
     for side, name in enumerate(SIDES):
-        hand = hand_of_body(body, motion.betas, side).scaled(size)
+        hand = hand_of_shape(body, motion.betas, side).scaled(size)
         columns, wrist = list(SMPL_HANDS.group(f"{name}_hand")), SMPL_HANDS.joints.index(f"{name}_wrist")
         local = turns[:, np.array(columns) - 1]
-        angles = hand.angles_of(in_order_of_points(local))
+        angles = hand.angles_of(by_finger(local))
         own = hand.sites(hand.pose(angles), hand.keypoints())
         points = motion.joints[:, None, wrist] + (posed.G[:, None, wrist] @ own[..., None])[..., 0]
         truth = take.hands.points[:, side]
@@ -107,7 +107,7 @@ def errors_of(take: HandTake, motion: Motion) -> HandErrors:
         joints = np.delete(np.arange(1, 21), [3, 7, 11, 15, 19])
         from_smpl = points[:, joints] - truth[:, joints]
         covariance = unpacked(motion.joint_covariance[:, columns])
-        ordered = in_order_of_points(covariance).reshape(len(points), 15, 3, 3)
+        ordered = by_finger(covariance).reshape(len(points), 15, 3, 3)
         square = (from_smpl * np.linalg.solve(ordered, from_smpl[..., None])[..., 0]).sum(-1)
         parts.append([
             1000 * np.linalg.norm(points[:, tips] - truth[:, tips], axis=-1)[shown],

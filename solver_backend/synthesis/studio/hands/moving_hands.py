@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.body.hand_of_body import hand_of_body, in_order_of_smpl
+from solver_backend.body.hand_on_body import by_joint, hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
@@ -35,7 +35,7 @@ class MovingHands:
 
     def rotations(self) -> np.ndarray:
         """Return (F, 30, 3, 3) rotations of the finger joints, in SMPL-H's order."""
-        both = [in_order_of_smpl(s.local_rotations(self.angles[:, side])) for side, s in enumerate(self.skeletons)]
+        both = [by_joint(s.local_rotations(self.angles[:, side])) for side, s in enumerate(self.skeletons)]
         return np.concatenate(both, axis=1)
 
 
@@ -53,7 +53,7 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
     body, frames = with_fingers(person.body), len(person.transl)
     prior = load_hand_prior()
     angles = np.stack([_draw(prior, frames, fps, rng) for _ in SIDES], axis=1)
-    skeletons = hand_of_body(body, person.betas, 0), hand_of_body(body, person.betas, 1)
+    skeletons = hand_of_shape(body, person.betas, 0), hand_of_shape(body, person.betas, 1)
     return MovingHands(skeletons, angles, points_of_hands(person, skeletons, angles))
 
 
