@@ -80,15 +80,17 @@ def solve_marker_hand(
     seen = np.isfinite(positions).all(-1)
     sigma = np.full(positions.shape[1], np.hypot(MARKER_SIGMA_M, PLACE_SIGMA_M))
     scale = settings.robust_scale
+    filled = np.where(seen[..., None], positions, 0.0)
+    problem = HandProblem(skeleton, markers.sites, path, PositionTerm(filled, seen / sigma**2), prior, fps)
+    model = KeyModel(problem, layout)
     for number in range(ROUNDS):
-        term = PositionTerm(np.where(seen[..., None], positions, 0.0), seen / sigma**2)
-        model = KeyModel(HandProblem(skeleton, markers.sites, path, term, prior, fps), layout)
         scales = (4 * scale, 2 * scale, scale) if number == 0 else (scale,)
         keys = solve_keys(model, keys, scales, settings.iterations, lambda: None).keys
         if number < ROUNDS - 1:
             offsets = calibrated_offsets(model.problem, frame_states(model, keys), positions, place)
             markers = replace(markers, sites=replace(markers.sites, offset=offsets))
-            sigma = np.full(len(sigma), MARKER_SIGMA_M)
+            term = PositionTerm(filled, seen / MARKER_SIGMA_M**2)
+            model = replace(model, problem=replace(problem, sites=markers.sites, term=term))
     return MarkerHand(markers, model.problem, frame_states(model, keys))
 
 
