@@ -102,11 +102,18 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
 
 def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     add = retarget.add_argument
-    add("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file, or Blender file with a baked body")
-    add("--target", type=Path, required=True, metavar="RIG.blend", help="Blender file with the rig; it is not changed")
+    add("source", type=Path, metavar="SOURCE", help="motion file, or a moving armature (.blend, .fbx, .glb, .bvh)")
+    add(
+        "--target",
+        type=Path,
+        required=True,
+        metavar="RIG",
+        help="the rig (.blend, .fbx, .glb, .vrm); it is not changed",
+    )
     add("--object", default="", metavar="NAME", help="which armature of the target")
     add("--out", type=_blend_file, metavar="OUT.blend", help="file to write; beside the motion, … _retargeted.blend")
-    add("--armature", default="", metavar="NAME", help="which body of a Blender file is the actor")
+    add("--armature", default="", metavar="NAME", help="which armature of the source is the actor")
+    add("--action", default="", metavar="NAME", help="which action of the source it plays; the one that it shows")
     chosen = retarget.add_mutually_exclusive_group()
     chosen.add_argument("--preset", default="", help="preset of the rig's kind; the one that fits")
     chosen.add_argument("--map", type=Path, metavar="MAP.json", help="map of the rig's bones, instead of a preset")

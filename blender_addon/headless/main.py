@@ -145,8 +145,8 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]
     _require_blender()
     request = RetargetRequest(
         options.source, options.target, options.out or _beside(options.source), options.object, options.armature,
-        options.preset, options.map, options.save_map, options.limbs, options.in_place, options.root_motion,
-        options.body, options.scale, options.frame_start, options.overwrite,
+        options.action, options.preset, options.map, options.save_map, options.limbs, options.in_place,
+        options.root_motion, options.body, options.scale, options.frame_start, options.overwrite,
     )  # fmt: skip
     return run_retarget(request, progress)
 

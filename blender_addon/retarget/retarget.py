@@ -74,7 +74,8 @@ def retarget(
         TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not come near where they belong.
         MapInvalid: see ``read_target``. Nothing is changed then.
     """
-    rig = read_target(armature, scene, rig_map, settings.limbs)
+    fingers = {role for hand in actor.hands for role in hand.roles}
+    rig = read_target(armature, scene, rig_map, settings.limbs, fingers)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
     used = RigMap(rig_map.label, rig_map.bones, rig_map.switches, map_pose_values(rig.target, A))
     done = transfer(actor, rig.target, A, settings.transfer)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import bpy
@@ -32,7 +33,9 @@ class TargetRig:
     """What of the map cannot be played, one sentence each."""
 
 
-def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str) -> TargetRig:
+def read_target(
+    armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
+) -> TargetRig:
     """Read a rig by its map; the rig stays as it is.
 
     Args:
@@ -40,6 +43,7 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
         scene: the scene it is in.
         rig_map: with the names of its bones.
         limbs: ``fk`` or ``ik``, what its switches are set to.
+        fingers: roles of the bones of fingers that the motion has; others are left as they are.
 
     Raises:
         TargetUnsuitable: it is no armature, is stretched or flat, goes in a ring, or a control that matters is locked.
@@ -50,8 +54,11 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
     bones = _usable_bones(armature, rig_map, notes)
     switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
     values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
-    posed = [bone for role, bone in bones.items() if not is_of_a_finger(role)]
+    posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
     hanging = hanging_of(armature, scene, posed, values)
+    if stiff := [bone for role, bone in bones.items() if is_of_a_finger(role) and bone in hanging.held]:
+        notes.append(f"Fingers that constraints or drivers hold are left alone: {', '.join(stiff)}.")
+        hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], values)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)
     _check_controls(armature, hanging, role_of, notes)

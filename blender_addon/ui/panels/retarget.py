@@ -1,14 +1,14 @@
-"""Retarget: the body's motion on another character."""
+"""Retarget: the motion of the body, or of another rig, on a character."""
 
 from __future__ import annotations
 
 import bpy
 
-from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose
-from .parts import BodyPanel, draw_next
+from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose, actor_object
+from .parts import MocapPanel, draw_next
 
 
-class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_retarget(MocapPanel, bpy.types.Panel):
     """Laying the motion on a character's rig."""
 
     bl_idname = "VIEW3D_PT_mocap_retarget"
@@ -16,9 +16,18 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
     bl_order = 5
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs an armature that can have a motion."""
+        return bool(bpy.data.armatures)
+
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw target, map and the button."""
+        """Draw actor, target, map and the button."""
         layout, settings = self.layout, context.scene.mocap.retarget
+        layout.prop(settings, "actor")
+        if actor_object(context.scene) is None:
+            draw_next(layout, context, "Choose the armature that has the motion.")
+            return
         layout.prop(settings, "target")
         if settings.target is None:
             draw_next(layout, context, "Choose the character's armature.")
@@ -32,7 +41,7 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
         layout.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
 
 
-class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_rig_table(MocapPanel, bpy.types.Panel):
     """Which bone plays which role."""
 
     bl_idname = "VIEW3D_PT_mocap_rig_table"
@@ -44,7 +53,7 @@ class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a rig that was mapped."""
         settings = context.scene.mocap.retarget
-        return super().poll(context) and settings.target is not None and bool(settings.map_text)
+        return settings.target is not None and bool(settings.map_text)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, to be corrected, and the map pose."""
