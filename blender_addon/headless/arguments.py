@@ -12,7 +12,7 @@ from ..export.formats import FORMATS
 from .exit_codes import EPILOG
 
 _FORMATS = tuple(FORMATS)
-SOLVERS_VERBS = ("solve", "calibrate", "export-markers")
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
 """Verbs whose options are the solver's own."""
 
 
@@ -42,6 +42,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
     retargeted = verb("retarget", "body writing common", "retarget a solved motion to another character's rig")
     _add_retarget_options(retargeted)
+    _add_motion_options(verb("motion", "python common", "bring a clip of another program onto our body"))
     _add_body_options(verb("body", "body common", "write the posable body as an asset"))
     _add_batch_options(
         verb("batch", "body out python common", "solve, bake and export every capture of a folder; resumes")
@@ -124,6 +125,14 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
     way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")
     add("--frame-start", type=int, default=1, metavar="N", help="scene frame of the first frame; 1")
+
+
+def _add_motion_options(motion: argparse.ArgumentParser) -> None:
+    add = motion.add_argument
+    add("clip", type=Path, metavar="CLIP", help="FBX, glTF, VRM, Blender file, BVH, MVNX, C3D segments or AMASS")
+    add("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
+    add("--armature", default="", metavar="NAME", help="which armature of the clip, where several move")
+    add("--action", default="", metavar="NAME", help="which of its actions; the one that it shows")
 
 
 def _add_body_options(body: argparse.ArgumentParser) -> None:

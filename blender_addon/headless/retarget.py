@@ -14,7 +14,7 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
-from ..errors import ActorMissing, TargetUnsuitable
+from ..errors import TargetUnsuitable
 
 if TYPE_CHECKING:
     import bpy
@@ -117,7 +117,7 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
 def _actor(request: RetargetRequest) -> tuple[Actor, tuple[str, ...]]:
     """Return the motion that the source holds, and notes on it."""
     from ..retarget.actor_rig import is_actor, read_actor
-    from ..retarget.clips import play_action
+    from ..retarget.clips import chosen_actor, play_action
     from ..retarget.motion.figures import actor_of_motion
     from ..retarget.recognition import map_rig
     from ..retarget.rig_actor import read_rig_actor
@@ -130,16 +130,7 @@ def _actor(request: RetargetRequest) -> tuple[Actor, tuple[str, ...]]:
         require_body(motion, body)
         return actor_of_motion(motion, body), ()
     scene = open_scene(request.source)
-    rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
-    rigs = {name: rig for name, rig in rigs.items() if is_actor(rig)} or rigs
-    chosen = [request.armature] if request.armature else list(rigs)
-    if len(chosen) != 1 or chosen[0] not in rigs:
-        wanted = (
-            f"There is no armature '{request.armature}' that moves." if request.armature else "One actor is wanted."
-        )
-        hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none'}."
-        raise ActorMissing(wanted, where=str(request.source), hint=hint)
-    rig = rigs[chosen[0]]
+    rig = chosen_actor(scene, request.armature, str(request.source))
     if request.action:
         play_action(rig, request.action)
     if is_actor(rig):

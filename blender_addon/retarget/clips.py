@@ -6,6 +6,7 @@ import bpy
 
 from ..animation.curves import action_curves
 from ..errors import ActorMissing
+from .actor_rig import is_actor
 
 
 def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
@@ -13,6 +14,22 @@ def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
     bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
     actions = sorted(bpy.data.actions, key=lambda action: action.name)
     return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
+
+
+def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
+    """Return the one armature of a scene that moves or, of several, the one with a name; bodies of ours come first.
+
+    Raises:
+        ActorMissing: there is none, or several and no name.
+    """
+    rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
+    rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
+    chosen = [name] if name else list(rigs)
+    if len(chosen) == 1 and chosen[0] in rigs:
+        return rigs[chosen[0]]
+    wanted = f"There is no armature '{name}' that moves." if name else "One actor is wanted."
+    hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none that moves'}."
+    raise ActorMissing(wanted, where=where, hint=hint)
 
 
 def play_action(armature: bpy.types.Object, name: str) -> None:

@@ -7,22 +7,19 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
-from ..animation.curves import current_action
+from .._exchange.rigs.rest_frames import bent_at_rest
 from ..body.body_file import default_body_path, read_body
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
-from ..errors import ActorMissing
-from ..scene.alone import alone
+from ..conventions.timing import TakeTiming, scene_frame_rate
 from .maps.rig_map import RigMap
 from .motion.figures import Actor, Target
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
+from .played_bones import bone_rotations, played_bones, played_frames
 from .rest_bones import stand_at_rest
 
 _UPRIGHT = np.cos(np.radians(30.0))
 """Cosine of how far the rest pose may lean in the scene and still stand on its own floor."""
-_EVEN = 1e-3
-"""Relative difference of scales that is none."""
 _ON_FLOOR = 0.06
 """Height by the leg's length at which soles are on the floor."""
 _LOWEST_SHARE = 2.0
@@ -45,12 +42,8 @@ def read_rig_actor(
         ActorMissing: it plays nothing, has no pelvis, is stretched, or its bones are no numbers.
         MapInvalid: the map does not show left and right.
     """
-    action = current_action(armature)
-    if action is None:
-        raise ActorMissing("The actor plays no action.", where=armature.name, hint="Show one of its actions first.")
-    first, last = action.frame_range
-    times = first + np.arange(1 + int(np.floor(last - first + 0.01)))
-    worlds, poses = _played(armature, scene, times, rig_map)
+    name, times = played_frames(armature)
+    worlds, poses = played_bones(armature, scene, times, stand_at_rest(armature, rig_map, 1.0).names)
     metres = scene.unit_settings.scale_length
     unit_m = metres * float(np.linalg.norm(worlds[0, :3, :3], axis=0).mean())
     rest = stand_at_rest(armature, rig_map, unit_m)
@@ -58,32 +51,10 @@ def read_rig_actor(
     A = map_pose(rest, own_rest, rig_map.map_pose)
     turns, places = _on_stage(worlds, poses, rest, metres)
     fps = scene_frame_rate(scene)
-    actor = actor_of_bones(action.name, rest, A, turns, places, own_rest, fps)
+    actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
-    return actor, TakeTiming(float(first), fps), notes
-
-
-def _played(
-    armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, rig_map: RigMap
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return the object's (F, 4, 4) and the bones' (N, F, 4, 4) matrices, in the order of ``stand_at_rest``."""
-    names = stand_at_rest(armature, rig_map, 1.0).names
-    worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(names), len(times), 4, 4))
-    with alone(armature, scene) as (stage, depsgraph):
-        for f, time in enumerate(times):
-            go_to_frame(stage, float(time))
-            shown = armature.evaluated_get(depsgraph)
-            worlds[f] = shown.matrix_world
-            poses[:, f] = [shown.pose.bones[name].matrix for name in names]
-    if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
-        hint = "Look for keys that are no numbers in the Graph Editor."
-        raise ActorMissing("The actor's bones are no numbers on some frames.", where=armature.name, hint=hint)
-    scale = np.linalg.norm(worlds[:, :3, :3], axis=1).mean(1)[:, None, None]
-    axes = worlds[:, :3, :3] / np.maximum(scale, 1e-12)
-    if np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() > _EVEN:
-        hint = "Apply its scale (Object > Apply > Scale), or give it the same scale in all directions."
-        raise ActorMissing("The actor's armature is stretched or flat.", where=armature.name, hint=hint)
-    return worlds, poses
+    doubt = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
+    return actor, TakeTiming(float(times[0]), fps), (doubt, *notes) if doubt else notes
 
 
 def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:
@@ -91,7 +62,7 @@ def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float
 
     Up is the world's, whatever the rest pose stands like.
     """
-    object_turns, pose_turns = (_rotation(m) for m in (worlds, poses))
+    object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
     S = rest.R_stage_armature
     stands = object_turns[0] @ S.T
     heading = np.arctan2(stands[1, 0] - stands[0, 1], stands[0, 0] + stands[1, 1])
@@ -102,11 +73,6 @@ def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float
     upright = stands[2, 2] > _UPRIGHT
     places = metres * heads @ B - (rest.ground if upright else 0.0)
     return turns, places
-
-
-def _rotation(matrices: np.ndarray) -> np.ndarray:
-    R = matrices[..., :3, :3]
-    return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
 
 
 def _own_rest() -> np.ndarray:

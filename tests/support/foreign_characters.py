@@ -33,6 +33,7 @@ def skinned_rig(skeleton: ForeignSkeleton, *, unit: float = 1.0, sole: float = 0
         box = head + _HALF_M * _CORNERS
         if bone in feet:
             box[box[:, 2] < head[2], 2] = sole
+        box[:, 2] = np.maximum(box[:, 2], sole)
         faces += [tuple(len(points) + corner for corner in face) for face in _FACES]
         points += (box / unit).tolist()
         names += [bone] * len(box)

@@ -11,7 +11,7 @@ from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SI
 from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
 from .fingers import bend_fingers
-from .limbs import bend_to, within_reach
+from .limbs import bend_to, longest_reach, within_reach
 from .proportions import length, measure_proportions, scale_of
 from .root_path import ground_path
 from .trunk import between, spine_heights, trunk_of, turn_at
@@ -73,7 +73,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     goals = {role: goal + shift for role, goal in goals.items()}
     still = carried_places(target, turns, carrier, np.zeros((actor.num_frames, 3)))
     way = _hips_path(actor, target, scale) + shift - _hips(target, still)
-    way = way + _for_reach(target, still + way * _carried(target, carrier)[:, None, None], goals)
+    way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
     _bend_limbs(actor, target, turns, places, A, goals)
@@ -145,7 +145,9 @@ def _carried(target: Target, carrier: int) -> np.ndarray:
     return carried
 
 
-def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray]) -> np.ndarray:
+def _for_reach(
+    target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]
+) -> np.ndarray:
     legs = {side: [target.index(role) for role in LIMBS[f"{side}_leg"]] for side in SIDES}
     legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
     if not legs:
@@ -153,8 +155,15 @@ def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray])
     return within_reach(
         np.stack([places[bones[0]] for bones in legs.values()]),
         np.stack([goals[f"{side}_foot"] for side in legs]),
-        np.array([length(target.heads[bones]) for bones in legs.values()]),
+        np.stack([longest_reach(*_bones_of(target, turns, bones)) for bones in legs.values()]),
     )
+
+
+def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the upper and the lower bone (F, 3) of a limb as they are turned."""
+    upper, lower, end = bones
+    heads = target.heads
+    return turns[upper] @ (heads[lower] - heads[upper]), turns[lower] @ (heads[end] - heads[lower])
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
@@ -179,8 +188,7 @@ def _bend_limbs(
             continue
         first, second = bend_to(
             goals[roles[-1]] - places[upper],
-            turns[upper] @ (target.heads[lower] - target.heads[upper]),
-            turns[lower] @ (target.heads[end] - target.heads[lower]),
+            *_bones_of(target, turns, [upper, lower, end]),
             turns[upper] @ A[upper].T @ _hinge_axis(actor, limb),
         )
         turns[upper], turns[lower] = first @ turns[upper], second @ turns[lower]
