@@ -10,7 +10,7 @@ import bpy
 from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
 from ..translation import CONTEXT
-from .parts import MocapPanel, wrapped
+from .parts import AcquisitionPanel, wrapped
 
 if TYPE_CHECKING:
     from ...solving.live import LivePose
@@ -21,12 +21,12 @@ _STATES = {
 }  # fmt: skip
 
 
-class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
     """Markers as they come."""
 
     bl_idname = "VIEW3D_PT_mocap_live"
     bl_label = "Live"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
