@@ -92,6 +92,8 @@ def retarget(
     action = bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]
+    if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
+        notes.append("The rig has no root bone of its own: the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
         notes.append(
             f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong: "

@@ -51,7 +51,7 @@ def read_target(
     """
     _check_object(armature)
     notes: list[str] = []
-    bones = _usable_bones(armature, rig_map, notes)
+    bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)
     switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
     values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
     posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
@@ -122,6 +122,18 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
     if locked:
         notes.append(f"Locked, and left alone: {', '.join(locked.values())}.")
     return {role: bone for role, bone in bones.items() if role not in locked}
+
+
+def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
+    """Return the bones with a carrier where the pelvis is connected to its parent and has no location of its own."""
+    pelvis = armature.data.bones[bones["pelvis"]]
+    if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
+        return bones
+    carrier = next((bone for bone in pelvis.parent_recursive if not (bone.use_connect and bone.parent)), None)
+    if carrier is None or carrier.name in (bone for role, bone in bones.items() if role != "root"):
+        return bones
+    notes.append(f"{pelvis.name} is connected to its parent: {carrier.name} carries the body.")
+    return {"carrier": carrier.name} | {role: bone for role, bone in bones.items() if bone != carrier.name}
 
 
 def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:

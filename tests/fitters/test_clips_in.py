@@ -112,7 +112,9 @@ def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known
     rest[[7, 10]] += rest[4] + [0.0, 0.4, 0.05] - rest[7]
     for name, skeleton, count in (("bent", replace(whole, rest=rest), 1), ("straight", whole, 0)):
         write_skeleton(tmp_path / f"{name}.npz", skeleton)
-        assert main(["motion", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]) == 0
+        assert (
+            main(["motion", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]) == 0
+        )
         notes = json.loads(capsys.readouterr().out.splitlines()[-1])["notes"]
         assert sum("no T- or A-pose: the left shin" in note for note in notes) == count
 

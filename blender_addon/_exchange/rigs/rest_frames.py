@@ -59,8 +59,8 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> str:
             if angle > _BENT_REST_DEG:
                 part = roles[1].replace("_", " ")
                 return (
-                    f"The rest pose is no T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are counted "
-                    "from it and may be off; export the clip with its skin, or from a T-pose."
+                    f"The rest pose is no T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are "
+                    "counted from it and may be off; export the clip with its skin, or from a T-pose."
                 )
     return ""
 

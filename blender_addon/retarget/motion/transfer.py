@@ -145,9 +145,7 @@ def _carried(target: Target, carrier: int) -> np.ndarray:
     return carried
 
 
-def _for_reach(
-    target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]
-) -> np.ndarray:
+def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]) -> np.ndarray:
     legs = {side: [target.index(role) for role in LIMBS[f"{side}_leg"]] for side in SIDES}
     legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
     if not legs:
