@@ -27,6 +27,21 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The keypoints of this view have their left and right names exchanged.",
         "Check the names of the keypoints in this view's files.",
     ),
+    "hands_exchanged": note(
+        "Camera {camera}: the left and the right hand are exchanged",
+        "The detector took one hand for the other; hands are sorted by the wrists they lie at.",
+        "Compare with the footage if fingers look wrong there.",
+    ),
+    "hand_elsewhere": note(
+        "Camera {camera}: a hand lies at neither wrist and is left out",
+        "The detector found somebody else's hand, or a thing that looks like one.",
+        "Look at its footage there if fingers are at rest that the camera sees.",
+    ),
+    "hands_without_fingers": warning(
+        "Hands were detected, and the body has no finger joints",
+        "The body file is SMPL's, or one of its own layout.",
+        "Solve with the body that ships, or with an SMPL-H or SMPL-X file.",
+    ),
     "image_mirrored": warning(
         "Camera {camera}: the image is mirrored",
         "The camera, or the program that records it, mirrors its pictures.",
