@@ -46,14 +46,15 @@ def _keep_strongest(weights: Array) -> Array:
 
 
 def _bone_distances(vertices: Array, segments: list[list[Segment]]) -> Array:
-    distance = np.stack([np.min([_to_segment(vertices, a, b) for a, b in parts], axis=0) for parts in segments])
+    distance = np.stack([np.min([distance_to_segment(vertices, a, b) for a, b in parts], axis=0) for parts in segments])
     for name in _LEFT_LEG:
         distance[JOINT[name], vertices[:, 0] < 0] = np.inf
         distance[MIRROR_JOINT[JOINT[name]], vertices[:, 0] > 0] = np.inf
     return distance
 
 
-def _to_segment(points: Array, a: Array, b: Array) -> Array:
+def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
+    """Return the (N,) distances of points to the segment from a to b, metres."""
     along = b - a
     t = ((points - a) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
     return np.linalg.norm(points - a - t[:, None] * along, axis=1)
@@ -90,15 +91,16 @@ def volume(vertices: Array, faces: Array) -> float:
     return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
 
 
-def pose_skeleton(joints: Array, rotations: Array) -> tuple[Array, Array]:
+def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
     """Return the world rotation and the translation ``t`` of every bone, so that bone j carries x to ``G_j x + t_j``.
 
     Args:
-        joints: (24, 3) rest joints, metres.
-        rotations: (24, 3, 3) local rotations, the root's first.
+        joints: (J, 3) rest joints, metres.
+        rotations: (J, 3, 3) local rotations, the root's first.
+        parents: of the J joints.
     """
     turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
-    for j, parent in enumerate(PARENTS):
+    for j, parent in enumerate(parents):
         if parent < 0:
             turns[j], origins[j] = rotations[j], joints[j]
         else:

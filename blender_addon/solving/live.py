@@ -39,11 +39,19 @@ class LivePose:
     state: str
     """``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``."""
     why: str
-    """Why there is no pose."""
+    """Why there is no pose, or why it is unsure."""
     off_mm: float
     """How far markers are from the body in the median; NaN without a pose."""
     coverage: dict[str, float] = field(default_factory=dict)
     """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
+    rate_hz: float = math.nan
+    """Poses in the last second."""
+    latency_ms: float = math.nan
+    """How long the fit took."""
+    lag_ms: float = math.nan
+    """How far the pose is behind its source."""
+    dropped: int = 0
+    """Frames that were not fitted, so that poses are not late."""
 
 
 @dataclass
@@ -128,7 +136,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/file-formats.md)."""
+    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -138,19 +146,27 @@ def read_pose_line(line: str) -> LivePose | None:
     cloud = _numbers(values.get("cloud") or [], None)
     if cloud is None:
         return None
-    off = _numbers(values.get("off_mm"), 1)
+    off, dropped = _numbers(values.get("off_mm"), 1), _number(values.get("dropped"))
     rotvec = transl = None
     if "pose" in values:
-        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * SMPL.num_solved)
+        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], None)
         transl = _numbers(values.get("trans"), 3)
-        if root is None or pose is None or transl is None:
+        if root is None or pose is None or len(pose) < 3 * SMPL.num_solved or transl is None:
             return None
-        rotvec = np.zeros((SMPL.num_joints, 3))
-        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)
+        rotvec = np.zeros((SMPL.num_joints, 3))  # of replayed motions come hands, too
+        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)[: SMPL.num_solved]
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
+        *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
+        dropped=0 if math.isnan(dropped) else max(int(dropped), 0),
     )  # fmt: skip
+
+
+def _number(value: Any) -> float:
+    """Return a finite number, NaN for anything else."""
+    found = _numbers(value, 1)
+    return math.nan if found is None else float(found[0])
 
 
 def _shares(values: Any) -> dict[str, float]:
@@ -175,17 +191,17 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 
 
 def start_live(
-    source: Path, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
+    source: Path | str, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
     options: Sequence[str] = (),
 ) -> LiveRun:  # fmt: skip
-    """Start a live run of a recording, replayed at its own rate.
+    """Start a live run of a recording or a motion, replayed at its own rate, or of another program's poses.
 
     Args:
-        source: the recording.
+        source: the file, or the address that poses come to.
         python: interpreter to use; None for Blender's own.
         folder: working folder.
         subject: calibrated person.
-        record: where the points are recorded.
+        record: where the points or poses are recorded.
         options: further arguments of the verb.
 
     Raises:

@@ -18,9 +18,13 @@ from solver_backend.exchange.errors import (
     ShapeMismatch,
     TooFewViews,
 )
+from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.shapes import Float
+
+UNSEEN_POINT = (np.nan, np.nan, 0.0)
+"""x, y and confidence of a point that was not seen."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,8 @@ class Keypoints2D:
     """Names of the keypoints."""
     fps: float
     """Frames per second."""
+    hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
+    """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first; NaN, 0 where unseen."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
@@ -64,6 +70,8 @@ class Keypoints2D:
         confidence[missing] = 0.0
         object.__setattr__(self, "xy", xy)
         object.__setattr__(self, "confidence", confidence)
+        if self.hands is not None:
+            object.__setattr__(self, "hands", _checked_hands(self.hands, xy.shape[:2]))
 
     @property
     def num_views(self) -> int:
@@ -77,11 +85,47 @@ class Keypoints2D:
 
     def frames(self, start: int, stop: int) -> Keypoints2D:
         """Return the frames start..stop-1."""
-        return replace(self, xy=self.xy[:, start:stop], confidence=self.confidence[:, start:stop])
+        return self.at(slice(start, stop))
+
+    def at(self, frames: slice | np.ndarray) -> Keypoints2D:
+        """Return these frames."""
+        hands = None if self.hands is None else self.hands[:, frames]
+        return replace(self, xy=self.xy[:, frames], confidence=self.confidence[:, frames], hands=hands)
 
     def views(self, indices: list[int]) -> Keypoints2D:
         """Return the views at these indices."""
-        return replace(self, xy=self.xy[indices], confidence=self.confidence[indices])
+        hands = None if self.hands is None else self.hands[indices]
+        return replace(self, xy=self.xy[indices], confidence=self.confidence[indices], hands=hands)
+
+
+def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
+    """Return the hands of several people side by side, NaN of people without; None where nobody has any."""
+    like = next((hand for hand in hands if hand is not None), None)
+    if like is None:
+        return None
+    return np.stack([np.full_like(like, np.nan) if hand is None else hand for hand in hands], axis=axis)
+
+
+def _checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return hands whose unseen points are NaN with confidence 0.
+
+    Raises:
+        KeypointCountMismatch: they are of other views or frames, or of another number of points.
+        NonFiniteData: one is infinite.
+    """
+    hands = np.array(hands, dtype=np.float64)
+    expected = (*shape, 2, NUM_HAND_POINTS, 3)
+    if hands.shape != expected:
+        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
+    if np.isinf(hands).any():
+        view, frame, hand, point = np.argwhere(np.isinf(hands).any(-1))[0]
+        raise NonFiniteData(
+            "A point of a hand is infinite.",
+            where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
+            hint="Write NaN (or 0 0 0) for a point that was not seen.",
+        )
+    hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
+    return hands
 
 
 @dataclass(frozen=True)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .entry import Entry, error, note, warning
+from .entry import DiagnosticEntry, error, note, warning
 
 _FAR = "A limb is swapped, hidden or badly detected."
 _FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
 _COMPARE = "Compare with the footage there."
 
-RESULT: dict[str, Entry] = {
+RESULT: dict[str, DiagnosticEntry] = {
     "frames_unseen": warning(
         "Fewer than two cameras see the person; the pose is interpolated",
         "The person is hidden, out of view or not detected.",
@@ -75,6 +75,16 @@ RESULT: dict[str, Entry] = {
         "detectors are within {limit:.0f} %",
         "The calibration does not belong to the recording, or the cameras are not synchronised.",
         "Check the calibration and the synchronisation.",
+    ),
+    "markers_far": warning(
+        "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
+        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
+        "Check the labels, and look at the recording in the program that wrote it.",
+    ),
+    "markers_impossible": error(
+        "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
+        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
+        "Check the labels, and look at the recording in the program that wrote it.",
     ),
     "camera_disagrees": warning(
         "Camera {camera} disagrees with the others: {size:.1f} px against {usual:.1f} px",

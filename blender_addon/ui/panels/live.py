@@ -3,13 +3,19 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ..operators.import_capture import MOCAP_OT_import_capture
+from ..operators.import_motion import MOCAP_OT_import_motion
 from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
+from ..operators.send_take import MOCAP_OT_send_take, playing
 from ..translation import CONTEXT
-from .parts import MocapPanel, wrapped
+from .parts import AcquisitionPanel, wrapped
+
+if TYPE_CHECKING:
+    from ...solving.live import LivePose
 
 _STATES = {
     "tracking": ("Tracking", "CHECKMARK"), "unsure": ("Unsure", "QUESTION"), "waiting": ("Waiting", "TIME"),
@@ -17,12 +23,12 @@ _STATES = {
 }  # fmt: skip
 
 
-class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
     """Markers as they come."""
 
     bl_idname = "VIEW3D_PT_mocap_live"
     bl_label = "Live"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -31,17 +37,41 @@ class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
         if live.busy and not live.of_sensors:
             draw_run(layout, context)
             return
+        layout.prop(settings, "kind", text="")
         column = layout.column(align=True)
-        column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
+        if settings.kind == "VMC":
+            column.prop(settings, "listen", text="", icon="IMPORT")
+        else:
+            column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
         layout.prop(settings, "record")
+        draw_sending(layout, settings)
         layout.operator(MOCAP_OT_live_start.bl_idname, icon="PLAY")
         if live.failure and not live.of_sensors:
             wrapped(layout, context, live.failure, "ERROR", alert=True)
         if live.recorded:
             row = layout.row()
             row.label(text=live.recorded.replace("\\", "/").rpartition("/")[2], icon="FILE_TICK", translate=False)
-            row.operator(MOCAP_OT_import_capture.bl_idname, text="Import").filepath = live.recorded
+            imports = MOCAP_OT_import_motion if live.recorded.endswith(".npz") else MOCAP_OT_import_capture
+            row.operator(imports.bl_idname, text="Import").filepath = live.recorded
+        draw_playing(layout, context)
+
+
+def draw_sending(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """Draw whether poses are sent, and where."""
+    layout.prop(settings, "send")
+    if settings.send:
+        layout.prop(settings, "send_to", text="", icon="EXPORT")
+
+
+def draw_playing(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw what sends the take that the body plays, hand edits included."""
+    if context.scene.mocap.review.armature is None and not playing.busy:
+        return
+    text, icon = ("Stop Sending", "PAUSE") if playing.busy else ("Send While Playing", "EXPORT")
+    layout.operator(MOCAP_OT_send_take.bl_idname, text=text, text_ctxt=CONTEXT, icon=icon)
+    if playing.said:
+        wrapped(layout, context, playing.said, "INFO")
 
 
 def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -53,7 +83,10 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.label(text="Stopping" if run.process.cancelling else text, text_ctxt=CONTEXT, icon=icon)
     if pose is not None:
         off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
-        layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+        if len(pose.points):
+            layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+        for text in timing_lines(pose):
+            layout.label(text=text, icon="TIME", translate=False)
         for name, share in pose.coverage.items():
             layout.progress(factor=share, text=f"{name} {share:.0%}", translate=False)
         if pose.why:
@@ -61,3 +94,10 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if run.said:
         wrapped(layout, context, run.said, "INFO")
     layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
+
+
+def timing_lines(pose: LivePose) -> list[str]:
+    """Return what is shown of a pose's timing: rate and latency, lag, and frames that were dropped."""
+    lines = [] if math.isnan(pose.rate_hz) else [f"{pose.rate_hz:.0f} poses/s, {pose.latency_ms:.0f} ms each"]
+    lines += [] if math.isnan(pose.lag_ms) else [f"{max(pose.lag_ms, 0.0):.0f} ms behind"]
+    return [*lines, *([f"{pose.dropped} frames dropped"] if pose.dropped else [])]

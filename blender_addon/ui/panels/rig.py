@@ -9,18 +9,18 @@ from ..operators.live import live
 from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_rig_start
 from ..rig_properties import PARTS, MocapRig
 from ..translation import CONTEXT
-from .live import draw_run
-from .parts import MocapPanel, draw_failure, draw_progress, wrapped
+from .live import draw_run, draw_sending
+from .parts import AcquisitionPanel, draw_failure, draw_progress, wrapped
 
 _VERBS = ("oaks", "calibrate-wand")
 
 
-class VIEW3D_PT_mocap_rig(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_rig(AcquisitionPanel, bpy.types.Panel):
     """Infrared and depth sensors that see markers."""
 
     bl_idname = "VIEW3D_PT_mocap_rig"
     bl_label = "Rig"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -70,6 +70,7 @@ def _draw_take(layout: bpy.types.UILayout, rig: MocapRig) -> None:
     column = layout.column(align=True)
     column.prop(rig, "subject", text="", icon="USER", placeholder="Subject")
     layout.prop(rig, "record")
+    draw_sending(layout, rig)
     layout.operator(MOCAP_OT_rig_start.bl_idname, text=PARTS["TAKE"][0], icon="PLAY").part = "TAKE"
     column = layout.column(align=True)
     column.prop(rig, "take", text="", icon="FILE_FOLDER", placeholder="Take")
