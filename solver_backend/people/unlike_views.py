@@ -22,9 +22,10 @@ from solver_backend.people.resampled import nearest_rows
 from solver_backend.people.sightings import sightings
 from solver_backend.types import Cameras
 
-MATCHING, MATCHING_SHARE = 0.25, 0.7
-"""Share of what could match from which two views belong together, and the same of the best pair's share: simulated
-views reach 0.8 to 0.95, those of the demo, where little moves, 0.33 to 0.66; views of other rates 0.2 to 0.4."""
+MATCHING, MATCHING_SHARE, APART_SHARE = 0.25, 0.7, 0.9
+"""Share of what could match from which two views belong together, and the same of the best pair's share, more where
+cameras recorded different numbers of frames: simulated views reach 0.8 to 0.95, those of the demo, where little moves,
+0.33 to 0.66; views of other rates 0.2 to 0.4."""
 RIVAL_SHARE = 0.6
 """Another reading that gains so much leaves open which is right."""
 LEAST_GAIN = 1.0
@@ -139,6 +140,7 @@ class _Tried:
 
     def __init__(self, cameras: Cameras, detections: Detections, seeing: list[int]) -> None:
         self._cameras, self._seeing = cameras, seeing
+        self._share = APART_SHARE if len(set(detections.lengths)) > 1 else MATCHING_SHARE
         step = max(1, -(-detections.num_frames // _ROWS))
         self._thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step])
 
@@ -146,7 +148,7 @@ class _Tried:
         """Return the cameras that match with each other, or show too little to tell, the largest group first."""
         gains = self._gains(readings, self._seeing)
         matched = {pair: _matched(table, gains.possible[pair]) for pair, table in gains.tables.items()}
-        least = max(MATCHING, MATCHING_SHARE * max(matched.values()))
+        least = max(MATCHING, self._share * max(matched.values()))
         group_of = {c: {c} for c in self._seeing}
         for (i, j), share in matched.items():
             still = share < STILL[0] and gains.usual[i, j] < STILL[1]

@@ -94,7 +94,7 @@ def test_detections_are_brought_to_one_rate_between_frames() -> None:
     known = np.isfinite(between).all(-1) & np.isfinite(KEYPOINTS.xy[3, rows + 1, :][:, None]).all(-1)
     off = np.linalg.norm(between - KEYPOINTS.xy[3, rows + 1][:, None], axis=-1)[known]
     assert np.median(off) < 8.0, "about the detector's noise"
-    assert moved.lengths[3] == pytest.approx(KEYPOINTS.num_frames, abs=3)
+    assert moved.num_frames == pytest.approx(KEYPOINTS.num_frames, abs=3)
 
 
 def test_people_who_change_places_in_the_list_are_not_mixed() -> None:

@@ -86,7 +86,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     )
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis)
-    length_problems = () if in_time.first_rows else _length_problems(videos, detections.num_frames)
+    as_filmed = not (in_time.first_rows or any(agreeing.resampled))
+    length_problems = _length_problems(videos, detections.num_frames) if as_filmed else ()
     problems = (
         calibration.problems,
         detections.problems,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import io
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -59,8 +60,28 @@ def read_table(path: Path) -> CameraFrames:
         values = np.array([[cell or "nan" for cell in row[1 : len(parts) + 1]] for row in rows], dtype=np.float64)
     except ValueError as error:
         raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+    return frames_of_columns(numbers, values, people, parts, coords, path)
+
+
+def frames_of_columns(
+    numbers: Sequence[int], values: np.ndarray, people: Sequence[str], parts: Sequence[str], coords: Sequence[str],
+    path: Path,
+) -> CameraFrames:  # fmt: skip
+    """Return frames of a table whose columns are each one coordinate of one point of one person.
+
+    Args:
+        numbers: of the F frames.
+        values: (F, N).
+        people: (N,) names.
+        parts: (N,) names of the points.
+        coords: (N,) x, y, likelihood; others are left out.
+        path: the file.
+
+    Raises:
+        FileDamaged: there are no frames.
+    """
     names = tuple(dict.fromkeys(parts))
-    found = np.full((len(rows), len(dict.fromkeys(people)), len(names), 3), np.nan)
+    found = np.full((len(values), len(dict.fromkeys(people)), len(names), 3), np.nan)
     who = {name: i for i, name in enumerate(dict.fromkeys(people))}
     for column, (person, part, coord) in enumerate(zip(people, parts, coords, strict=True)):
         if coord in _COORDS:

@@ -14,6 +14,7 @@ from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.detections import deeplabcut, freemocap, sleap
 from solver_backend.io.detections.camera_frames import CameraFrames
+from solver_backend.io.detections.deeplabcut_hdf5 import is_hdf5_table, read_hdf5_table
 from solver_backend.io.detections.openpose import cameras_of_flat_files, frames_in_files, json_files
 from solver_backend.io.detections.take_documents import frames_in_document
 from solver_backend.io.files import read_text
@@ -81,13 +82,17 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
-    """Return the files of cameras that have one each: DeepLabCut's tables, SLEAP's HDF5, or JSON of whole takes."""
-    tables = [p for p in parent.iterdir() if p.suffix.lower() == ".csv" and deeplabcut.is_table(p)]
+    """Return the files of cameras that have one each: tables of DeepLabCut, SLEAP's HDF5, or JSON of whole takes."""
+    listed = sorted(p for p in parent.iterdir() if p.is_file())  # of a table and its filtered one the latter stays
+    tables = [p for p in listed if p.suffix.lower() == ".csv" and deeplabcut.is_table(p)]
     if tables:
         return {deeplabcut.camera_name(p): CameraSource(p, partial(deeplabcut.read_table, p)) for p in tables}
-    files = [p for p in parent.iterdir() if sleap.is_sleap(p) and p.is_file()]
+    files = [p for p in listed if sleap.is_sleap(p)]
     if files:
         return {sleap.camera_name(p): CameraSource(p, partial(sleap.read_sleap, p)) for p in files}
+    files = [p for p in listed if is_hdf5_table(p)]
+    if files:
+        return {deeplabcut.camera_name(p): CameraSource(p, partial(read_hdf5_table, p)) for p in files}
     paths = json_files(parent)
     if not 1 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
         return {}

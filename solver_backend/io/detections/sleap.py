@@ -4,16 +4,13 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator
-from contextlib import contextmanager
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import BackendMissing, FileDamaged, MocapError
 from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.hdf5 import opened
 
 _NAME = re.compile(r"(labels\.v\d+\.)?(\d+_)?(?P<camera>.+?)(\.predictions)?(\.analysis)?", re.IGNORECASE)
 """``labels.v001.000_cam01.analysis.h5`` is of ``cam01``."""
@@ -39,33 +36,9 @@ def read_sleap(path: Path) -> CameraFrames:
         BackendMissing: h5py is not installed.
         FileDamaged: it is no such file, or holds several videos.
     """
-    with _opened(path) as file:
-        read = _labels if path.suffix.lower() == ".slp" else _analysis
-        try:
-            names, frames = read(file)
-        except (KeyError, ValueError, IndexError, TypeError, OSError, RecursionError) as error:
-            raise FileDamaged(
-                f"The file is not as SLEAP writes it ({error}).", where=str(path), hint="Export it from SLEAP again."
-            ) from error
+    with opened(path, "SLEAP") as file:
+        names, frames = (_labels if path.suffix.lower() == ".slp" else _analysis)(file)
     return CameraFrames.in_memory(frames, path, names)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    try:
-        h5py = import_module("h5py")
-    except ModuleNotFoundError as error:
-        raise BackendMissing(
-            "SLEAP's files are read with h5py, which is not installed.", where=str(path),
-            hint="pip install manifold-mocap[hdf5]",
-        ) from error  # fmt: skip
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except MocapError:
-        raise
-    except OSError as error:
-        raise FileDamaged(f"The file is no HDF5 file, or is truncated ({error}).", where=str(path)) from error
 
 
 def _analysis(file: Any) -> tuple[tuple[str, ...], dict[int, People]]:

@@ -7,10 +7,6 @@ from pathlib import Path
 
 _FORMATS = (
     (
-        "*dlc*.h5", "DeepLabCut's HDF5 tables, whose column names are pickled",
-        "Export CSV: deeplabcut.analyze_videos_converth5_to_csv(folder, videotype='.mp4').",
-    ),
-    (
         "*.pkl", "Python pickles, which run code when they are read",
         "Export JSON or CSV from the program that wrote them, such as MMPose's inferencer with --pred-out-dir.",
     ),

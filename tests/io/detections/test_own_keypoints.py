@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+import pickle
 from pathlib import Path
 from typing import Any
 
@@ -168,16 +169,51 @@ def test_without_h5py_the_remedy_is_named(tmp_path, demo, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "h5py", None)
     root = with_calibration(tmp_path / "take", demo)
-    for camera in ("cam01", "cam02"):
-        (root / f"{camera}.analysis.h5").touch()
-    with pytest.raises(BackendMissing, match=r"pip install manifold-mocap\[hdf5\]"):
-        load_capture(root)
+    for ending in (".analysis.h5", "DLC_resnet50_dance.h5"):
+        for camera in ("cam01", "cam02"):
+            (root / f"{camera}{ending}").touch()
+        with pytest.raises(BackendMissing, match=r"pip install manifold-mocap\[hdf5\]"):
+            load_capture(root)
+        for path in root.glob("*.h5"):
+            path.unlink()
+
+
+def write_deeplabcut(root: Path, demo: Capture, *, name: str, columns: Any = None) -> Path:
+    """Write tables as pandas does with ``format="table"``: names of columns pickled in protocol 0 by PyTables."""
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs h5py: pip install manifold-mocap[hdf5]")
+    cameras, keypoints = demo.require_multiview()
+    names = [
+        ("DLC_resnet50", part, coord) for part in keypoints.joint_set.keypoints for coord in ("x", "y", "likelihood")
+    ]
+    values = np.concatenate([keypoints.xy, keypoints.confidence[..., None]], axis=-1).reshape(len(cameras), FRAMES, -1)
+    for c, camera in enumerate(cameras.names):
+        rows = np.zeros(FRAMES, [("index", "i8"), ("values_block_0", "f8", (len(names),))])
+        rows["index"], rows["values_block_0"] = np.arange(FRAMES), values[c]
+        with h5py.File(root / name.format(camera), "w") as file:
+            table = file.create_group("df_with_missing").create_dataset("table", data=rows)
+            table.attrs["values_block_0_kind"] = np.bytes_(pickle.dumps(names if columns is None else columns, 0))
+    return root
+
+
+@pytest.mark.parametrize("name", ["{}DLC_resnet50_dance.h5", "{}.h5"])
+def test_deeplabcuts_hdf5_tables(tmp_path, demo, name):
+    root = write_deeplabcut(with_calibration(tmp_path / "take", demo), demo, name=name)
+    cameras, keypoints = load_capture(root, fps=60.0).require_multiview()
+    assert cameras.names == demo.require_multiview()[0].names
+    assert keypoints.joint_set is JointSet.BODY_25
+    np.testing.assert_allclose(keypoints.xy, demo.require_multiview()[1].xy, atol=1e-3)
+
+
+@pytest.mark.parametrize("columns", [[Path("/")], "nose", [("a", 1, "x")]])
+def test_pickled_names_of_columns_run_no_code(tmp_path, demo, columns):
+    root = write_deeplabcut(with_calibration(tmp_path / "take", demo), demo, name="{}DLC.h5", columns=columns)
+    with pytest.raises(FileDamaged, match="no list of texts"):
+        load_capture(root, fps=60.0)
 
 
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("cam01DLC_resnet50.h5", r"not supported: DeepLabCut's HDF5.*converth5_to_csv"),
         ("pose/cam01.pkl", r"not supported: Python pickles.*Export JSON or CSV"),
         ("cam01.mat", r"not supported: MATLAB files.*CSV"),
     ],
