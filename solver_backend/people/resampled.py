@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.people.detections import Detections
+from solver_backend.types import UNSEEN_POINT
 
 NEAR = 0.15
 """Mean move of keypoints from frame to frame, in the extent of all of them, up to which it is the same person in the
@@ -26,11 +27,16 @@ def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[
     longest = max(map(len, rows))
     shape = (len(chosen), longest, *detections.confidence.shape[2:])
     xy, confidence = np.full((*shape, 2), np.nan, detections.xy.dtype), np.zeros(shape, detections.confidence.dtype)
+    hands = None if detections.hands is None else np.full((*shape[:3], *detections.hands.shape[3:]), np.nan, np.float32)
+    if hands is not None:
+        hands[:] = UNSEEN_POINT
     for i, (c, at) in enumerate(zip(chosen, rows, strict=True)):
         near = np.minimum(np.round(at).astype(int), detections.num_frames - 1)
         xy[i, : len(at)], confidence[i, : len(at)] = detections.xy[c, near], detections.confidence[c, near]
+        if hands is not None and detections.hands is not None:
+            hands[i, : len(at)] = detections.hands[c, near]
     names = tuple(detections.cameras[c] for c in chosen)
-    return replace(detections, cameras=names, xy=xy, confidence=confidence, first_frames=(), lengths=())
+    return replace(detections, cameras=names, xy=xy, confidence=confidence, hands=hands, first_frames=(), lengths=())
 
 
 def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
@@ -77,3 +83,8 @@ def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndar
     result.xy[c, : len(at)][same] = ((1 - share) * one + share * other)[same]
     sure = np.minimum(detections.confidence[c, before], detections.confidence[c, after])
     result.confidence[c, : len(at)][same] = sure[same]
+    if result.hands is not None and detections.hands is not None:
+        one, other = detections.hands[c, before], detections.hands[c, after]
+        together = same.any(-1)[..., None, None] & (one[..., 2] > 0) & (other[..., 2] > 0)
+        between = (1 - share[..., None]) * one + share[..., None] * other
+        result.hands[c, : len(at)][together] = between[together]

@@ -142,7 +142,9 @@ class _Tried:
         self._cameras, self._seeing = cameras, seeing
         self._share = APART_SHARE if len(set(detections.lengths)) > 1 else MATCHING_SHARE
         step = max(1, -(-detections.num_frames // _ROWS))
-        self._thin = replace(detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step])
+        self._thin = replace(
+            detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None
+        )
 
     def groups(self, readings: Sequence[ViewReading]) -> list[list[int]]:
         """Return the cameras that match with each other, or show too little to tell, the largest group first."""

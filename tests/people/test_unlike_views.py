@@ -105,3 +105,15 @@ def test_people_who_change_places_in_the_list_are_not_mixed() -> None:
     given = {round(float(x), 1) for x in two[3, ..., 0].ravel() if np.isfinite(x)}
     found = moved.xy[3, :300, ..., 0].ravel()
     assert all(round(float(x), 1) in given for x in found[np.isfinite(found)])
+
+
+def test_hands_are_brought_along() -> None:
+    seen = recorded([0, 0, 0, 0], [1, 1, 1, 0.5])
+    frames = np.arange(seen.num_frames, dtype=np.float32)[None, :, None, None, None, None]
+    hands = np.broadcast_to(frames, (COUNT, seen.num_frames, 1, 2, 21, 3)).copy()
+    hands[..., 2] = 0.5
+    moved = at_one_rate(replace(seen, hands=hands), [1.0, 1.0, 1.0, 0.5])
+    assert moved.hands is not None and moved.hands.shape[:3] == moved.confidence.shape[:3]
+    np.testing.assert_array_equal(moved.hands[0], hands[0])
+    known = (seen.confidence[3, :100] > 0).any((1, 2)) & (seen.confidence[3, 1:101] > 0).any((1, 2))
+    np.testing.assert_allclose(moved.hands[3, 1:200:2, 0, 0, 0, 0][known], (np.arange(100) + 0.5)[known], atol=1e-4)

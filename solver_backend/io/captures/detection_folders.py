@@ -31,7 +31,7 @@ DEFAULT_FPS = 60.0
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
-    "(OpenPose, AlphaPose, MMPose, EasyMocap, COCO, DeepLabCut's CSV, FreeMoCap)"
+    "(OpenPose, AlphaPose, MMPose, EasyMocap, COCO, DeepLabCut, SLEAP, FreeMoCap)"
 )
 
 
