@@ -10,7 +10,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
-from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import ANGLES
 from solver_backend.body.hand_on_body import finger_rotations, rest_angles
@@ -82,7 +82,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:
-            view = View(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
+            view = RasterView(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
             pictures.append(render(skin, faces, colours, view))
     return tile(pictures, len(_SIDES))
 

@@ -118,7 +118,7 @@ def _actor(request: RetargetRequest) -> Actor:
 
     if request.source.suffix.lower() != ".blend":
         motion = read_motion(request.source)
-        body = read_body(request.body or body_path_of(motion.provenance))
+        body = read_body(request.body or body_path_of(motion.provenance), motion.body_layout)
         require_body(motion, body)
         return actor_of_motion(motion, body)
     scene = _opened(request.source)

@@ -16,7 +16,8 @@ from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
-from ..conventions.skeleton import JOINTS
+from ..body.posed_body import with_own_hands
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming
 from .limb_modes.samples import own_channels, sample_bones
 
@@ -40,8 +41,9 @@ def edited_frames(
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):
         return frames
-    seen = sample_bones(armature, scene, JOINTS, take_times(take, motion)[frames])
-    found = np.stack([seen[joint] for joint in JOINTS], axis=1)
+    joints = layout_of(armature.data.bones).joints
+    seen = sample_bones(armature, scene, joints, take_times(take, motion)[frames])
+    found = np.stack([seen[joint] for joint in joints], axis=1)
     channels = _baked_channels(take, motion, armature)[frames]
     G, p = posed_joints(channels, *rest_of(armature))
     turned = np.linalg.norm(found[..., :3, :3] - G, axis=(-2, -1)).max(axis=1)
@@ -55,7 +57,7 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
 
 
 def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
-    """Return the (F, 99) channels of ``pose_channels`` with which joints alone stand as the body does.
+    """Return the (F, 3 + 4 J) channels of ``pose_channels`` with which joints alone stand as the body does.
 
     Args:
         scene: the scene.
@@ -65,15 +67,16 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
     action = armature.animation_data.action
     curves = {(c.data_path, c.array_index): c for c in (() if action is None else action_curves(action))}
     if not _poses_from_ends(armature, curves):  # the NLA is sampled, too: it has no curves of the object's own
-        columns = [(path, index) for path, _, part in pose_columns() for index in range(part.stop - part.start)]
+        places = pose_columns(layout_of(armature.data.bones))
+        columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
         return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
     return _seen_channels(scene, armature, times)
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
-    """Return the (F, 99) channels that the solved motion has at the frames, through the keys that the take has."""
-    rest_pelvis = read_body(body_path_of(motion.provenance)).rest_joints(motion.betas)[0]
-    channels = pose_channels(motion, armature, rest_pelvis)
+    """Return the (F, 3 + 4 J) channels that the solved motion has at the frames, through the keys that the take has."""
+    body = read_body(body_path_of(motion.provenance), motion.body_layout)
+    channels = pose_channels(with_own_hands(motion, body), armature, body.rest_joints(motion.betas)[0])
     path, _, _ = next(pose_columns())
     curve = next((c for c in action_curves(take) if c.data_path == path), None)
     keys = () if curve is None else [point.co.x for point in curve.keyframe_points]
@@ -88,7 +91,7 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
     """Return whether any limb is posed from its end in any frame, or a joint has no curve to be read."""
-    if any((path, 0) not in curves for path, _, _ in pose_columns()):
+    if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
         return True
     if not has_limbs(armature):
         return False
@@ -101,8 +104,9 @@ def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], b
 
 def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
     bones = armature.data.bones
-    seen = sample_bones(armature, scene, JOINTS, times)
-    root = np.linalg.inv(np.array(bones[JOINTS[0]].matrix_local, np.float64)) @ seen[JOINTS[0]]
-    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in JOINTS[1:])]
+    pelvis, *others = layout_of(bones).joints
+    seen = sample_bones(armature, scene, (pelvis, *others), times)
+    root = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
+    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
     quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
     return np.concatenate([root[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)

@@ -56,7 +56,7 @@ def test_without_turned_fingers_the_skin_is_that_of_the_body_without_finger_join
     np.testing.assert_allclose(pose_mesh(hands, *whole), pose_mesh(plain, *args), atol=1e-6)
     joints = [forward_kinematics(body, *args).joints[:, :FIRST_FINGER] for body in (hands, plain)]
     np.testing.assert_allclose(*joints, atol=1e-9)
-    assert hands.layout is SMPL_HANDS and hands.layout.recorded is SMPL_HANDS and hands.layout.num_solved == 51
+    assert hands.layout == SMPL_HANDS and hands.layout.recorded == SMPL_HANDS and hands.layout.num_solved == 51
 
 
 def test_every_vertex_of_a_finger_is_carried_by_few_bones_of_its_own_hand(hands):
