@@ -17,7 +17,7 @@ _DIGIT = {"pinky": "little"}
 _ROUNDS = 3
 """How often the joints are moved to the middle of sections that halve the bend between them."""
 _FREE_SKIN, _BESIDE_M = 0.65, 0.006
-"""Share of a finger's first bone at which its skin is its own, beyond the web; and metres that a knuckle moves at most."""
+"""Share of a finger's first bone at which its skin is its own, beyond the web; metres that a knuckle moves at most."""
 _FLIP = np.array([-1.0, 1.0, 1.0])
 
 

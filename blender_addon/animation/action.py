@@ -10,6 +10,7 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
 from ..body.armature import rotation_from_body_axes
+from ..body.controls.fingers import control_paths
 from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
 from ..body.posed_body import rotvec_on
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
@@ -86,7 +87,9 @@ def _needed(values: np.ndarray) -> slice:
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the limbs' switches to FK, so that takes which are shown in turn do not inherit another's."""
+    """Key switches of limbs to FK and finger controls to 0: takes shown in turn do not inherit another's."""
+    for path, name in control_paths(armature):
+        write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
         return
     for limb in LIMBS:

@@ -13,6 +13,9 @@ import numpy as np
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS, SMPL_HANDS, BodyLayout, layout_of
 from .controls.bones import add_limb_bones, add_root
+from .controls.fingers import COLLECTION as FINGER_COLLECTION
+from .controls.fingers import CONTROLS as FINGER_CONTROLS
+from .controls.fingers import add_finger_controls, wire_finger_controls
 from .controls.limbs import HELPERS, LIMBS, ROOT
 from .controls.wiring import wire_limbs
 from .layout import BoneLayout
@@ -37,6 +40,7 @@ _COLLECTIONS = {
     **{limb.collection: (limb.control, limb.pole) for limb in LIMBS},
     "IK Twist": tuple(name for limb in LIMBS for name in limb.turns),
     HELPER_COLLECTION: HELPERS,
+    FINGER_COLLECTION: FINGER_CONTROLS,
 }
 _HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection for limb in LIMBS))
 """Collections that are hidden until they are wanted."""
@@ -64,6 +68,7 @@ def create_armature(
         layout: where the bones lie.
         collection: where the object is linked; it must be part of the current view layer.
     """
+    has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
     armature = bpy.data.objects.new(name, data)
     collection.objects.link(armature)
@@ -71,6 +76,8 @@ def create_armature(
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         _add_bones(data, joints, layout)
+        if has_fingers:
+            add_finger_controls(data)
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
     data.display_type = "OCTAHEDRAL"
@@ -81,6 +88,10 @@ def create_armature(
     for name in (name for limb in LIMBS for name in limb.keyed):
         _paint(armature.pose.bones[name])
     wire_limbs(armature, layout)
+    if has_fingers:
+        wire_finger_controls(armature)
+        for name in FINGER_CONTROLS:
+            _paint(armature.pose.bones[name])
     return armature
 
 

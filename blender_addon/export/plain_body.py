@@ -10,6 +10,7 @@ import bpy
 import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
+from ..body.controls.fingers import NAMES
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
 from ..body.mesh import positions
@@ -106,7 +107,7 @@ def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -
         bpy.ops.object.mode_set(mode="OBJECT")
     for joint in joints[1:]:
         armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
-    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name == FOLLOW]:
+    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
         follow[0].constraints.remove(follow[1])
     _share_action(source, armature)
     return armature

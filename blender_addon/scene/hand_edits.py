@@ -15,6 +15,7 @@ from ..animation.sparse_curves import SparseCurves
 from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
+from ..body.controls.fingers import control_paths
 from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
 from ..body.posed_body import with_own_hands
 from ..conventions.skeleton import layout_of
@@ -90,8 +91,10 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether any limb is posed from its end in any frame, or a joint has no curve to be read."""
+    """Return whether any limb or finger is posed by its control in any frame, or a joint has no curve to be read."""
     if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
+        return True
+    if _turns_finger_controls(armature, curves):
         return True
     if not has_limbs(armature):
         return False
@@ -100,6 +103,21 @@ def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], b
         armature.pose.bones[ROOT][limb.switch] > 0 if curve is None else any(p.co.y > 0 for p in curve.keyframe_points)
         for limb, curve in switches
     )
+
+
+def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
+    """Return whether a control of fingers is turned in any frame."""
+    for path, name in control_paths(armature):
+        for axis in (0, 2):
+            curve = curves.get((path, axis))
+            values = (
+                [armature.pose.bones[name].rotation_euler[axis]]
+                if curve is None
+                else [p.co.y for p in curve.keyframe_points]
+            )
+            if any(abs(value) > 1e-6 for value in values):
+                return True
+    return False
 
 
 def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:

@@ -152,8 +152,8 @@ def is_motion(path: Path) -> bool:
         return False
 
 
-def read_motion(path: Path, layouts: tuple[BodyLayout, ...] = (SMPL, SMPL_HANDS)) -> MotionFile:
-    """Read what is shown of a motion file of one of some layouts, or of a plain AMASS file.
+def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
+    """Read what is shown of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
@@ -162,7 +162,7 @@ def read_motion(path: Path, layouts: tuple[BodyLayout, ...] = (SMPL, SMPL_HANDS)
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)
-    found = motion.body_layout
+    found, layouts = motion.body_layout, layouts or (SMPL, SMPL_HANDS)
     if all((found.joints, found.parents) != (layout.joints, layout.parents) for layout in layouts):
         found.require_same_joints(layouts[0], str(fields.path))
     return motion

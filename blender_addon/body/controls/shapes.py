@@ -12,6 +12,7 @@ from ...conventions.skeleton import JOINTS, BodyLayout
 from ..armature import bone_axes
 from ..body_file import BodyFile
 from ..layout import BoneLayout, body_part, is_finger, standing
+from .fingers import CONTROLS, has_finger_controls
 from .limbs import LIMBS, ROOT, Limb
 
 _SEGMENTS = 40
@@ -26,6 +27,8 @@ _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 
 """Share of the bone along which the skin is measured; its middle third where none is named."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
 """Root against the arms' span, a pole's metres, and rings of turns against those of their joints."""
+_ABOVE_M = 0.022
+"""Controls of fingers lie over the back of the hand."""
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones whose skin the rings around the spine measure together."""
@@ -62,6 +65,13 @@ def add_control_shapes(
         bone = armature.pose.bones[joint]
         _show(bone, shapes[shape], centre, half)
     _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
+    if has_finger_controls(armature):
+        for name in CONTROLS:
+            length = armature.data.bones[name].length
+            at, size = (1.9, 0.006) if name.endswith("_curl") else (0.45, 0.012)
+            _show(
+                armature.pose.bones[name], shapes["diamond"], np.array([0.0, at * length, -_ABOVE_M]), np.full(3, size)
+            )
     for limb in LIMBS:
         _add_limb_shapes(armature, limb, body.layout, vertices, owner, shapes)
     return folder

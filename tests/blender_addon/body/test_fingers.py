@@ -1,4 +1,4 @@
-"""Bodies with finger bones: the skin follows them as the model says; motions and bodies without fingers fit all the same."""
+"""Bodies with finger bones: the skin follows them as the model says; motions without fingers fit all the same."""
 
 from __future__ import annotations
 
