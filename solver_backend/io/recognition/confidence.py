@@ -8,7 +8,7 @@ PER_CENT = 100.0
 _TYPICAL_PER_CENT = 10.0
 """Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
 _FLAT, _FEWEST = 1e-3, 100
-"""Relative spread of confidences that say nothing, and of how many points it is looked at; detectors' spread is 0.1-0.5."""
+"""Relative spread of confidences that say nothing (detectors' is 0.1-0.5), and of how many points it is looked at."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
@@ -23,8 +23,8 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], 
     seen = confidence[confidence > 0]
     if len(seen) >= _FEWEST and largest < 1 and float(seen.min()) >= (1 - _FLAT) * largest:
         sentence = (
-            f"Every keypoint that is seen has the same confidence, {largest:.3g}; it says nothing about which to trust. "
-            f"It is taken as 1, and keypoints are weighed by their agreement alone."
+            f"Every keypoint that is seen has the same confidence, {largest:.3g}; it says nothing about which to "
+            f"trust. It is taken as 1, and keypoints are weighed by their agreement alone."
         )
         return np.where(confidence > 0, 1.0, 0.0), (), (sentence,)
     if largest <= 1:
