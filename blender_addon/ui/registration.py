@@ -32,6 +32,7 @@ from .operators import (
     retarget,
     review,
     rig,
+    send_take,
     solve,
     solve_all,
     solver_operator,
@@ -44,6 +45,7 @@ from .operators import (
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
+from .panels import fingers as fingers_panel
 from .panels import frame_rate as frame_rate_notice
 from .panels import limbs as limbs_panel
 from .panels import live as live_panel
@@ -117,6 +119,8 @@ TABLE: tuple[Registrable, ...] = (
     Registrable(lambda: None, live.live.abandon),
     *map(_class, live.CLASSES),
     *map(_class, rig.CLASSES),
+    Registrable(lambda: None, send_take.playing.stop),
+    *map(_class, send_take.CLASSES),
     *map(_class, tell_points.CLASSES),
     *map(_class, studio.CLASSES),
     _class(export_take.MOCAP_OT_export_take),
@@ -143,11 +147,14 @@ TABLE: tuple[Registrable, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(limbs_panel.VIEW3D_PT_mocap_limbs),
+    _class(fingers_panel.VIEW3D_PT_mocap_fingers),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
     _class(live_panel.VIEW3D_PT_mocap_live),
     *map(_class, rig_panel.CLASSES),
     _handler(bpy.app.handlers.load_pre, live.before_load),
+    _handler(bpy.app.handlers.load_pre, send_take.before_load),
+    _handler(bpy.app.handlers.frame_change_post, send_take.on_frame_change),
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Registrable(marker_view.drawing.start, marker_view.drawing.stop),

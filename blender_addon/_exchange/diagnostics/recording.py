@@ -11,6 +11,12 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Markers on the skin are named like a skeleton's joints.",
         "Write the markers' places with `layout`, and solve with `--layout`.",
     ),
+    "markers_off_place": warning(
+        "Markers sit far from where their names would put them: {places}. Their names are not used",
+        "The names mean other places, or the markers are on a chair or a tool. The solve finds the bone that each "
+        "moves with, or leaves it out.",
+        "Write how labels are read with `layout`, correct the places, and solve with `--layout`.",
+    ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
         "The detector took left for right for a while, often when the person turns away from the camera.",
