@@ -30,8 +30,9 @@ from .export import ExportRequest, run_export
 from .motion import MotionRequest, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
-from .retarget import RetargetRequest, run_retarget
+from .retarget import run_retarget
 from .retarget_clips import run_retarget_clips
+from .retarget_request import RetargetRequest
 from .solver import run_solver
 from .studio import StudioRequest, run_studio
 

@@ -17,7 +17,7 @@ from .exit_codes import exit_code
 from .retarget_target import lay_out_time, map_target, open_target
 
 if TYPE_CHECKING:
-    from .retarget import RetargetRequest
+    from .retarget_request import RetargetRequest
 
 _SAME_RATE = 1e-3
 """Relative difference of frame rates that is none."""

@@ -13,7 +13,7 @@ if TYPE_CHECKING:
 
     from ..conventions.timing import TakeTiming
     from ..retarget.maps.rig_map import RigMap
-    from .retarget import RetargetRequest
+    from .retarget_request import RetargetRequest
 
 
 def open_target(request: RetargetRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:

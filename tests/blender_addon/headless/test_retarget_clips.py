@@ -11,11 +11,11 @@ import pytest
 
 from blender_addon.animation.curves import current_action
 from blender_addon.headless.main import main
-from tests.blender_addon.retarget.test_rig_to_rig import play
 from tests.support.foreign_characters import write_character
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
+from tests.support.keyed_walk import play
 
 
 @pytest.fixture
