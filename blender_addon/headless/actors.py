@@ -73,7 +73,7 @@ def _of_motion(path: Path, body: Path | None) -> Actor:
     from ..retarget.motion.figures import actor_of_motion
 
     motion = read_motion(path)
-    chosen = read_body(body or body_path_of(motion.provenance))
+    chosen = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, chosen)
     return actor_of_motion(motion, chosen)
 
