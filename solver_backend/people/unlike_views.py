@@ -15,7 +15,7 @@ from itertools import product
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
-from solver_backend.people.camera_starts import LEAST_STRENGTH, largest_gain
+from solver_backend.people.camera_starts import largest_gain
 from solver_backend.people.detections import Detections
 from solver_backend.people.pair_gains import PairGains, pair_gains
 from solver_backend.people.resampled import nearest_rows
@@ -28,6 +28,8 @@ cameras recorded different numbers of frames: simulated views reach 0.8 to 0.95,
 0.33 to 0.66; views of other rates 0.2 to 0.4."""
 RIVAL_SHARE = 0.6
 """Another reading that gains so much leaves open which is right."""
+LEAST_READING = 1.0
+"""Frames that match for each camera, counted as ``LEAST_STRENGTH``, of which there are four times as many samples."""
 LEAST_GAIN = 1.0
 """Frames that match at least: a short overlap may agree by chance."""
 OTHER_RATE, OTHER_SIZE = 0.15, 0.5
@@ -72,7 +74,7 @@ def explain_unlike(cameras: Cameras, detections: Detections) -> tuple[ViewReadin
     if len(base) == 1:
         alike = [[reading] * len(cameras) for reading in _corrections()]
         if (found := _clearly_best(alike, tried.strength_of_all)) is not None:
-            return tuple(found) if len(tried.groups(found)) == 1 else None
+            return tuple(found) if len(tried.groups(found, 0.0)) == 1 else None
     readings = list(plain)
     for group in groups[1:]:
         for ways in (_rates(), _corrections()):
@@ -119,7 +121,7 @@ def _clearly_best(
     found = np.array([strength(option) for option in options])
     best = options[int(found.argmax())]
     rivals = [s for option, s in zip(options, found, strict=True) if _differ(option, best)]
-    return best if found.max() >= LEAST_STRENGTH and max(rivals) < RIVAL_SHARE * found.max() else None
+    return best if found.max() >= LEAST_READING and max(rivals) < RIVAL_SHARE * found.max() else None
 
 
 def _differ(one: Sequence[ViewReading], other: Sequence[ViewReading]) -> bool:
@@ -146,11 +148,16 @@ class _Tried:
             detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None
         )
 
-    def groups(self, readings: Sequence[ViewReading]) -> list[list[int]]:
-        """Return the cameras that match with each other, or show too little to tell, the largest group first."""
+    def groups(self, readings: Sequence[ViewReading], share: float | None = None) -> list[list[int]]:
+        """Return the cameras that match with each other, or show too little to tell, the largest group first.
+
+        Args:
+            readings: one a camera.
+            share: of the best pair's match that others must reach; by the numbers of frames where left out.
+        """
         gains = self._gains(readings, self._seeing)
         matched = {pair: _matched(table, gains.possible[pair]) for pair, table in gains.tables.items()}
-        least = max(MATCHING, self._share * max(matched.values()))
+        least = max(MATCHING, (self._share if share is None else share) * max(matched.values()))
         group_of = {c: {c} for c in self._seeing}
         for (i, j), share in matched.items():
             still = share < STILL[0] and gains.usual[i, j] < STILL[1]
