@@ -17,6 +17,7 @@ from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.alone import alone
 from .motion.figures import Actor
+from .motion.fingers import hands_of_body
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
@@ -49,16 +50,19 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
     fps = float(action.get("fps", rate))
     step = (laid_rate(action) if "fps" in action else rate) / fps
     times = first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
-    joints = _joints(armature)
-    matrices = np.empty((len(times), len(joints), 4, 4))
+    layout = layout_of(armature.data.bones)
+    matrices = np.empty((len(times), layout.num_joints, 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):
             go_to_frame(stage, float(time))
             bones = armature.evaluated_get(depsgraph).pose.bones
-            matrices[f] = [bones[joint].matrix for joint in joints]
-    rest = _rest_joints(armature)
-    turns = matrices[..., :3, :3] @ bone_axes(armature)[_columns(armature)].swapaxes(1, 2)
-    actor = Actor(action.name, rest, turns, matrices[..., :3, 3], fps, _contacts(action, len(times)))
+            matrices[f] = [bones[joint].matrix for joint in layout.joints]
+    own = _columns(armature)
+    turns, places = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2), matrices[..., :3, 3]
+    heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
+    hands = hands_of_body(layout, heads, turns)
+    contacts = _contacts(action, len(times))
+    actor = Actor(action.name, _rest_joints(armature), turns[:, own], places[:, own], fps, contacts, hands=hands)
     return actor, TakeTiming(float(first), rate)
 
 
