@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import TooFewViews
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.as_meant import as_meant, in_persons_unit
 from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.own_keypoints import find_own_keypoints
@@ -21,10 +21,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.start_times import bring_to_one_time, reads_apart
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.calibration_fit import fit_calibration
-from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import select_people
 from solver_backend.types import Capture, PersonInViews
 
@@ -74,9 +71,13 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     in_time = bring_to_one_time(calibration.cameras, detections, rate, options)
     detections = in_time.detections
-    calibration = _as_meant(calibration, detections, options)
+    if not options.as_calibrated:
+        calibration = as_meant(calibration, detections, options.up_axis)
+    calibration, to_plausible = in_persons_unit(
+        calibration, detections, keep=options.as_calibrated or options.scale != 1.0
+    )
     cameras, people, scaled = find_people(
-        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options
+        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options, to_plausible
     )
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis)
@@ -124,17 +125,6 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
         return replace(capture, problems=(*capture.problems, problem))
     note = f"Frames {first} to {stop - 1} of {capture.num_frames}, as Config.toml says; others: --frames FIRST LAST."
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
-
-
-def _as_meant(calibration: Calibration, detections: Detections, options: ReadOptions) -> Calibration:
-    """Return the calibration read as the views say it is meant, with what was corrected among its problems."""
-    if options.as_calibrated:
-        return calibration
-    fit = fit_calibration(calibration.cameras, detections, rotation_to_z_up(options.up_axis or "z"))
-    if not fit.changed:
-        return calibration
-    problem = f"{fit.sentence()} To keep it as written: --as-calibrated."
-    return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, problem))
 
 
 def _frame_rate(
