@@ -76,6 +76,8 @@ class FrameAssembly:
             sender: whose it is; frames are of one sender at a time.
             arrived: ``time.perf_counter()``.
         """
+        if sender != self._sender and arrived - self._heard < SENDER_GONE_S:  # at once: it may send without end
+            return self._name("second_sender", "Another sender is not heard as long as the first one sends.")
         try:
             messages = decode_packet(packet)
         except PacketInvalid as error:
@@ -99,8 +101,6 @@ class FrameAssembly:
     def _is_ours(self, messages: Sequence[OscMessage], sender: Any, arrived: float) -> bool:
         """Return whether a packet is of the sender who is heard; one with bones takes over from one who is gone."""
         if sender != self._sender:
-            if arrived - self._heard < SENDER_GONE_S:
-                return bool(self._name("second_sender", "Another sender is not heard as long as the first one sends."))
             if not any(message.address == BONE for message in messages):
                 return False
             self._sender, self._packets = sender, []

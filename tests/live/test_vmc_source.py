@@ -149,6 +149,7 @@ def test_two_senders_are_not_mixed(packets):
     mixed = [f for k, p in enumerate(packets) for who in (ME, OTHER) for f in assembly.take(p, who, k / 60.0)]
     assert len(mixed) == FRAMES and assembly.counts == {"second_sender": FRAMES}
     assert len(assembly.news) == 1
+    assert not list(assembly.take(b"nonsense", OTHER, 0.2)) and assembly.counts == {"second_sender": FRAMES + 1}
     later = taken(assembly, packets, OTHER, start=5.0)
     assert len(later) == FRAMES  # the first one is gone
 
