@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
@@ -61,8 +62,8 @@ class Measurements:
     """The person, where they are known before the solve: markers are calibrated first."""
     rough: RoughMotion | None = None
     """Where to start from, where that was found with the person."""
-    hands: HandViews | None = None
-    """The hands that views show beside the points; None where none does."""
+    hands: HandViews | HandClouds | None = None
+    """The hands that views or markers show beside the points; None where none does."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 
