@@ -70,7 +70,7 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
 
 
 def _of_motion(path: Path, body: Path | None) -> Actor:
-    from ..retarget.motion.body_actor import actor_of_motion
+    from ..retarget.motion.figures import actor_of_motion
 
     motion = read_motion(path)
     chosen = read_body(body or body_path_of(motion.provenance), motion.body_layout)

@@ -19,7 +19,7 @@ import bpy
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
-from blender_addon.retarget.motion.body_actor import actor_of_motion
+from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.retarget import retarget
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings

@@ -6,14 +6,11 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from ..._exchange.body_layout import BodyLayout
 from ..._exchange.rigs.rest_frames import swing
 from ..._exchange.rigs.roles import FINGERS, SIDES
 from .figures import Actor, Hand, Target
 
 _BONES = 4
-_AT_REST = 0.005
-"""Radians below which the fingers of a whole take are at rest: the motion has none."""
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
@@ -34,32 +31,6 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
             inner = A[hand] @ turns[hand].swapaxes(-1, -2) @ turns[fingers] @ A[hand].T
             directions = np.array([A[hand] @ _direction(rest, finger) for finger in fingers])
             hands.append(Hand(tuple(rest.roles[c] for c in fingers), directions, inner))
-    return tuple(hands)
-
-
-def hands_of_body(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return the hands of a body of ours; none where it has no finger joints, or they stay at rest.
-
-    Args:
-        layout: names of its J joints.
-        rest: (J, 3) joints at rest on the stage.
-        turns: (F, J, 3, 3) rotations from rest.
-    """
-    hands = []
-    for side in SIDES:
-        joints = {
-            f"{side}_{finger}_{i}": layout.joints.index(f"{side}_{finger}{i}")
-            for finger in FINGERS for i in (1, 2, 3) if f"{side}_{finger}{i}" in layout.joints
-        }  # fmt: skip
-        if not joints:
-            continue
-        hand = layout.joints.index(f"{side}_wrist")
-        inner = turns[:, hand].swapaxes(-1, -2)[:, None] @ turns[:, list(joints.values())]
-        if np.abs(inner - np.eye(3)).max() < _AT_REST:
-            continue
-        places = {role: rest[joint] for role, joint in joints.items()} | {f"{side}_hand": rest[hand]}
-        directions = np.array([_along(places, role) for role in joints])
-        hands.append(Hand(tuple(joints), directions, inner.swapaxes(0, 1)))
     return tuple(hands)
 
 

@@ -16,7 +16,7 @@ from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from blender_addon.retarget.actor_rig import read_actor
-from blender_addon.retarget.motion.body_actor import actor_of_motion
+from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.retarget import RetargetSettings, retarget
 from blender_addon.scene.bake import BakeSettings, bake_take

@@ -15,7 +15,7 @@ from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.headless.main import main
-from blender_addon.retarget.motion.body_actor import actor_of_motion
+from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body

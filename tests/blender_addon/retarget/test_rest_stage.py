@@ -11,7 +11,7 @@ import pytest
 
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import TargetUnsuitable
-from blender_addon.retarget.motion.body_actor import actor_of_motion
+from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.retarget import Retargeted, RetargetSettings, retarget
 from tests.support.addon_stand_in import Files

@@ -12,8 +12,7 @@ from blender_addon._exchange.motion_file import MotionFile
 from blender_addon._exchange.so3 import matrix_from_rotvec
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
-from blender_addon.retarget.motion.body_actor import actor_of_motion
-from blender_addon.retarget.motion.figures import Actor
+from blender_addon.retarget.motion.figures import Actor, actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import RetargetSettings, retarget
