@@ -159,6 +159,10 @@ class Capture:
     """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
     """Whose ``keypoints`` are, by name, where a recording shows several people."""
+    stature_m: float = 0.0
+    """Stature of the person whom a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
+    floor_from_person: bool = False
+    """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -191,6 +195,29 @@ class Capture:
         """Frames per second."""
         source = self.keypoints or self.markers
         return float(source.fps) if source is not None else 0.0
+
+    @property
+    def is_one_view(self) -> bool:
+        """Whether exactly one camera detects anybody."""
+        found = self.keypoints
+        return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
+
+    def require_views(self) -> tuple[Cameras, Keypoints2D]:
+        """Return cameras and keypoints of a capture in which somebody is detected, by one camera or several.
+
+        Raises:
+            TooFewViews: it has no cameras or no keypoints.
+            NoDetections: nobody is detected, or by several cameras and no keypoint by two of them.
+        """
+        if self.cameras is None or self.keypoints is None:
+            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
+        if not (self.keypoints.confidence > 0).any():
+            raise NoDetections(
+                "Every confidence is zero: nobody was detected.",
+                where=self.name,
+                hint="Run the detector again or choose other files.",
+            )
+        return (self.cameras, self.keypoints) if self.is_one_view else self.require_multiview()
 
     def require_multiview(self) -> tuple[Cameras, Keypoints2D]:
         """Return cameras and keypoints of a capture that can be triangulated.

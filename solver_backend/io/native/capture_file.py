@@ -21,7 +21,7 @@ _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "footage_first", "camera_names", "K",
     "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set",
     "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
-    "people", "people_xy", "people_confidence", "person",
+    "people", "people_xy", "people_confidence", "person", "stature", "floor_from_person",
 )  # fmt: skip
 
 
@@ -69,6 +69,10 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             ),
             "person": np.array(capture.person),
         }
+    if capture.stature_m:
+        arrays["stature"] = np.array(capture.stature_m)
+    if capture.floor_from_person:
+        arrays["floor_from_person"] = np.array(True)
     if capture.markers is not None:
         arrays |= _marker_arrays(capture.markers)
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
@@ -109,6 +113,8 @@ def _capture(fields: Fields, path: Path) -> Capture:
         problems=fields.texts("problems"),
         people=people,
         person=fields.text("person", "") if people else "",
+        stature_m=float(fields.numbers("stature", ())) if "stature" in fields else 0.0,
+        floor_from_person="floor_from_person" in fields,
         truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
     )
 

@@ -1,0 +1,68 @@
+"""What one camera leaves open, stated: deviations along the line of sight, and the limbs whose depth is a guess."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.fitters.measurements.base import OneView
+from solver_backend.fitters.model.posed_frames import BLOCK_POSES
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.symmetric import packed, unpacked
+
+OPEN_M = 0.15
+"""A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""
+SHORTEST_S = 0.2
+"""A shorter stretch is not worth a look."""
+LIMB_ENDS = {
+    "left_wrist": "left arm", "right_wrist": "right arm", "left_ankle": "left leg", "right_ankle": "right leg",
+    "head": "head",
+}  # fmt: skip
+"""Joints by which limbs are named."""
+
+
+def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
+    """Return the solution with the deviations that one camera leaves: ``Σ + s² p pᵀ``, p from the camera to the joint.
+
+    A person s times as large and as far away looks the same: the error is along every joint's own line of sight, and
+    alike in all frames, so that no number of frames takes it away.
+
+    Args:
+        solved: with the covariances of the bundle.
+        one: what is open.
+        joints: (J,) joints of the body whose covariances there are.
+    """
+    if solved.covariance is None:
+        return solved
+    covariance = unpacked(to_numpy(solved.covariance))
+    for start in range(0, len(covariance), BLOCK_POSES):
+        part = slice(start, start + BLOCK_POSES)
+        away = _joints(solved.subject, solved, part)[:, joints] - one.centre
+        covariance[part] += one.size_sigma**2 * away[..., :, None] * away[..., None, :]
+    return replace(solved, covariance=constant(packed(covariance), solved.frames.transl))
+
+
+def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
+    """Return what a result of one camera always says, and the limbs whose depth is open."""
+    joints = problem.body.layout.recorded.joints
+    columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
+    usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))
+    found = [diagnostic("one_camera", size=usual, share=100.0 * one.size_sigma, source=one.size_source)]
+    for name, part in LIMB_ENDS.items():
+        if name not in joints:
+            continue
+        runs = true_runs(one.sight_sigma_m[:, joints.index(name)] > OPEN_M)
+        long = [run for run in runs if run[1] - run[0] + 1 >= SHORTEST_S * problem.fps]
+        if long:
+            found.append(diagnostic("limb_depth_open", frames=long, joints=[name], part=part))
+    return found
+
+
+def _joints(subject: Subject, solved: SolvedFrames, part: slice) -> np.ndarray:
+    return np.asarray(to_numpy(pose(subject, solved.frames.select(part)).skeleton.joints))

@@ -1,0 +1,114 @@
+"""Takes that one camera sees, with truth or a solve of all cameras to compare with, and how far a result is from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.exchange.joint_sets import SMPL_JOINTS
+from solver_backend.fitters.pipeline import solve
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.io.load import load_capture
+from solver_backend.types import Capture, Motion
+from tests.benchmarks.comparison.validation_takes import read_take
+from tests.benchmarks.metric import BenchmarkSkipped
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
+
+LIMBS = tuple(
+    SMPL_JOINTS.index(f"{side}_{part}")
+    for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in ("left", "right")
+)  # fmt: skip
+HIPS = [LIMBS[6], LIMBS[7]]
+HELD_OUT = (
+    ("03", "asfamc/03_02", 20), ("03", "asfamc/03_04", 60), ("13", "mb2/13_29", 600), ("13", "mb2/13_29", 1500),
+    ("49", "asfamc/49_02", 60), ("49", "asfamc/49_06", 60), ("49", "asfamc/49_11", 60), ("135", "asfamc/135_02", 200),
+    ("135", "asfamc/135_04", 150), ("135", "asfamc/135_07", 100),
+)  # fmt: skip
+"""Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
+The lifter is trained on nobody of them."""
+TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
+"""The same, to choose constants by."""
+FRAMES = 120
+CHI2_95 = 7.815
+"""Of three degrees of freedom."""
+
+
+@dataclass(frozen=True)
+class OneViewTake:
+    """A take of one camera."""
+
+    name: str
+    capture: Capture
+    joints: np.ndarray
+    """(F, 24, 3) what is true, or what all cameras say, metres."""
+
+
+def real_takes() -> Iterator[OneViewTake]:
+    """Yield each camera of the balancing trial, with the solve of all four.
+
+    Raises:
+        BenchmarkSkipped: the recording is not here.
+    """
+    folder = recordings_folder() / BALANCING_TRIAL
+    if not folder.is_dir():
+        raise BenchmarkSkipped("The recording is not here.", hint=ABSENT)
+    capture = load_capture(folder)
+    joints = solve(capture).motion.joints
+    assert capture.cameras is not None
+    for view, name in enumerate(capture.cameras.names):
+        yield OneViewTake(name, capture.views([view]), joints)
+
+
+def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int = 2) -> Iterator[OneViewTake]:
+    """Yield takes of recorded motion by a simulated detector, each by one camera after the other.
+
+    Raises:
+        BenchmarkSkipped: the motions are not here.
+    """
+    for number, (subject, file, start) in enumerate(which):
+        path = recordings_folder() / "motion_cmu" / f"{file}.npz"
+        if not path.is_file():
+            raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
+        whole = read_take(path, None, start)
+        step = max(1, round(whole.fps / 30.0))
+        take = replace(
+            whole, rotations=whole.rotations[::step][:FRAMES], root=whole.root[::step][:FRAMES], fps=whole.fps / step
+        )  # fmt: skip
+        capture = benchmark_capture(take, BenchmarkSettings(num_views=3, seed=number))
+        for view in range(views):
+            yield OneViewTake(subject, capture.views([view]), capture.truth["joints"])
+
+
+def pa_mm(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return (F, N) distances in mm after the best similarity of each frame (Umeyama 1991)."""
+    a, b = (points - points.mean(axis=1, keepdims=True) for points in (found, truth))
+    u, s, vt = np.linalg.svd(np.swapaxes(a, 1, 2) @ b)
+    sign = np.sign(np.linalg.det(u @ vt))
+    u[:, :, 2] *= sign[:, None]
+    s[:, 2] *= sign
+    scale = s.sum(axis=1) / (a**2).sum(axis=(1, 2))
+    return 1000 * np.linalg.norm(scale[:, None, None] * (a @ (u @ vt)) - b, axis=-1)
+
+
+def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Return mean distances of 12 limb joints in mm: after the best similarity, and about the middle of the hips."""
+    about = [points[:, LIMBS] - points[:, HIPS].mean(axis=1, keepdims=True) for points in (joints, truth)]
+    hip = 1000 * np.linalg.norm(about[0] - about[1], axis=-1)
+    return float(pa_mm(joints[:, LIMBS], truth[:, LIMBS]).mean()), float(hip.mean())
+
+
+def coverage(motion: Motion, truth: np.ndarray) -> float:
+    """Return the share of limb joints inside their 95 % ellipsoids, percent."""
+    assert motion.joint_covariance is not None
+    off = (motion.joints - truth)[:, LIMBS]
+    covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
+    deviation = np.einsum("fja,fja->fj", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return 100 * float((deviation < CHI2_95).mean())
+
+
+def acceleration(joints: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F - 2, 12, 3) accelerations of the limb joints, m/s²."""
+    return np.diff(joints[:, LIMBS], 2, axis=0) * fps**2
