@@ -16,7 +16,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree  # pyright: ignore[reportAttributeAccessIssue]
 
-from assets_procedural.anny_rig import TOPOLOGIES, Rig, read_rig
+from assets_procedural.anny_rig import TOPOLOGIES, AnnyRig, read_rig
 from assets_procedural.build import write_body
 from assets_procedural.layout import PARENTS
 from solver_backend.exchange.body_choice import bodies_folder
@@ -86,7 +86,7 @@ def _sources() -> dict[str, str]:
     return _MIDLINE | sides
 
 
-def _owners(rig: Rig) -> np.ndarray:
+def _owners(rig: AnnyRig) -> np.ndarray:
     """Return for each bone the joint that carries it: its own, its nearest ancestor's, toes and fingers one each."""
     joint_of = {bone: SMPL_JOINTS.index(joint) for joint, bone in _sources().items()}
     owner = np.zeros(len(rig.bones), dtype=int)
@@ -109,7 +109,7 @@ def _collapsed(weights: csr_matrix, owner: np.ndarray) -> np.ndarray:
     return joined / joined.sum(axis=1, keepdims=True)
 
 
-def _reposed(rig: Rig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _reposed(rig: AnnyRig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (N, V, 3) vertices and (N, 24, 3) joints of every shape: arms level, legs vertical, pelvis at 0."""
     source = [rig.bones.index(_sources()[joint]) for joint in SMPL_JOINTS]
     turns = np.tile(np.eye(3), (len(rig.vertices), len(SMPL_JOINTS), 1, 1))
@@ -138,7 +138,7 @@ def _reposed(rig: Rig, owner: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return vertices - pelvis, joints - pelvis
 
 
-def _places(rig: Rig) -> np.ndarray:
+def _places(rig: AnnyRig) -> np.ndarray:
     """Return the (24, B) share of each bone's head in each joint."""
     places = np.zeros((len(SMPL_JOINTS), len(rig.bones)))
     for name, bone in _sources().items():

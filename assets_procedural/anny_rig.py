@@ -20,7 +20,7 @@ _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
 
 
 @dataclass(frozen=True)
-class Rig:
+class AnnyRig:
     """A skinned mesh in its own rest pose: V vertices, B bones, N shapes."""
 
     bones: tuple[str, ...]
@@ -37,7 +37,7 @@ class Rig:
     """(N, B, 3)."""
 
 
-def read_rig(topology: str, num_samples: int, seed: int) -> Rig:
+def read_rig(topology: str, num_samples: int, seed: int) -> AnnyRig:
     """Sample adult shapes: the skin and both eyes.
 
     Args:
@@ -68,7 +68,7 @@ def read_rig(topology: str, num_samples: int, seed: int) -> Rig:
     index, value = model.vertex_bone_indices.numpy(), model.vertex_bone_weights.numpy()
     rows = np.repeat(np.arange(len(index)), index.shape[1])
     weights = csr_matrix((value.ravel(), (rows, index.ravel())), shape=(len(index), model.bone_count))
-    return _skin_alone(Rig(
+    return _skin_alone(AnnyRig(
         tuple(model.bone_labels), tuple(int(p) for p in model.bone_parents), weights,
         model.faces.numpy().astype(np.int64), np.concatenate(vertices), np.concatenate(heads),
     ))  # fmt: skip
@@ -90,7 +90,7 @@ def _phenotypes(labels: list[str], count: int, seed: int) -> np.ndarray:
     return values.astype(np.float32)
 
 
-def _skin_alone(rig: Rig) -> Rig:
+def _skin_alone(rig: AnnyRig) -> AnnyRig:
     """Return the rig with the skin and both eyes: teeth and tongue would stop rays on their way out."""
     count = rig.vertices.shape[1]
     pairs = np.concatenate([rig.faces[:, [0, 1]], rig.faces[:, [1, 2]]])
@@ -104,4 +104,4 @@ def _skin_alone(rig: Rig) -> Rig:
         kept |= mask & (any(name.startswith("eye.") for name in heads) and abs(centre[mask, 0].mean()) > 0.01)
     number = np.cumsum(kept) - 1
     faces = number[rig.faces[kept[rig.faces].all(1)]]
-    return Rig(rig.bones, rig.parents, rig.weights[kept], faces, rig.vertices[:, kept], rig.heads)
+    return AnnyRig(rig.bones, rig.parents, rig.weights[kept], faces, rig.vertices[:, kept], rig.heads)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
@@ -12,6 +13,7 @@ import numpy as np
 
 from assets_procedural.detail.fingers import finger_knots, relax_fingers
 from assets_procedural.detail.lay_on import lay_on_details
+from assets_procedural.hand.joints import Knots
 from assets_procedural.layout import BORDERS, PARENTS
 from assets_procedural.mesh.charts import build_texture_map
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
@@ -33,7 +35,17 @@ _ROOT = 4294967295
 _T = TypeVar("_T")
 
 
-def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> dict[str, np.ndarray]:
+@dataclass(frozen=True)
+class BuiltBody:
+    """The body file, and what its hands are made from."""
+
+    arrays: dict[str, np.ndarray]
+    """Of the body file, by key."""
+    knots: Knots
+    """Of its digits; the pelvis is the origin."""
+
+
+def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = None) -> BuiltBody:
     """Return the arrays of the body file; the pelvis is the origin for every shape.
 
     ``fitted`` is the mesh of the skin where it exists already; without it one of ``num_vertices`` vertices is made.
@@ -61,7 +73,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
     regressor = _timed("regressor", lambda: fit_regressor(vertices, vertex_dirs, joints, space.joint_dirs, mesh.mirror))
     posedirs = _timed("correctives", lambda: fit_correctives(vertices, mesh.faces, weights, joints, mesh.mirror))
     texture = _timed("texture", lambda: build_texture_map(space.carried[:count], mesh.faces, part, PART_FACING))
-    return {
+    arrays = {
         "body_id": np.array(BODY_ID),
         "v_template": vertices.astype(np.float32),
         "shapedirs": vertex_dirs.astype(np.float32),
@@ -79,6 +91,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
         "material_names": np.array(MATERIAL_NAMES),
         "mirror": mesh.mirror.astype(np.uint32),
     }
+    return BuiltBody(arrays, Knots.relaxed(spread[count:], space.carried_dirs[count:], fitted_joints))
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 
-from solver_backend.exchange.diagnostics import REFUSALS, Entry, Remedy
+from solver_backend.exchange.diagnostics import REFUSALS, DiagnosticEntry, Remedy
 from solver_backend.exchange.diagnostics.table import GROUPS
 
 _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
@@ -44,6 +44,6 @@ def diagnostics_page() -> str:
     return "\n".join([*parts, ""])
 
 
-def _row(code: str, entry: Entry) -> str:
+def _row(code: str, entry: DiagnosticEntry) -> str:
     words = [re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text).replace("|", "\\|") for text in (entry.what, entry.advice)]
     return f"| `{code}` | {entry.severity.value} | {words[0]} | {entry.cause} | {words[1] or '–'} |"

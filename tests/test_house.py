@@ -75,6 +75,19 @@ def test_no_modules_import_each_other_in_a_ring(package: str) -> None:
         pytest.fail(" -> ".join(ring.args[1]))
 
 
+def test_a_public_class_name_has_one_home() -> None:
+    """The add-on's copy of the exchange library is a copy, no second home."""
+    homes: dict[str, list[str]] = {}
+    for path in product_files():
+        if path.is_relative_to(ROOT / "blender_addon" / "_exchange"):
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                homes.setdefault(node.name, []).append(dotted(path))
+    assert len(homes) > 500
+    assert not {name: places for name, places in homes.items() if len(places) > 1}
+
+
 def test_no_product_file_is_long() -> None:
     lengths = {dotted(path): len(path.read_text(encoding="utf-8").splitlines()) for path in product_files()}
     assert len(lengths) > 300

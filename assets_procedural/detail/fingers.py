@@ -69,6 +69,21 @@ def finger_knots(joints: Array) -> Array:
     return np.concatenate([left, left * [-1.0, 1.0, 1.0]])
 
 
+def relaxed_knots(knots: Array, joints: Array) -> Array:
+    """Return the (40, 3, C) knots, or their derivatives, where the curled fingers have them.
+
+    Args:
+        knots: (40, 3, C) of the body with spread fingers, metres.
+        joints: (24, 3) metres, of the fitted body.
+    """
+    turned = []
+    for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):
+        sign = np.array([flip, 1.0, 1.0])[:, None]
+        for own, digit in zip(np.split(half * sign, len(DIGITS)), DIGITS.values(), strict=True):
+            turned.append(_bent(np.array(digit.knots), own, own, digit) * sign)
+    return np.concatenate(turned)
+
+
 def relax_fingers(points: Array, knots: Array, straight: Array, joints: Array) -> Array:
     """Return points, or derivatives of points, of a body with spread fingers after its fingers have curled.
 

@@ -19,7 +19,7 @@ Profile = Callable[[Array], Array]
 
 
 @dataclass(frozen=True)
-class Frame:
+class RestFrame:
     """Rest joints of the body to deform, floor at y = 0."""
 
     joints: Array
@@ -32,7 +32,7 @@ class Frame:
         return self.joints[JOINT[name]]
 
 
-def build_fields(frame: Frame) -> dict[str, Field]:
+def build_fields(frame: RestFrame) -> dict[str, Field]:
     """Return one field a measure of ``statistics.MEASURES``; each maps (N, 3) points to (N, 3) displacements."""
     return _length_fields(frame) | _girth_fields(frame)
 
@@ -46,7 +46,7 @@ def displace(fields: dict[str, Field], points: Array) -> Array:
     return moved * side
 
 
-def _length_fields(frame: Frame) -> dict[str, Field]:
+def _length_fields(frame: RestFrame) -> dict[str, Field]:
     hip, knee, ankle, wrist = (frame.at(f"left_{n}") for n in ("hip", "knee", "ankle", "wrist"))
     shoulder, elbow, neck = frame.at("left_shoulder"), frame.at("left_elbow"), frame.at("neck")
 
@@ -79,7 +79,7 @@ def _length_fields(frame: Frame) -> dict[str, Field]:
     }
 
 
-def _girth_fields(frame: Frame) -> dict[str, Field]:
+def _girth_fields(frame: RestFrame) -> dict[str, Field]:
     at = frame.at
     spine = np.stack([at(n) for n in ("pelvis", "spine1", "spine2", "spine3", "neck", "head")])
     hip, knee, ankle = at("left_hip"), at("left_knee"), at("left_ankle")

@@ -8,7 +8,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.population.anthropometry import Measures, place_measures
-from assets_procedural.population.fields import Frame, build_fields, displace
+from assets_procedural.population.fields import RestFrame, build_fields, displace
 from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, Statistics
 from assets_procedural.skeleton.skinning import cotangent_laplacian
 
@@ -99,7 +99,7 @@ def calibrate(
 
 
 def _fields_of(vertices: Array, joints: Array, carried: Array) -> tuple[Array, Array, Array]:
-    fields = build_fields(Frame(joints, float(vertices[:, 1].max())))
+    fields = build_fields(RestFrame(joints, float(vertices[:, 1].max())))
     fields = {name: fields[name] for name in MEASURES}
     moved = displace(fields, np.concatenate([vertices, joints, carried]))
     of_vertices, of_joints, of_carried = np.split(moved, np.cumsum([len(vertices), len(joints)]), axis=1)

@@ -9,7 +9,7 @@ import numpy as np
 from assets_procedural.arrays import Array
 from assets_procedural.layout import JOINT
 from assets_procedural.quality.poses import Degrees
-from assets_procedural.quality.raster import View
+from assets_procedural.quality.raster import RasterView
 
 _UP: Degrees = {"left_collar": (0, 0, 22), "left_shoulder": (0, 0, 65)}
 _BENT: Degrees = {"left_elbow": (0, -110, 0)}
@@ -29,7 +29,7 @@ _PLACES: tuple[tuple[Degrees, str, tuple[float, float, float], float, tuple[tupl
 """Pose, joint, offset from it in the rest frame and height of the picture (metres), yaws and pitches (degrees)."""
 
 
-def close_views(joints_of: dict[int, Array]) -> Iterator[tuple[Degrees, View]]:
+def close_views(joints_of: dict[int, Array]) -> Iterator[tuple[Degrees, RasterView]]:
     """Yield each pose with a view of it.
 
     Args:
@@ -38,7 +38,7 @@ def close_views(joints_of: dict[int, Array]) -> Iterator[tuple[Degrees, View]]:
     for pose, joint, offset, height_m, ways in _PLACES:
         centre = joints_of[id(pose)][JOINT[joint]] + np.array(offset)
         for yaw, pitch in ways:
-            yield pose, View(yaw=yaw, pitch=pitch, centre=tuple(centre), height_m=height_m, size=(360, 360))
+            yield pose, RasterView(yaw=yaw, pitch=pitch, centre=tuple(centre), height_m=height_m, size=(360, 360))
 
 
 def close_poses() -> list[Degrees]:

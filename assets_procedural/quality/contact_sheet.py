@@ -12,7 +12,7 @@ from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE
 from assets_procedural.quality.close_ups import close_poses, close_views
 from assets_procedural.quality.poses import EXTREMES, rotations
-from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
 
@@ -77,7 +77,7 @@ def draw_all(body: BakedBody) -> dict[str, Array]:
     """Return the sheets of the whole body by file name."""
     colours = _MATERIAL_COLOURS[body.material]
 
-    def draw(vertices: Array, view: View) -> Array:
+    def draw(vertices: Array, view: RasterView) -> Array:
         return render(vertices, body.faces, colours, view)
 
     rest = [draw(body.vertices, view) for view in _rest_views(body)]
@@ -85,26 +85,31 @@ def draw_all(body: BakedBody) -> dict[str, Array]:
     for pose in EXTREMES.values():
         vertices = body.posed(rotations(pose))
         middle = 0.5 * (vertices.min(axis=0) + vertices.max(axis=0))
-        posed += [draw(vertices, View(yaw=yaw, pitch=8, centre=tuple(middle), height_m=2.0)) for yaw in (30, -150)]
+        posed += [
+            draw(vertices, RasterView(yaw=yaw, pitch=8, centre=tuple(middle), height_m=2.0)) for yaw in (30, -150)
+        ]
     shapes = [
-        draw(body.vertices + sign * 2.0 * body.shapedirs[:, :, k], View(yaw=25, size=(320, 480), height_m=2.1))
+        draw(body.vertices + sign * 2.0 * body.shapedirs[:, :, k], RasterView(yaw=25, size=(320, 480), height_m=2.1))
         for sign in (1, -1)
         for k in range(body.shapedirs.shape[2])
     ]
     return {"rest.png": tile(rest, 4), "poses.png": tile(posed, 6), "shapes.png": tile(shapes, 10)}
 
 
-def _rest_views(body: BakedBody) -> list[View]:
+def _rest_views(body: BakedBody) -> list[RasterView]:
     head = tuple(body.joints[15] + [0.0, 0.07, 0.0])
     hand = tuple(body.joints[22] + [0.02, -0.01, 0.01])
     foot = tuple(0.5 * (body.joints[7] + body.joints[10]))
     hips = tuple(body.joints[0] + [0.0, -0.06, 0.0])
-    near = [View(yaw=yaw, centre=head, height_m=0.32) for yaw in (0, 40, 90)]
-    hands = [View(yaw=0, pitch=pitch, centre=hand, height_m=0.26) for pitch in (90, 25)]
-    feet = [View(yaw=-40, pitch=25, centre=foot, height_m=0.30), View(yaw=60, pitch=15, centre=foot, height_m=0.30)]
-    trunk = [View(yaw=yaw, centre=hips, height_m=0.62) for yaw in (0, 180)]
-    chest = [View(yaw=yaw, centre=tuple(body.joints[9]), height_m=0.62) for yaw in (20, 160)]
-    whole = [View(yaw=yaw, height_m=1.95) for yaw in (0, 45, 90, 180)]
+    near = [RasterView(yaw=yaw, centre=head, height_m=0.32) for yaw in (0, 40, 90)]
+    hands = [RasterView(yaw=0, pitch=pitch, centre=hand, height_m=0.26) for pitch in (90, 25)]
+    feet = [
+        RasterView(yaw=-40, pitch=25, centre=foot, height_m=0.30),
+        RasterView(yaw=60, pitch=15, centre=foot, height_m=0.30),
+    ]
+    trunk = [RasterView(yaw=yaw, centre=hips, height_m=0.62) for yaw in (0, 180)]
+    chest = [RasterView(yaw=yaw, centre=tuple(body.joints[9]), height_m=0.62) for yaw in (20, 160)]
+    whole = [RasterView(yaw=yaw, height_m=1.95) for yaw in (0, 45, 90, 180)]
     return whole + near + hands[:1] + hands[1:] + feet + trunk[:1] + trunk[1:] + chest
 
 

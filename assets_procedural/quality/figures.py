@@ -193,7 +193,7 @@ def _regressor_figures(body: BakedBody, path: Path) -> Iterator[Figure]:
 
 def _rebuild_figures(path: Path) -> Iterator[Figure]:
     start = time.perf_counter()
-    rebuilt = build_body()
+    rebuilt = build_body().arrays
     yield Figure("build time", time.perf_counter() - start, "s")
     with np.load(path, allow_pickle=False) as data:
         different = [key for key in rebuilt if not np.array_equal(rebuilt[key], data[key])]

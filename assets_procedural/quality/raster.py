@@ -15,7 +15,7 @@ _BACKGROUND = np.array([0.90, 0.91, 0.93])
 
 
 @dataclass(frozen=True)
-class View:
+class RasterView:
     """An orthographic camera, turned about y by ``yaw`` and tipped by ``pitch`` degrees; ``height_m`` metres high."""
 
     yaw: float = 0.0
@@ -34,7 +34,7 @@ class View:
         return about_x @ about_y
 
 
-def render(vertices: Array, faces: Array, colours: Array, view: View, oversample: int = 2) -> Array:
+def render(vertices: Array, faces: Array, colours: Array, view: RasterView, oversample: int = 2) -> Array:
     """Return an (H, W, 3) uint8 picture with smooth shading.
 
     Args:

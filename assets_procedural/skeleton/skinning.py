@@ -46,14 +46,15 @@ def _keep_strongest(weights: Array) -> Array:
 
 
 def _bone_distances(vertices: Array, segments: list[list[Segment]]) -> Array:
-    distance = np.stack([np.min([_to_segment(vertices, a, b) for a, b in parts], axis=0) for parts in segments])
+    distance = np.stack([np.min([distance_to_segment(vertices, a, b) for a, b in parts], axis=0) for parts in segments])
     for name in _LEFT_LEG:
         distance[JOINT[name], vertices[:, 0] < 0] = np.inf
         distance[MIRROR_JOINT[JOINT[name]], vertices[:, 0] > 0] = np.inf
     return distance
 
 
-def _to_segment(points: Array, a: Array, b: Array) -> Array:
+def distance_to_segment(points: Array, a: Array, b: Array) -> Array:
+    """Return the (N,) distances of points to the segment from a to b, metres."""
     along = b - a
     t = ((points - a) @ along / max(float(along @ along), 1e-12)).clip(0.0, 1.0)
     return np.linalg.norm(points - a - t[:, None] * along, axis=1)

@@ -27,7 +27,7 @@ _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
 @dataclass(frozen=True)
-class Lens:
+class BlenderLens:
     """A pinhole in Blender's words, for ``sensor_fit = 'HORIZONTAL'``."""
 
     focal_mm: float
@@ -40,7 +40,7 @@ class Lens:
     """The scene's pixel aspect x and y, both at least 1."""
 
 
-def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> Lens:
+def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> BlenderLens:
     """Return Blender's lens of an OpenCV intrinsic matrix.
 
     With width w, height h and a = fx / fy: ``focal = 36 fx / w``, ``shift_x = (w/2 - cx - 1/2) / w``,
@@ -53,7 +53,7 @@ def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> Lens:
     """
     width, height = image_size
     aspect = K[0, 0] / K[1, 1]
-    return Lens(
+    return BlenderLens(
         focal_mm=float(SENSOR_WIDTH_MM * K[0, 0] / width),
         shift_x=float((width / 2 - K[0, 2] - 0.5) / width),
         shift_y=float(aspect * (K[1, 2] + 0.5 - height / 2) / width),
@@ -61,7 +61,7 @@ def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> Lens:
     )
 
 
-def intrinsics_from_lens(lens: Lens, image_size: tuple[int, int]) -> np.ndarray:
+def intrinsics_from_lens(lens: BlenderLens, image_size: tuple[int, int]) -> np.ndarray:
     """Return the (3, 3) OpenCV intrinsic matrix of a lens; the inverse of ``lens_from_intrinsics``."""
     width, height = image_size
     aspect = lens.pixel_aspect[1] / lens.pixel_aspect[0]

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import bpy
 
     from ..animation.takes import SolveFiles
-    from ..render.subject import Subject
+    from ..render.subject import RenderedTake
 
 _CHECKED_FRAMES = 8
 _TOLERATED_MM = 1.0
@@ -70,7 +70,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     from ..animation.takes import PERSON, person_of
-    from ..render.subject import Subject
+    from ..render.subject import RenderedTake
     from ..scene.bake import BakeSettings, bake_take
     from ..scene.footage import near_footage
     from ..scene.session import frame_viewports, fresh_scene, save_file
@@ -99,7 +99,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
             take.action[PERSON] = whom
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
-        subject = Subject(take, motion, body, capture)
+        subject = RenderedTake(take, motion, body, capture)
         deviation = _deviation(scene, subject)
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
         if request.blend:
@@ -141,7 +141,7 @@ def _names(request: BakeRequest, motion: MotionFile) -> dict[str, str]:
     return names
 
 
-def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress) -> list[str]:
+def _write_pictures(paths: dict[str, Path], subject: RenderedTake, progress: Progress) -> list[str]:
     """Write the contact sheet and the video, if wanted, and return notes on what they leave out."""
     from ..render.contact_sheet import render_contact_sheet
     from ..render.preview import PreviewSettings, preview_frames, render_preview
@@ -158,7 +158,7 @@ def _write_pictures(paths: dict[str, Path], subject: Subject, progress: Progress
     return [f"The preview video shows the first {shown_s:.1f} s of {whole_s:.1f} s."] if cut else []
 
 
-def _deviation(scene: bpy.types.Scene, subject: Subject) -> dict[str, float]:
+def _deviation(scene: bpy.types.Scene, subject: RenderedTake) -> dict[str, float]:
     """Return how far Blender's body is from NumPy's on some frames, in millimetres."""
     from ..animation.deviation import measure_deviation
 

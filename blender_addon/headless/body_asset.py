@@ -13,7 +13,7 @@ from .._exchange.unfinished import temporary_folder
 from ..body.body_file import BodyFile
 from ..body.rig import Rig
 from ..render.picture import layer_from_render
-from ..render.stage import Look, open_stage
+from ..render.stage import RenderQuality, open_stage
 from ..render.view import View, three_quarter_view
 
 CATALOG_FILE = "blender_assets.cats.txt"
@@ -62,7 +62,7 @@ def body_picture(rig: Rig, collection: bpy.types.Collection) -> np.ndarray:
     corners = np.array([evaluated.matrix_world @ vertex.co for vertex in evaluated.data.vertices])
     size = (_PREVIEW_PX, _PREVIEW_PX)
     view = View(three_quarter_view(corners, -np.pi / 2, size, margin_m=0.05), size)
-    look = Look(shrink=2, cavity=True)
+    look = RenderQuality(shrink=2, cavity=True)
     with temporary_folder() as folder, open_stage("Preview", (collection,), view, look, folder) as stage:
         layer = layer_from_render(stage.render(bpy.context.scene.frame_current), look.shrink)
     return (layer + (1.0 - layer[..., 3:]) * _BACKGROUND).astype(np.float32)

@@ -13,7 +13,7 @@ from .._exchange.lens import distort, normalised, pixels
 from ..scene.footage import Footage
 from .picture import blend, gradient, layer_from_render
 from .resampling import Resampling
-from .stage import Look, open_stage
+from .stage import RenderQuality, open_stage
 from .strips import open_footage
 from .view import View
 
@@ -29,7 +29,7 @@ def floor_backdrop(floor: tuple[bpy.types.Collection, ...], view: View, folder: 
     """Return a backdrop without footage: a gradient and the floor (if any), rendered once."""
     picture = gradient(*view.size)
     if floor:
-        with open_stage("floor", floor, view, Look(shrink=3), folder) as stage:
+        with open_stage("floor", floor, view, RenderQuality(shrink=3), folder) as stage:
             blend(picture, layer_from_render(stage.render(1), 3), 0, 0)
     return lambda index: picture.copy()
 

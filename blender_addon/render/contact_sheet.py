@@ -11,20 +11,20 @@ from .._exchange.progress import Progress
 from .._exchange.unfinished import temporary_folder
 from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
-from .stage import Look, open_stage
-from .subject import Subject
-from .tiles import GAP, Tile, canvas_size, row
+from .stage import RenderQuality, open_stage
+from .subject import RenderedTake
+from .tiles import GAP, PictureTile, canvas_size, row
 from .view import View, close_view, three_quarter_view
 
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
-_LOOK = Look(shrink=3, cavity=True, shadows=True)
+_LOOK = RenderQuality(shrink=3, cavity=True, shadows=True)
 _FOOTAGE_OPACITY = 0.8
 _SHEET_COLOUR = (24, 26, 30)
 _STAGE = "rendering the contact sheet"
 
 
-def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> None:
+def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) -> None:
     """Render twelve poses evenly spread over the take and, with a capture, up to four camera views at its middle.
 
     Args:
@@ -55,12 +55,12 @@ def render_contact_sheet(path: Path, subject: Subject, progress: Progress) -> No
     write_png(path, sheet)
 
 
-def _grid_tile(i: int) -> Tile:
+def _grid_tile(i: int) -> PictureTile:
     width, height = _POSE_SIZE
-    return Tile(i % COLUMNS * (width + GAP), i // COLUMNS * (height + GAP), width, height)
+    return PictureTile(i % COLUMNS * (width + GAP), i // COLUMNS * (height + GAP), width, height)
 
 
-def _pose_picture(folder: Path, subject: Subject, frame: int, tile: Tile, letters: Lettering) -> np.ndarray:
+def _pose_picture(folder: Path, subject: RenderedTake, frame: int, tile: PictureTile, letters: Lettering) -> np.ndarray:
     size = (tile.width, tile.height)
     view = View(three_quarter_view(_around(subject, frame), subject.heading, size), size)
     picture = gradient(*size)
@@ -70,7 +70,7 @@ def _pose_picture(folder: Path, subject: Subject, frame: int, tile: Tile, letter
     return picture
 
 
-def _around(subject: Subject, frame: int) -> np.ndarray:
+def _around(subject: RenderedTake, frame: int) -> np.ndarray:
     """Return points to frame: the joints of every pose of the take, moved to where this frame's body is.
 
     All pictures then have one scale and the body in the middle.
@@ -80,12 +80,14 @@ def _around(subject: Subject, frame: int) -> np.ndarray:
     return (joints - middle[:, None] + middle[frame]).reshape(-1, 3)
 
 
-def _camera_picture(stack: ExitStack, folder: Path, subject: Subject, view: View, letters: Lettering) -> np.ndarray:
+def _camera_picture(
+    stack: ExitStack, folder: Path, subject: RenderedTake, view: View, letters: Lettering
+) -> np.ndarray:
     frame = subject.motion.num_frames // 2
     backdrop, is_footage = subject.backdrop(stack, view, folder)
     picture, window = backdrop(frame), view.window(subject.joints[frame])
     if window is not None:
-        with open_stage("camera", (subject.take.body,), view, Look(shrink=3, cavity=True), folder) as stage:
+        with open_stage("camera", (subject.take.body,), view, RenderQuality(shrink=3, cavity=True), folder) as stage:
             layer = layer_from_render(stage.render(float(subject.times[frame]), window), stage.look.shrink)
         blend(picture, layer, window[0], window[1], opacity=_FOOTAGE_OPACITY if is_footage else 1.0)
     detections, colour = subject.detections(view)
@@ -94,5 +96,5 @@ def _camera_picture(stack: ExitStack, folder: Path, subject: Subject, view: View
     return picture
 
 
-def _paste(sheet: np.ndarray, picture: np.ndarray, tile: Tile, below: int = 0) -> None:
+def _paste(sheet: np.ndarray, picture: np.ndarray, tile: PictureTile, below: int = 0) -> None:
     sheet[tile.y + below : tile.y + below + tile.height, tile.x : tile.x + tile.width] = picture

@@ -14,10 +14,10 @@ from ..scene.footage import find_footage
 from .backdrop import Backdrop
 from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png
-from .stage import Look, Stage, open_stage
+from .stage import RenderQuality, RenderStage, open_stage
 from .strips import encode_video
-from .subject import Colour, Subject
-from .tiles import Tile, canvas_size, pack
+from .subject import Colour, RenderedTake
+from .tiles import PictureTile, canvas_size, pack
 from .view import View, close_view, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)
@@ -48,8 +48,8 @@ class Pane:
     """One view in the video."""
 
     view: View
-    tile: Tile
-    stage: Stage
+    tile: PictureTile
+    stage: RenderStage
     backdrop: Backdrop
     opacity: float
     """Opacity of the body."""
@@ -64,7 +64,9 @@ def preview_frames(num_frames: int, fps: float, settings: PreviewSettings) -> tu
     return list(range(0, num_frames, stride))[: settings.most_frames], fps / stride
 
 
-def render_preview(path: Path, subject: Subject, progress: Progress, settings: PreviewSettings | None = None) -> None:
+def render_preview(
+    path: Path, subject: RenderedTake, progress: Progress, settings: PreviewSettings | None = None
+) -> None:
     """Render the preview video of a baked take; the user's scene is not changed.
 
     Args:
@@ -97,11 +99,11 @@ def render_preview(path: Path, subject: Subject, progress: Progress, settings: P
         progress("writing the video", 1, 1)
 
 
-def _views(subject: Subject, settings: PreviewSettings) -> list[tuple[View, Tile]]:
+def _views(subject: RenderedTake, settings: PreviewSettings) -> list[tuple[View, PictureTile]]:
     cameras = subject.cameras(_view_count(subject, settings))
     if not cameras:
         camera = three_quarter_view(subject.joints.reshape(-1, 3), subject.heading, settings.size)
-        return [(View(camera, settings.size), Tile(0, 0, *settings.size))]
+        return [(View(camera, settings.size), PictureTile(0, 0, *settings.size))]
     tiles = pack([camera.image_size for camera in cameras], settings.size)
     return [
         (close_view(camera, subject.joints, (tile.width, tile.height)), tile)
@@ -109,7 +111,7 @@ def _views(subject: Subject, settings: PreviewSettings) -> list[tuple[View, Tile
     ]
 
 
-def _view_count(subject: Subject, settings: PreviewSettings) -> int:
+def _view_count(subject: RenderedTake, settings: PreviewSettings) -> int:
     """Return how many cameras to show: decoding footage costs more than rendering the body."""
     cameras = subject.cameras(settings.most_views)
     if not any(find_footage(camera.footage) for camera in cameras):
@@ -118,14 +120,16 @@ def _view_count(subject: Subject, settings: PreviewSettings) -> int:
     return min(settings.most_views, max(1, settings.most_footage_pictures // len(frames)))
 
 
-def _pane(stack: ExitStack, folder: Path, subject: Subject, view: View, tile: Tile, settings: PreviewSettings) -> Pane:
+def _pane(
+    stack: ExitStack, folder: Path, subject: RenderedTake, view: View, tile: PictureTile, settings: PreviewSettings
+) -> Pane:
     backdrop, is_footage = subject.backdrop(stack, view, folder)
     detections, colour = subject.detections(view)
-    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, Look(shrink=1), folder))
+    stage = stack.enter_context(open_stage("preview", (subject.take.body,), view, RenderQuality(shrink=1), folder))
     return Pane(view, tile, stage, backdrop, settings.body_opacity if is_footage else 1.0, detections, colour)
 
 
-def _draw(canvas: np.ndarray, pane: Pane, subject: Subject, frame: int, letters: Lettering) -> None:
+def _draw(canvas: np.ndarray, pane: Pane, subject: RenderedTake, frame: int, letters: Lettering) -> None:
     picture, tile = pane.backdrop(frame), pane.tile
     window = pane.view.window(subject.joints[frame])
     if window is not None:

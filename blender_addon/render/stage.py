@@ -22,7 +22,7 @@ Window = tuple[int, int, int, int]
 
 
 @dataclass(frozen=True)
-class Look:
+class RenderQuality:
     """How a stage is rendered; samples cost far more than larger pictures that are averaged afterwards."""
 
     shrink: int = 2
@@ -34,12 +34,12 @@ class Look:
 
 
 @dataclass(frozen=True)
-class Stage:
+class RenderStage:
     """Renders one view of some collections."""
 
     scene: bpy.types.Scene
     view: View
-    look: Look
+    look: RenderQuality
     folder: Path
 
     def render(self, frame: float, window: Window | None = None) -> np.ndarray:
@@ -70,8 +70,8 @@ class Stage:
 
 @contextmanager
 def open_stage(
-    name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: Look, folder: Path
-) -> Iterator[Stage]:
+    name: str, collections: tuple[bpy.types.Collection, ...], view: View, look: RenderQuality, folder: Path
+) -> Iterator[RenderStage]:
     """Yield a stage that shows these collections through a view; it is removed afterwards.
 
     Args:
@@ -88,7 +88,7 @@ def open_stage(
             scene.collection.children.link(collection)
         scene.camera = camera
         _set_up(scene, view, look)
-        yield Stage(scene, view, look, folder)
+        yield RenderStage(scene, view, look, folder)
     finally:
         data = camera.data
         bpy.data.scenes.remove(scene)
@@ -96,7 +96,7 @@ def open_stage(
         bpy.data.cameras.remove(data)
 
 
-def _set_up(scene: bpy.types.Scene, view: View, look: Look) -> None:
+def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
     render = scene.render
     render.engine = "BLENDER_WORKBENCH"
     render.resolution_x, render.resolution_y = (look.shrink * v for v in view.size)

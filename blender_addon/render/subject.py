@@ -28,7 +28,7 @@ MARKER_DOT: Colour = (0.92, 0.92, 0.96)
 
 
 @dataclass(frozen=True)
-class Subject:
+class RenderedTake:
     """A baked take and its sources; F frames."""
 
     take: BakedTake

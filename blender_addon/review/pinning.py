@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from .._exchange.job_file import Pin, Resolve
+from .._exchange.job_file import JobPin, JobRange
 from ..animation.curves import current_action
 from ..animation.pose import read_pose
 from ..animation.retiming import laid_rate
@@ -21,7 +21,7 @@ from ..errors import TakeMissing
 
 
 @dataclass(frozen=True)
-class FrameRange:
+class SceneRange:
     """A range of a take's frames, in scene frames."""
 
     action: bpy.types.Action
@@ -32,7 +32,7 @@ class FrameRange:
     """Scene frame and ``pinned_values`` of each pinned pose."""
 
 
-def resolve_of(frames: FrameRange) -> Resolve:
+def resolve_of(frames: SceneRange) -> JobRange:
     """Return the part of a job that solves a frame range again; pins outside it are left out.
 
     Raises:
@@ -53,8 +53,8 @@ def resolve_of(frames: FrameRange) -> Resolve:
         )
     first, last = max(first, 0), min(last, count - 1)
     pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
-    kept = tuple(Pin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
-    return Resolve(motion, first, last, kept)
+    kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
+    return JobRange(motion, first, last, kept)
 
 
 def capture_frame(action: bpy.types.Action, frame: float) -> int:

@@ -62,37 +62,37 @@ from .translation import in_our_context
 
 
 @dataclass(frozen=True)
-class Entry:
+class Registrable:
     """One thing to register, and how to take it back."""
 
     add: Callable[[], None]
     remove: Callable[[], None]
 
 
-def _class(cls: type) -> Entry:
-    return Entry(lambda: bpy.utils.register_class(in_our_context(cls)), lambda: bpy.utils.unregister_class(cls))
+def _class(cls: type) -> Registrable:
+    return Registrable(lambda: bpy.utils.register_class(in_our_context(cls)), lambda: bpy.utils.unregister_class(cls))
 
 
-def _draw(owner: type, draw: Callable[..., None]) -> Entry:
-    return Entry(lambda: owner.append(draw), lambda: owner.remove(draw))
+def _draw(owner: type, draw: Callable[..., None]) -> Registrable:
+    return Registrable(lambda: owner.append(draw), lambda: owner.remove(draw))
 
 
-def _handler(handlers: list[Callable[..., None]], function: Callable[..., None]) -> Entry:
-    return Entry(lambda: handlers.append(function), lambda: handlers.remove(function))
+def _handler(handlers: list[Callable[..., None]], function: Callable[..., None]) -> Registrable:
+    return Registrable(lambda: handlers.append(function), lambda: handlers.remove(function))
 
 
-def _pointer(owner: type, name: str, cls: type) -> Entry:
-    return Entry(lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name))
+def _pointer(owner: type, name: str, cls: type) -> Registrable:
+    return Registrable(lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name))
 
 
-TABLE: tuple[Entry, ...] = (
+TABLE: tuple[Registrable, ...] = (
     *map(_class, retarget_properties.CLASSES),
     *map(_class, studio_properties.CLASSES),
     *map(_class, properties.CLASSES),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
     _class(preferences.MOCAP_OT_test_python),
     _class(preferences.MocapPreferences),
-    Entry(lambda: None, solver_operator.current.abandon),
+    Registrable(lambda: None, solver_operator.current.abandon),
     _class(solver_operator.MOCAP_OT_cancel),
     _class(solver_operator.MOCAP_OT_dismiss),
     _class(import_motion.MOCAP_OT_import_motion),
@@ -113,7 +113,7 @@ TABLE: tuple[Entry, ...] = (
     *map(_class, clean_up.CLASSES),
     *map(_class, limbs.CLASSES),
     *map(_class, retarget.CLASSES),
-    Entry(lambda: None, live.live.abandon),
+    Registrable(lambda: None, live.live.abandon),
     *map(_class, live.CLASSES),
     *map(_class, rig.CLASSES),
     *map(_class, tell_points.CLASSES),
@@ -128,7 +128,7 @@ TABLE: tuple[Entry, ...] = (
     _class(marker_panel.VIEW3D_PT_mocap_labels),
     _class(capture_panels.VIEW3D_PT_mocap_notes),
     _class(capture_panels.VIEW3D_PT_mocap_reading),
-    Entry(previews.start, previews.stop),
+    Registrable(previews.start, previews.stop),
     *map(_class, videos_panel.CLASSES),
     *map(_class, people_panel.CLASSES),
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
@@ -147,7 +147,7 @@ TABLE: tuple[Entry, ...] = (
     _handler(bpy.app.handlers.load_pre, live.before_load),
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
-    Entry(marker_view.drawing.start, marker_view.drawing.stop),
+    Registrable(marker_view.drawing.start, marker_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, solver_operator.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
@@ -160,7 +160,7 @@ TABLE: tuple[Entry, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
     _draw(bpy.types.TOPBAR_MT_file_export, export_markers.draw_export_menu),
     *(_draw(getattr(bpy.types, name), frame_rate_notice.draw_rate_button) for name in frame_rate_notice.HEADERS),
-    Entry(command.register, command.unregister),
+    Registrable(command.register, command.unregister),
 )
 """In the order of registration."""
 

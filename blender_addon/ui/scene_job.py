@@ -10,14 +10,14 @@ import bpy
 
 from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
-from .._exchange.job_file import JobFile, Resolve
+from .._exchange.job_file import JobFile, JobRange
 from .._exchange.outputs import write_text
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..review.pinning import FrameRange, resolve_of
+from ..review.pinning import SceneRange, resolve_of
 from ..solving.take_paths import TakeFiles, capture_folder, next_take
 from .locations import files_folder, usable
 
@@ -35,7 +35,7 @@ class SolveRequest:
     """One of the scene's captures."""
     person: int
     """Index of one of its people."""
-    frames: FrameRange | None
+    frames: SceneRange | None
     """A range to solve again, None for the whole take."""
 
 
@@ -48,13 +48,13 @@ class CheckedFiles:
     """Of the calibrated person, None where markers are calibrated on the take itself."""
     noise: Path | None
     """Of the detector's noise, None for none."""
-    resolve: Resolve | None
+    resolve: JobRange | None
     """What is solved again, None for the whole take."""
 
 
 def prepare_job(
     scene: bpy.types.Scene,
-    frames: FrameRange | None,
+    frames: SceneRange | None,
     of: bpy.types.PropertyGroup | None = None,
     person: int | None = None,
 ) -> tuple[JobFile, Path]:

@@ -25,7 +25,7 @@ class WolfeSettings:
 
 
 @dataclass(frozen=True)
-class Trial(Generic[Payload]):
+class StepTrial(Generic[Payload]):
     """The objective along the line at one step."""
 
     step: float
@@ -37,11 +37,11 @@ class Trial(Generic[Payload]):
 
 
 def strong_wolfe(
-    evaluate: Callable[[float], Trial[Payload]],
-    start: Trial[Payload],
+    evaluate: Callable[[float], StepTrial[Payload]],
+    start: StepTrial[Payload],
     first: float,
     settings: WolfeSettings = WolfeSettings(),
-) -> tuple[Trial[Payload], bool, int]:
+) -> tuple[StepTrial[Payload], bool, int]:
     """Return a step with ``f(a) <= f(0) + c1 a f'(0)`` and ``|f'(a)| <= c2 |f'(0)|``.
 
     The step grows until an interval brackets such a point; the interval then shrinks by safeguarded cubic
@@ -60,11 +60,11 @@ def strong_wolfe(
     Reference: Nocedal and Wright 2006, "Numerical Optimization", algorithms 3.5 and 3.6.
     """
 
-    def enough(trial: Trial[Payload]) -> bool:
+    def enough(trial: StepTrial[Payload]) -> bool:
         target = start.cost + settings.decrease * trial.step * start.slope
         return math.isfinite(trial.cost) and math.isfinite(trial.slope) and trial.cost <= target
 
-    def flat(trial: Trial[Payload]) -> bool:
+    def flat(trial: StepTrial[Payload]) -> bool:
         return abs(trial.slope) <= -settings.curvature * start.slope
 
     low, high, step, count = start, None, first, 0
@@ -86,7 +86,7 @@ def strong_wolfe(
     return low, False, count
 
 
-def _between(low: Trial[Payload], high: Trial[Payload]) -> float:
+def _between(low: StepTrial[Payload], high: StepTrial[Payload]) -> float:
     """Return the minimiser of the cubic through both trials, kept 10 % away from the ends of the interval."""
     width = high.step - low.step
     middle = low.step + 0.5 * width

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from research.descent.line_search import Trial, WolfeSettings, strong_wolfe
+from research.descent.line_search import StepTrial, WolfeSettings, strong_wolfe
 from research.descent.manifolds import Manifold, State
 
 Objective = Callable[[State], tuple[Any, State]]
@@ -174,7 +174,7 @@ def _minimise(
         slope = manifold.inner(gradient, direction)
         first = method.first_step(before, slope_before, slope) if before else settings.first_step / norm
         line = _line(manifold, objective, state, direction)
-        start = Trial(0.0, cost, slope, (state, gradient))
+        start = StepTrial(0.0, cost, slope, (state, gradient))
         trial, good, count = strong_wolfe(line, start, first, settings.line_search)
         evaluations += count
         if not good and not trial.cost < cost:
@@ -194,15 +194,15 @@ def _minimise(
 
 def _line(
     manifold: Manifold, objective: Objective, x: State, direction: State
-) -> Callable[[float], Trial[tuple[State, State]]]:
+) -> Callable[[float], StepTrial[tuple[State, State]]]:
     """Return the objective along the retracted line, with its exact derivative."""
 
-    def evaluate(step: float) -> Trial[tuple[State, State]]:
+    def evaluate(step: float) -> StepTrial[tuple[State, State]]:
         moved = manifold.combine(step, direction, 0.0, direction)
         y = manifold.retract(x, moved)
         cost, gradient = _evaluate(manifold, objective, y)
         slope = manifold.inner(gradient, manifold.velocity(x, moved, y)) / step
-        return Trial(step, cost, slope, (y, gradient))
+        return StepTrial(step, cost, slope, (y, gradient))
 
     return evaluate
 

@@ -17,7 +17,7 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 
 
 @dataclass(frozen=True)
-class Words:
+class LabelWords:
     """What the file of layouts says of words."""
 
     vocabulary: dict[str, str]
@@ -75,7 +75,7 @@ class Words:
         return None
 
 
-def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> Words:
+def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
     """Return the words of a file's sections ``words``, ``sides`` and ``phrases``; the midline's begin with ``-``.
 
     Raises:
@@ -88,7 +88,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> Words:
         for text in texts:
             key = tuple(sorted({vocabulary[word.upper()] for word in text.split()}))
             phrases[key] = (*phrases.get(key, ()), "-" + place if place in midline else place)
-    return Words(vocabulary, sides, phrases)
+    return LabelWords(vocabulary, sides, phrases)
 
 
 def _spelt(label: str) -> str:

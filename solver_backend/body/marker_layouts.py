@@ -9,7 +9,7 @@ from functools import cache
 from pathlib import Path
 from typing import Any
 
-from solver_backend.body.label_words import Words, words_of_file
+from solver_backend.body.label_words import LabelWords, words_of_file
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.json_file import read_json_file
 
@@ -58,7 +58,7 @@ class LayoutFile:
     """Marker names of each layout."""
     label_sets: dict[str, tuple[str, ...]]
     """Labels of other systems' layouts, as their files write them."""
-    words: Words
+    words: LabelWords
     """Words of several languages, and the places that they name."""
     families: dict[str, Family]
     """Names of systems by the system."""

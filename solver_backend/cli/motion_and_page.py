@@ -12,7 +12,7 @@ from solver_backend.job import Job
 from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
-    from solver_backend.report.calibration import CalibrationFit
+    from solver_backend.report.calibration import CameraFits
 
 
 def write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:
@@ -58,7 +58,7 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
     progress("Writing the report", 1, 1)
 
 
-def _calibration_fit(capture: Capture) -> CalibrationFit | None:
+def _calibration_fit(capture: Capture) -> CameraFits | None:
     """Return how the cameras fit what they saw, where two of them see the person."""
     from solver_backend.camera_calibration.check.calibration_check import check_calibration
 

@@ -8,6 +8,9 @@ from functools import cached_property
 
 from .errors import BodyInvalid, MotionInvalid
 
+SMPL_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
+"""Fingers of a hand in SMPL-H's order; three joints each from the palm outwards, the thumb's first at the wrist."""
+
 
 @dataclass(frozen=True)
 class BodyLayout:
@@ -132,8 +135,8 @@ def _other_side(name: str) -> str:
     return name
 
 
-def _hand(side: str, fingers: tuple[str, ...]) -> tuple[str, ...]:
-    return tuple(f"{side}_{finger}{knuckle}" for finger in fingers for knuckle in (1, 2, 3))
+def _hand(side: str) -> tuple[str, ...]:
+    return tuple(f"{side}_{finger}{knuckle}" for finger in SMPL_FINGERS for knuckle in (1, 2, 3))
 
 
 def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
@@ -143,7 +146,7 @@ def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
     parents += [joints.index("head")] * len(face)
     groups += ["face"] * len(face)
     for side in ("left", "right"):
-        for joint in _hand(side, ("index", "middle", "pinky", "ring", "thumb")):
+        for joint in _hand(side):
             first = joint.endswith("1")
             parents.append(joints.index(f"{side}_wrist") if first else len(joints) - 1)
             joints.append(joint)
@@ -177,5 +180,7 @@ SMPL_H = _with_fingers("SMPL-H", ())
 """SMPL with fingers (Romero et al. 2017)."""
 SMPL_X = _with_fingers("SMPL-X", ("jaw", "left_eye", "right_eye"))
 """SMPL with fingers, jaw and eyes (Pavlakos et al. 2019)."""
+SMPL_HANDS = replace(SMPL_H, name="SMPL with hands", resting=(), recorded_as=None)
+"""SMPL-H's joints where fingers move: solves turn all of them, and motions hold all of them."""
 FAMILY: dict[int, BodyLayout] = {layout.num_joints: layout for layout in (SMPL, SMPL_H, SMPL_X)}
 """Layouts of the SMPL family by number of joints, which is how its files differ."""

@@ -19,7 +19,7 @@ MOTION_SUFFIX = ".npz"
 
 
 @dataclass(frozen=True)
-class Pin:
+class JobPin:
     """A pose the animator set, which the solver must keep."""
 
     frame: int
@@ -42,7 +42,7 @@ class Pin:
 
 
 @dataclass(frozen=True)
-class Resolve:
+class JobRange:
     """A range of frames of an earlier motion to solve again."""
 
     motion: Path
@@ -51,7 +51,7 @@ class Resolve:
     """First frame, from 0."""
     last: int
     """Last frame, included."""
-    pins: tuple[Pin, ...] = ()
+    pins: tuple[JobPin, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values."""
@@ -100,7 +100,7 @@ class JobFile(TimeSettings, WorldSettings):
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None
-    """``Resolve``: solve only some frames of an earlier motion again; None for the whole take."""
+    """``JobRange``: solve only some frames of an earlier motion again; None for the whole take."""
 
     def __post_init__(self) -> None:
         TimeSettings.__post_init__(self)

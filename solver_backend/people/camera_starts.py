@@ -26,7 +26,7 @@ KEPT_SHARE = 0.8
 _ROUNDS = 6
 
 
-class Evidence(Enum):
+class StartEvidence(Enum):
     """What is known of when cameras started."""
 
     IN_STEP = "in step"
@@ -45,7 +45,7 @@ class CameraStarts:
 
     offsets: np.ndarray
     """(C,) whole frames; frame f of the take is row f + offset of the camera."""
-    evidence: Evidence
+    evidence: StartEvidence
     """What they rest on; with any but ``APART`` the offsets are those as numbered."""
     doubtful: tuple[int, ...] = ()
     """Cameras that tell nothing; of ``AMBIGUOUS`` those that agree at several offsets."""
@@ -70,7 +70,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     """
     seeing = np.flatnonzero(detections.people().any(axis=1))
     if len(seeing) < 2:
-        return CameraStarts(numbered, Evidence.STILL, tuple(range(len(cameras))))
+        return CameraStarts(numbered, StartEvidence.STILL, tuple(range(len(cameras))))
     part = Detections(
         tuple(cameras.names[c] for c in seeing), detections.xy[seeing], detections.confidence[seeing],
         detections.joint_set,
@@ -81,7 +81,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
     found = _judge(gains, numbered[seeing], near)
     offsets = numbered.copy()
     offsets[seeing] = found.offsets
-    if found.evidence is Evidence.APART:
+    if found.evidence is StartEvidence.APART:
         sure = np.setdiff1d(np.arange(len(seeing)), found.doubtful)
         kept = seen.cameras.subset(sure.tolist())
         finer = refine_starts(kept, seen.xy[sure], found.offsets[sure], REACH + gains.step)
@@ -96,14 +96,14 @@ def _judge(gains: PairGains, numbered: np.ndarray, near: int) -> CameraStarts:
     sure = then * (then / np.maximum(possible, 1e-9)) ** 2 >= LEAST_STRENGTH
     doubtful = tuple(np.flatnonzero(~sure).tolist())
     if sure.sum() < 2:
-        return CameraStarts(numbered, Evidence.STILL, tuple(range(len(numbered))))
+        return CameraStarts(numbered, StartEvidence.STILL, tuple(range(len(numbered))))
     (now, _), (then, _) = gains.of_cameras(numbered, sure), gains.of_cameras(best, sure)
     if (now >= KEPT_SHARE * then)[sure].all():
-        return CameraStarts(numbered, Evidence.STILL if doubtful else Evidence.IN_STEP, doubtful)
+        return CameraStarts(numbered, StartEvidence.STILL if doubtful else StartEvidence.IN_STEP, doubtful)
     open_ = _rivals(gains, best, np.flatnonzero(sure), near)
     if open_:
-        return CameraStarts(numbered, Evidence.AMBIGUOUS, tuple(open_), next(iter(open_.values())))
-    return CameraStarts(np.where(sure, best, numbered), Evidence.APART, doubtful)
+        return CameraStarts(numbered, StartEvidence.AMBIGUOUS, tuple(open_), next(iter(open_.values())))
+    return CameraStarts(np.where(sure, best, numbered), StartEvidence.APART, doubtful)
 
 
 def _largest_gain(gains: PairGains, count: int) -> np.ndarray:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.people.detections import Detections
+from solver_backend.types import UNSEEN_POINT
 
 COMMON_SHARE = 0.5
 """The take is what all cameras recorded; where that is a smaller share of the shortest, what two of them did."""
@@ -43,7 +44,10 @@ def align_rows(detections: Detections, offsets: np.ndarray, first: int, stop: in
     rows = np.arange(first, stop) + offsets[:, None]
     inside = (rows >= 0) & (rows < detections.num_frames)
     rows = np.clip(rows, 0, max(detections.num_frames - 1, 0))
-    xy = np.stack([view[row] for view, row in zip(detections.xy, rows, strict=True)])
-    confidence = np.stack([view[row] for view, row in zip(detections.confidence, rows, strict=True)])
+    views = np.arange(len(rows))[:, None]
+    xy, confidence = detections.xy[views, rows], detections.confidence[views, rows]
     xy[~inside], confidence[~inside] = np.nan, 0.0
-    return replace(detections, xy=xy, confidence=confidence)
+    hands = None if detections.hands is None else detections.hands[views, rows]
+    if hands is not None:
+        hands[~inside] = UNSEEN_POINT
+    return replace(detections, xy=xy, confidence=confidence, hands=hands)

@@ -21,6 +21,8 @@ class Detections:
     """(C, F, P, K) float32 in 0..1; 0 where missing."""
     joint_set: JointSet
     """Names of the keypoints."""
+    hands: np.ndarray | None = None
+    """(C, F, P, 2, 21, 3) float32 x, y and confidence of hands, left first; None where no file holds any."""
     first_frame: int = 0
     """The number of the first frame in the files' own numbering."""
     first_frames: tuple[int, ...] = ()

@@ -72,8 +72,8 @@ def select_people(
     )
     selected: list[SelectedPerson] = []
     for person in people:
-        xy, confidence, detection = _merged(detections, first if not selected else person.accepted, person.fit)
-        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps)
+        xy, confidence, hands, detection = _merged(detections, first if not selected else person.accepted, person.fit)
+        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
         said = ((), ()) if selected else (notes, problems)
         selected.append(SelectedPerson(person.name, keypoints, detection, *said))
     return tuple(selected)
@@ -86,8 +86,10 @@ def _alone(detections: Detections) -> np.ndarray:
     return (detections.confidence > 0).any(-1) & single[:, None, None]
 
 
-def _merged(detections: Detections, accepted: np.ndarray, fit: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return xy (C, F, K, 2) and confidence (C, F, K) of the person, and the detection (C, F) most of it is from.
+def _merged(
+    detections: Detections, accepted: np.ndarray, fit: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
+    """Return xy (C, F, K, 2), confidence (C, F, K) and hands of the person, and the (C, F) detection most are from.
 
     A detector may find one person in two pieces (legs here, trunk there): the best-fitting piece comes first, and what
     it lacks is taken from the next.
@@ -96,6 +98,7 @@ def _merged(detections: Detections, accepted: np.ndarray, fit: np.ndarray) -> tu
     shape = (*detections.confidence.shape[:2], detections.confidence.shape[3])
     xy, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
     views, frames = np.indices(order.shape[:2])
+    hands = None if detections.hands is None else np.full((*order.shape[:2], *detections.hands.shape[3:]), np.nan)
     for place in range(order.shape[2]):
         slot = order[..., place]
         used = accepted[views, frames, slot]
@@ -103,7 +106,10 @@ def _merged(detections: Detections, accepted: np.ndarray, fit: np.ndarray) -> tu
         fill = used[..., None] & (confidence == 0) & (piece > 0)
         confidence = np.where(fill, piece, confidence)
         xy = np.where(fill[..., None], detections.xy[views, frames, slot], xy)
-    return xy, confidence, np.where(accepted.any(-1), order[..., 0], -1)
+        if hands is not None and detections.hands is not None:
+            free = used[..., None] & ~(hands[..., 2] > 0).any(axis=-1)  # a hand is of one piece
+            hands = np.where(free[..., None, None], detections.hands[views, frames, slot], hands)
+    return xy, confidence, hands, np.where(accepted.any(-1), order[..., 0], -1)
 
 
 def _report(

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.report.markup import facts, heat_table, number, section, text
-from solver_backend.report.plots import Line, time_plot
+from solver_backend.report.plots import PlotCurve, time_plot
 from solver_backend.types import Capture
 
 ROWS = ("top", "centre", "bottom")
@@ -15,7 +15,7 @@ COLUMNS = ("left", "middle", "right")
 
 
 @dataclass(frozen=True)
-class CalibrationFit:
+class CameraFits:
     """How C cameras fit one take; px unless said."""
 
     verdict: str
@@ -38,7 +38,7 @@ class CalibrationFit:
     """What is wrong, with what to do."""
 
 
-def calibration_section(capture: Capture, fit: CalibrationFit | None) -> str:
+def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
     """Return the section; nothing where it was not checked."""
     if fit is None or capture.cameras is None:
         return ""
@@ -52,7 +52,7 @@ def calibration_section(capture: Capture, fit: CalibrationFit | None) -> str:
     windows = fit.epipolar_px.shape[1]
     frames = capture.num_frames
     where = np.minimum(np.arange(frames) * windows // max(frames, 1), windows - 1)
-    lines = [Line(fit.epipolar_px[c, where], name, "ab"[c] if c < 2 else "quiet") for c, name in enumerate(names)]
+    lines = [PlotCurve(fit.epipolar_px[c, where], name, "ab"[c] if c < 2 else "quiet") for c, name in enumerate(names)]
     plot = time_plot(lines, capture.fps, "px", from_zero=True)
     world = facts([
         ("stature by the calibration's scale", f"{number(fit.stature_m, 2)} m"),

@@ -11,7 +11,7 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.report.plausibility import plausibility
-from solver_backend.report.statistics import Residuals, detected_share, residuals_of
+from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 UNSURE_SHARE = 0.02
@@ -22,7 +22,7 @@ SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
 """Of a keypoint's frames in which two cameras detect it; of its detections in one view that are outliers."""
 
 
-def diagnose(capture: Capture, motion: Motion, residuals: Residuals | None = None) -> tuple[Diagnostic, ...]:
+def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
     """Return everything that was found, the gravest first; for a motion that holds it already, the same again.
 
     Args:
@@ -83,7 +83,7 @@ def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
         yield diagnostic(f"{few}frames_unsure{kind}", frames=true_runs(unsure), percent=100 * unsure.mean())
 
 
-def _cameras(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
+def _cameras(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     assert capture.cameras is not None
     seen = detected_share(capture)
     assert seen is not None
@@ -99,7 +99,7 @@ def _cameras(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
             yield diagnostic("camera_sees_little", cameras=[name], percent=percent)
 
 
-def _keypoints(capture: Capture, residuals: Residuals) -> Iterator[Diagnostic]:
+def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     assert capture.cameras is not None and capture.keypoints is not None
     agreement = residuals.agreement_percent(1)
     names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]

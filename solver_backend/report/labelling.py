@@ -8,7 +8,7 @@ from solver_backend.labelling.label_take import LabelledTake
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.report.markup import Tile, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
-from solver_backend.report.plots import Line, time_plot
+from solver_backend.report.plots import PlotCurve, time_plot
 
 MOST_LISTED = 60
 """Stretches in the table."""
@@ -38,7 +38,7 @@ def _over_time(take: LabelledTake, there: np.ndarray, fps: float) -> str:
     count = np.maximum(there.sum(1), 1)
     sure = np.nansum(np.where(there, take.confidence, 0.0), axis=1) / count
     unknown = (there & (take.labels < 0)).sum(1) / count
-    lines = [Line(100 * sure, "confidence", "a"), Line(100 * unknown, "unknown", "quiet")]
+    lines = [PlotCurve(100 * sure, "confidence", "a"), PlotCurve(100 * unknown, "unknown", "quiet")]
     lead = "Mean confidence of the points' labels, and the share of points that stay unknown."
     return section("Over time", time_plot(lines, fps, "%", from_zero=True), lead, "time")
 

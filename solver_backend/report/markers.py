@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.report.markup import heat_table, section
-from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
+from solver_backend.report.plots import WIDTH, PlotCurve, Shade, strip_plot, time_plot
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SWAPPED, Motion
 
 
@@ -16,8 +16,8 @@ def residual_over_time(motion: Motion, shades: list[Shade], key: str) -> str:
     if error is None:
         return ""
     lines = [
-        Line(quantile(error, 0.9, axis=1), "90 % below", "quiet"),
-        Line(quantile(error, 0.5, axis=1), "median", "a"),
+        PlotCurve(quantile(error, 0.9, axis=1), "90 % below", "quiet"),
+        PlotCurve(quantile(error, 0.5, axis=1), "median", "a"),
     ]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, "mm", shades=shades, marks=marks, from_zero=True, size=(WIDTH, 190))

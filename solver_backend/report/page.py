@@ -14,11 +14,11 @@ from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
-from solver_backend.report.calibration import CalibrationFit, calibration_section
+from solver_backend.report.calibration import CameraFits, calibration_section
 from solver_backend.report.diagnose import diagnose
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.rest_pose import rest_pose_section
-from solver_backend.report.statistics import Residuals, located_share, residuals_of
+from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
@@ -26,7 +26,7 @@ def write_report(
     path: Path | str,
     capture: Capture,
     motion: Motion,
-    calibration: CalibrationFit | None = None,
+    calibration: CameraFits | None = None,
     *,
     overwrite: bool = False,
 ) -> Path:
@@ -46,7 +46,7 @@ def write_report(
     return write_text(path, report_html(capture, motion, calibration), overwrite=overwrite)
 
 
-def report_html(capture: Capture, motion: Motion, calibration: CalibrationFit | None = None) -> str:
+def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None = None) -> str:
     """Return the page of a solve.
 
     Raises:
@@ -107,7 +107,7 @@ def _part(name: str) -> str:
     return Path(__file__).with_name(name).read_text(encoding="utf-8")
 
 
-def headline_tiles(capture: Capture, motion: Motion, residuals: Residuals | None) -> list[Tile]:
+def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> list[Tile]:
     """Return the numbers at the head of the page."""
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unsure, unseen = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSURE, FLAG_UNSEEN))

@@ -16,7 +16,7 @@ from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.people.sightings import MIN_POINTS
-from solver_backend.report.statistics import Residuals
+from solver_backend.report.statistics import KeypointResiduals
 from solver_backend.types import Capture, JointSet, Motion
 
 STATURES_M = (1.2, 2.2)
@@ -47,7 +47,7 @@ SKATING_CM_S = 15.0
 """Of feet on the floor."""
 
 
-def plausibility(capture: Capture, motion: Motion, residuals: Residuals | None) -> Iterator[Diagnostic]:
+def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
     """Yield what makes a result doubtful or useless.
 
     Args:
@@ -107,7 +107,7 @@ class ViewAgreement:
         return float(self.agrees.sum() / max(1, self.counted.any(0).sum()))
 
 
-def view_agreement(capture: Capture, motion: Motion, residuals: Residuals) -> ViewAgreement:
+def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
     """Return which views agree with the body, frame by frame.
 
     A view of others counts against the person only where her body lies in its picture: two people in two corners, each
@@ -145,7 +145,7 @@ def _extents(px: np.ndarray) -> np.ndarray:
     return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
 
 
-def _views(capture: Capture, motion: Motion, residuals: Residuals) -> Iterator[Diagnostic]:
+def _views(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     percent = float(residuals.agreement_percent((0, 1, 2)))
     if percent < LEAST_AGREEMENT_PERCENT:
         yield diagnostic("views_disagree_with_result", percent=percent)
@@ -159,7 +159,7 @@ def _views(capture: Capture, motion: Motion, residuals: Residuals) -> Iterator[D
         yield diagnostic("views_contradict" if useless else "views_apart", cameras=names, percent=agreement.percent)
 
 
-def _residual(capture: Capture, motion: Motion, residuals: Residuals) -> Iterator[Diagnostic]:
+def _residual(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     extents = _extents(_body_px(capture, motion))[..., None]
     share = float(quantile((residuals.error_px / extents).ravel(), 0.5, axis=0))
     if share > DETECTOR_SHARE:

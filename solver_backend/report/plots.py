@@ -18,7 +18,7 @@ MAX_READABLE = 6000
 
 
 @dataclass(frozen=True)
-class Line:
+class PlotCurve:
     """One curve."""
 
     values: np.ndarray
@@ -40,7 +40,7 @@ class Shade:
 
 
 def time_plot(
-    lines: Sequence[Line],
+    lines: Sequence[PlotCurve],
     fps: float,
     unit: str,
     *,
@@ -98,7 +98,7 @@ def strip_plot(rows: Sequence[tuple[str, np.ndarray]], fps: float, *, shades: Se
             parts.append(f'<rect class="cell" {place} height="{row_height - 4}" style="--h:{10 * level}%"/>')
     parts += _time_axis(frames, fps, x, height)
     parts.append(f'<line class="cursor" y1="{TOP}" y2="{height - BOTTOM}" x1="0" x2="0"/>')
-    lines = [Line(100 * np.asarray(values), name) for name, values in rows]
+    lines = [PlotCurve(100 * np.asarray(values), name) for name, values in rows]
     return _figure(parts, WIDTH, height, _reading(lines, fps, "%", 0, WIDTH, left))
 
 
@@ -122,7 +122,7 @@ def nice_steps(low: float, high: float, count: int = 4) -> list[float]:
     return [round(float(step * n), 10) for n in range(int(first), int(max(last, first + 1)) + 1)]
 
 
-def _vertical_axis(lines: Sequence[Line], from_zero: bool) -> tuple[float, float, list[float]]:
+def _vertical_axis(lines: Sequence[PlotCurve], from_zero: bool) -> tuple[float, float, list[float]]:
     values = np.concatenate([line.values[np.isfinite(line.values)] for line in lines])
     low, high = (float(values.min()), float(values.max())) if values.size else (0.0, 1.0)
     steps = nice_steps(0.0 if from_zero else low, high)
@@ -180,7 +180,7 @@ def _runs(values: np.ndarray) -> list[tuple[int, int, int]]:
 
 
 def _reading(
-    lines: Sequence[Line], fps: float, unit: str, digits: int, width: float, left: float = LEFT
+    lines: Sequence[PlotCurve], fps: float, unit: str, digits: int, width: float, left: float = LEFT
 ) -> dict[str, object]:
     """Return what the script under the pointer needs."""
     frames = len(lines[0].values)

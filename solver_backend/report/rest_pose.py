@@ -28,7 +28,7 @@ MARGIN_M = 0.1
 
 
 @dataclass(frozen=True)
-class View:
+class SurfaceView:
     """The body from one side: a raster of the surface nearest to the viewer."""
 
     title: str
@@ -42,7 +42,7 @@ class View:
     """(H, W) 0..1, how much the surface faces the viewer."""
 
     @classmethod
-    def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray) -> View:
+    def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray) -> SurfaceView:
         """Return the view of a mesh (V, 3) that faces +Z, Y up."""
         corners = (vertices * [side, 1.0, side])[faces]
         normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
@@ -86,7 +86,10 @@ def rest_pose_section(motion: Motion) -> str:
     error = motion.marker_residual_mm
     usual = np.full(len(found), np.nan) if error is None else quantile(error, 0.5, axis=0)
     vertices = body.v_template + body.shapedirs @ motion.betas
-    views = (View.of("From the front", 1.0, vertices, body.faces), View.of("From behind", -1.0, vertices, body.faces))
+    views = (
+        SurfaceView.of("From the front", 1.0, vertices, body.faces),
+        SurfaceView.of("From behind", -1.0, vertices, body.faces),
+    )
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
         "The person's body with every marker where the solve learned that it sits; a line leads to it from where its "
@@ -111,7 +114,9 @@ def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
     return np.asarray(posed.points)[0]
 
 
-def _figure(view: View, labels: tuple[str, ...], found: np.ndarray, expected: np.ndarray, usual: np.ndarray) -> str:
+def _figure(
+    view: SurfaceView, labels: tuple[str, ...], found: np.ndarray, expected: np.ndarray, usual: np.ndarray
+) -> str:
     height, width = (CELL_M * PX_PER_M * n for n in view.depth.shape)
     everything = np.nanmedian(usual) if np.isfinite(usual).any() else 1.0
     parts = _silhouette(view)
@@ -132,7 +137,7 @@ def _figure(view: View, labels: tuple[str, ...], found: np.ndarray, expected: np
     return f"<figure><h3>{view.title}</h3>{drawing}</figure>"
 
 
-def _silhouette(view: View) -> list[str]:
+def _silhouette(view: SurfaceView) -> list[str]:
     """Return the body as a path of horizontal strokes for each tone."""
     step, rows = CELL_M * PX_PER_M, view.depth.shape[0]
     there = np.isfinite(view.depth)

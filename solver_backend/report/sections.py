@@ -13,8 +13,8 @@ from solver_backend.metrics import distances_m
 from solver_backend.report import angles
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plan import plan
-from solver_backend.report.plots import WIDTH, Line, Shade, strip_plot, time_plot
-from solver_backend.report.statistics import Residuals, detected_share, located_share
+from solver_backend.report.plots import WIDTH, PlotCurve, Shade, strip_plot, time_plot
+from solver_backend.report.statistics import KeypointResiduals, detected_share, located_share
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
@@ -68,7 +68,7 @@ def _item(found: Diagnostic, level: str, fps: float) -> str:
     return f'<li class="{level}">{text(what)}<span class="advice">{text(advice)}</span></li>'
 
 
-def reprojection_section(capture: Capture, residuals: Residuals | None) -> str:
+def reprojection_section(capture: Capture, residuals: KeypointResiduals | None) -> str:
     """Reprojection error and agreement for each camera and keypoint."""
     if residuals is None or capture.cameras is None or capture.keypoints is None:
         return ""
@@ -114,13 +114,13 @@ def missing_section(capture: Capture, motion: Motion) -> str:
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
-def residual_section(motion: Motion, residuals: Residuals | None) -> str:
+def residual_section(motion: Motion, residuals: KeypointResiduals | None) -> str:
     """The residual over time, with flagged frames shaded and keyframes ticked."""
     if residuals is None:
         return ""
     lines = [
-        Line(residuals.by_frame(0.9), "90 % below", "quiet"),
-        Line(residuals.by_frame(0.5), "median", "a"),
+        PlotCurve(residuals.by_frame(0.9), "90 % below", "quiet"),
+        PlotCurve(residuals.by_frame(0.5), "median", "a"),
     ]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
@@ -142,16 +142,21 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     plots = []
     for title, unit, measure in both:
         lines = (
-            [Line(measure(truth, side), f"true {side}", "truth") for side in angles.SIDES] if truth is not None else []
+            [PlotCurve(measure(truth, side), f"true {side}", "truth") for side in angles.SIDES]
+            if truth is not None
+            else []
         )
         lines += [
-            Line(measure(motion.joints, side), side, style) for side, style in zip(angles.SIDES, "ab", strict=True)
+            PlotCurve(measure(motion.joints, side), side, style) for side, style in zip(angles.SIDES, "ab", strict=True)
         ]
         plots.append(_small_plot(title, unit, lines, motion))
-    lean = [Line(angles.trunk_lean_deg(truth), "true", "truth")] if truth is not None else []
+    lean = [PlotCurve(angles.trunk_lean_deg(truth), "true", "truth")] if truth is not None else []
     plots.append(
         _small_plot(
-            "Trunk lean from the vertical", "°", [*lean, Line(angles.trunk_lean_deg(motion.joints), "trunk")], motion
+            "Trunk lean from the vertical",
+            "°",
+            [*lean, PlotCurve(angles.trunk_lean_deg(motion.joints), "trunk")],
+            motion,
         )
     )
     key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
@@ -159,7 +164,7 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
 
 
-def _small_plot(title: str, unit: str, lines: list[Line], motion: Motion) -> str:
+def _small_plot(title: str, unit: str, lines: list[PlotCurve], motion: Motion) -> str:
     plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), size=(500.0, 140.0))
     return f"<div><h3>{text(title)}, {text(unit)}</h3>{plot}</div>"
 
@@ -171,7 +176,7 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
         return ""
     error = 1000.0 * distances_m(motion.joints, truth)
     key = '<p class="key"><b class="a">— mean</b> &nbsp; — worst joint</p>'
-    lines = [Line(error.max(axis=1), "worst joint", "quiet"), Line(error.mean(axis=1), "mean")]
+    lines = [PlotCurve(error.max(axis=1), "worst joint", "quiet"), PlotCurve(error.mean(axis=1), "mean")]
     plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True) + key
     per_joint = error.mean(axis=0)
     tint = per_joint[:, None] / max(2.5 * per_joint.mean(), 1e-9)
@@ -201,7 +206,10 @@ def uncertainty_section(motion: Motion) -> str:
         names = ", ".join(np.array(motion.body_layout.joints)[always]).replace("_", " ")
         lead += f" Without joints at rest, which nothing measured informs{f': {names}' if names else ''}."
         sigma = np.where(motion.resting, np.nan, sigma)[:, ~always]
-    lines = [Line(np.nanmax(sigma, axis=1), "least sure joint", "quiet"), Line(np.nanmedian(sigma, axis=1), "median")]
+    lines = [
+        PlotCurve(np.nanmax(sigma, axis=1), "least sure joint", "quiet"),
+        PlotCurve(np.nanmedian(sigma, axis=1), "median"),
+    ]
     plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True)
     return section("Uncertainty", plot, lead, "sigma")
 

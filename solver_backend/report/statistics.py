@@ -17,7 +17,7 @@ RAYLEIGH_MEDIAN = 1.1774
 
 
 @dataclass(frozen=True)
-class Residuals:
+class KeypointResiduals:
     """Distances between detections and solved keypoints of C views, F frames and K keypoints."""
 
     error_px: np.ndarray
@@ -54,7 +54,7 @@ class Residuals:
         return float(quantile(self.error_px.ravel(), 0.5, axis=0))
 
 
-def residuals_of(capture: Capture, motion: Motion) -> Residuals | None:
+def residuals_of(capture: Capture, motion: Motion) -> KeypointResiduals | None:
     """Return the residuals of a solve, None where nothing was detected in images.
 
     Raises:
@@ -80,7 +80,7 @@ def residuals_of(capture: Capture, motion: Motion) -> Residuals | None:
             where=capture.name,
         )
     error = np.where(capture.keypoints.confidence > 0, error, np.nan).astype(np.float64)
-    return Residuals(error, _limit_px(motion, error))
+    return KeypointResiduals(error, _limit_px(motion, error))
 
 
 def _limit_px(motion: Motion, error: np.ndarray) -> np.ndarray:

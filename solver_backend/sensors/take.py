@@ -13,7 +13,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.acquisition.settings import DEFAULT as ACQUISITION
 from solver_backend.sensors.acquisition.settings import AcquisitionSettings
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.acquisition.threshold import learned_mask
 from solver_backend.sensors.devices.source import SensorFolder
 from solver_backend.sensors.errors import NoMarkers, SensorFailed
@@ -108,7 +108,7 @@ def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -
 
 def _moments(
     folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[str]
-) -> Iterator[list[Sightings]]:
+) -> Iterator[list[SensorSightings]]:
     """Yield the moments of a folder; a sensor that fails in mid-take ends, the others go on."""
     for name in folder.missing:
         gatherer.ended(folder.cameras.names.index(name))

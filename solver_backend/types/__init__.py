@@ -18,16 +18,43 @@ from solver_backend.exchange.motion_file import (
     MARKER_SWAPPED,
 )
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import Capture, Keypoints2D, MarkerCloud, PersonInViews
+from solver_backend.types.capture import (
+    UNSEEN_POINT,
+    Capture,
+    Keypoints2D,
+    PersonInViews,
+    stacked_hands,
+)
 from solver_backend.types.limbs import FEET, LIMBS
+from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
 from solver_backend.types.skeleton_motion import SkeletonMotion
 
 __all__ = [
-    "FEET", "FLAG_RESTING", "FLAG_UNSEEN", "FLAG_UNSURE", "LIMBS", "MARKER_FILLED", "MARKER_GHOST", "MARKER_SEEN",
+    "FEET",
+    "FLAG_RESTING",
+    "FLAG_UNSEEN",
+    "FLAG_UNSURE",
+    "LIMBS",
+    "MARKER_FILLED",
+    "MARKER_GHOST",
+    "MARKER_SEEN",
     "MARKER_SWAPPED",
-    "NUM_BETAS", "NUM_BODY_JOINTS", "NUM_JOINTS", "SMPL_JOINTS", "SMPL_PARENTS",
-    "Cameras", "Capture", "JointSet", "Keypoints2D", "MarkerCloud", "MarkerSubject",
-    "Motion", "PersonInViews", "SkeletonMotion",
+    "NUM_BETAS",
+    "NUM_BODY_JOINTS",
+    "NUM_JOINTS",
+    "SMPL_JOINTS",
+    "SMPL_PARENTS",
+    "UNSEEN_POINT",
+    "Cameras",
+    "Capture",
+    "JointSet",
+    "Keypoints2D",
+    "MarkerCloud",
+    "MarkerSubject",
+    "Motion",
+    "PersonInViews",
+    "SkeletonMotion",
+    "stacked_hands",
 ]  # fmt: skip

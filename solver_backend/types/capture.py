@@ -15,12 +15,16 @@ from solver_backend.exchange.errors import (
     NoDetections,
     NonFiniteData,
     PersonUnknown,
-    ShapeMismatch,
     TooFewViews,
 )
+from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
+from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.shapes import Float
+
+UNSEEN_POINT = (np.nan, np.nan, 0.0)
+"""x, y and confidence of a point that was not seen."""
 
 
 @dataclass(frozen=True)
@@ -35,6 +39,8 @@ class Keypoints2D:
     """Names of the keypoints."""
     fps: float
     """Frames per second."""
+    hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
+    """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first; NaN, 0 where unseen."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
@@ -64,6 +70,8 @@ class Keypoints2D:
         confidence[missing] = 0.0
         object.__setattr__(self, "xy", xy)
         object.__setattr__(self, "confidence", confidence)
+        if self.hands is not None:
+            object.__setattr__(self, "hands", _checked_hands(self.hands, xy.shape[:2]))
 
     @property
     def num_views(self) -> int:
@@ -77,11 +85,47 @@ class Keypoints2D:
 
     def frames(self, start: int, stop: int) -> Keypoints2D:
         """Return the frames start..stop-1."""
-        return replace(self, xy=self.xy[:, start:stop], confidence=self.confidence[:, start:stop])
+        return self.at(slice(start, stop))
+
+    def at(self, frames: slice | np.ndarray) -> Keypoints2D:
+        """Return these frames."""
+        hands = None if self.hands is None else self.hands[:, frames]
+        return replace(self, xy=self.xy[:, frames], confidence=self.confidence[:, frames], hands=hands)
 
     def views(self, indices: list[int]) -> Keypoints2D:
         """Return the views at these indices."""
-        return replace(self, xy=self.xy[indices], confidence=self.confidence[indices])
+        hands = None if self.hands is None else self.hands[indices]
+        return replace(self, xy=self.xy[indices], confidence=self.confidence[indices], hands=hands)
+
+
+def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
+    """Return the hands of several people side by side, NaN of people without; None where nobody has any."""
+    like = next((hand for hand in hands if hand is not None), None)
+    if like is None:
+        return None
+    return np.stack([np.full_like(like, np.nan) if hand is None else hand for hand in hands], axis=axis)
+
+
+def _checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return hands whose unseen points are NaN with confidence 0.
+
+    Raises:
+        KeypointCountMismatch: they are of other views or frames, or of another number of points.
+        NonFiniteData: one is infinite.
+    """
+    hands = np.array(hands, dtype=np.float64)
+    expected = (*shape, 2, NUM_HAND_POINTS, 3)
+    if hands.shape != expected:
+        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
+    if np.isinf(hands).any():
+        view, frame, hand, point = np.argwhere(np.isinf(hands).any(-1))[0]
+        raise NonFiniteData(
+            "A point of a hand is infinite.",
+            where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
+            hint="Write NaN (or 0 0 0) for a point that was not seen.",
+        )
+    hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
+    return hands
 
 
 @dataclass(frozen=True)
@@ -97,40 +141,6 @@ class PersonInViews:
     def agreed(self) -> np.ndarray:
         """(F,) whether two or more views see them."""
         return (self.keypoints.confidence > 0).any(axis=-1).sum(axis=0) >= 2
-
-
-@dataclass(frozen=True)
-class MarkerCloud:
-    """Optical markers; missing = NaN."""
-
-    positions: Float[np.ndarray, "frames markers 3"]
-    """(frames, markers, 3) metres."""
-    fps: float
-    """Frames per second."""
-    labels: tuple[str, ...] | None = None
-    """One label a marker, or None for an unlabelled cloud."""
-    residual: Float[np.ndarray, "frames markers"] | None = None
-    """(frames, markers) metres, the tracker's own residual."""
-    covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
-    """(frames, markers, 3, 3) m², how surely each position was measured; it stands in the residual's place."""
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.positions)
-        if len(shape) != 3 or shape[-1] != 3 or (shape[1] and not shape[0]):
-            raise CaptureInvalid(f"Markers have the shape {shape}; (frames, markers, 3) is expected.", where="markers")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
-        if self.labels is not None and len(self.labels) != shape[1]:
-            raise ShapeMismatch(f"{len(self.labels)} labels do not fit {shape[1]} markers.", where="markers")
-        for name, expected in (("residual", shape[:2]), ("covariance", (*shape[:2], 3, 3))):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != expected:
-                raise ShapeMismatch(f"{name} has the shape {np.shape(value)}; {expected} is expected.", where="markers")
-
-    def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None) -> MarkerCloud:
-        """Return these markers under these labels."""
-        residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
-        return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
 
 
 @dataclass(frozen=True)
@@ -203,21 +213,13 @@ class Capture:
         return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
 
     def require_views(self) -> tuple[Cameras, Keypoints2D]:
-        """Return cameras and keypoints of a capture in which somebody is detected, by one camera or several.
+        """Return cameras and keypoints of a capture in which one camera, or several, detect somebody.
 
         Raises:
-            TooFewViews: it has no cameras or no keypoints.
-            NoDetections: nobody is detected, or by several cameras and no keypoint by two of them.
+            TooFewViews, NoDetections: nobody is detected, or by several cameras and no keypoint by two of them.
         """
-        if self.cameras is None or self.keypoints is None:
-            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
-        if not (self.keypoints.confidence > 0).any():
-            raise NoDetections(
-                "Every confidence is zero: nobody was detected.",
-                where=self.name,
-                hint="Run the detector again or choose other files.",
-            )
-        return (self.cameras, self.keypoints) if self.is_one_view else self.require_multiview()
+        cameras, keypoints = self._require_detections()
+        return (cameras, keypoints) if self.is_one_view else self.require_multiview()
 
     def require_multiview(self) -> tuple[Cameras, Keypoints2D]:
         """Return cameras and keypoints of a capture that can be triangulated.
@@ -226,23 +228,26 @@ class Capture:
             TooFewViews: fewer than two cameras have any detection.
             NoDetections: no keypoint is seen by two cameras in any frame.
         """
-        if self.cameras is None or self.keypoints is None:
-            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
-        seen = self.keypoints.confidence > 0
-        if not seen.any():
-            raise NoDetections(
-                "Every confidence is zero: nobody was detected.",
-                where=self.name,
-                hint="Run the detector again or choose other files.",
-            )
-        if len(self.cameras) < 2 or seen.any(axis=(1, 2)).sum() < 2:
+        cameras, keypoints = self._require_detections()
+        seen = keypoints.confidence > 0
+        seeing = int(seen.any(axis=(1, 2)).sum())
+        if seeing < 2:
             raise TooFewViews(
-                f"{int(seen.any(axis=(1, 2)).sum())} of {len(self.cameras)} cameras have detections; two are needed.",
-                where=self.name,
+                f"{seeing} of {len(cameras)} cameras have detections; two are needed.", where=self.name,
                 hint="Add the detections of another camera.",
-            )
+            )  # fmt: skip
         if not (seen.sum(axis=0) >= 2).any():
             raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
+        return cameras, keypoints
+
+    def _require_detections(self) -> tuple[Cameras, Keypoints2D]:
+        if self.cameras is None or self.keypoints is None:
+            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
+        if not (self.keypoints.confidence > 0).any():
+            raise NoDetections(
+                "Every confidence is zero: nobody was detected.", where=self.name,
+                hint="Run the detector again or choose other files.",
+            )  # fmt: skip
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:

@@ -33,7 +33,7 @@ import numpy as np
 from assets_procedural.build import build_body, write_body
 from assets_procedural.mesh.meshing import SymmetricMesh
 with np.load(sys.argv[1]) as mesh:
-    write_body(Path(sys.argv[2]), build_body(fitted=SymmetricMesh(**mesh)))
+    write_body(Path(sys.argv[2]), build_body(fitted=SymmetricMesh(**mesh)).arrays)
 """
 """Builds the body on a mesh of the skin that is there, since the mesh takes most of a build's time."""
 

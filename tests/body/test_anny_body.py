@@ -8,7 +8,7 @@ import pytest
 pytest.importorskip("scipy", reason="baking a body needs SciPy")
 
 from assets_procedural import anny_body
-from assets_procedural.anny_rig import TOPOLOGIES, Rig
+from assets_procedural.anny_rig import TOPOLOGIES, AnnyRig
 from solver_backend.body.body import DEFAULT_BODY, load_body
 from solver_backend.body.files.choices import list_bodies, load_chosen_body
 from solver_backend.body.keypoints import keypoint_landmarks
@@ -19,7 +19,7 @@ from solver_backend.types import SMPL_JOINTS, JointSet
 HAS_ANNY = importlib.util.find_spec("anny") is not None
 
 
-def stick_figure() -> Rig:
+def stick_figure() -> AnnyRig:
     """Return a rig of bare bones in an A-pose, legs splayed, one vertex at each bone's head."""
     from scipy.sparse import csr_matrix
 
@@ -36,7 +36,7 @@ def stick_figure() -> Rig:
     bones.append("spine04")
     heads = np.array([heads[i] for i in order] + [(0.0, 0.06, 0.0)])
     tree = (*load_body().parents, 0)
-    return Rig(tuple(bones), tree, csr_matrix(np.eye(len(bones))), np.zeros((0, 3), int), heads[None], heads[None])
+    return AnnyRig(tuple(bones), tree, csr_matrix(np.eye(len(bones))), np.zeros((0, 3), int), heads[None], heads[None])
 
 
 def test_arms_become_level_and_legs_vertical():
@@ -58,7 +58,7 @@ def test_fingers_and_toes_hang_on_one_joint_each():
     rig = stick_figure()
     bones = (*rig.bones, "finger5-2.L", "toe4-1.R", "finger1-2.L")
     parents = (*rig.parents, *(bones.index(b) for b in ("wrist.L", "foot.R", "wrist.L")))
-    longer = Rig(bones, parents, rig.weights, rig.faces, rig.vertices, rig.heads)
+    longer = AnnyRig(bones, parents, rig.weights, rig.faces, rig.vertices, rig.heads)
     owners = [SMPL_JOINTS[j] for j in anny_body._owners(longer)[-3:]]
     assert owners == ["left_hand", "right_foot", "left_wrist"]
 

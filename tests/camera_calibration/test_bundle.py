@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import moved, project_local
-from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Bodies, BodySightings, Unknowns
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.carried_board import ring
@@ -40,7 +40,7 @@ def filmed(seed: int, noise_px: float) -> tuple:
     camera, body = np.repeat(np.arange(4), 200), np.tile(np.arange(200), 4)
     x_cam = (cameras.R[camera] @ X[body][..., None])[..., 0] + cameras.t[camera]
     px = project_local(cameras, camera, x_cam)[0] + rng.normal(0, noise_px, (800, 2))
-    return cameras, X, Sightings(camera, body, np.zeros((800, 3)), px, np.full(800, max(noise_px, 0.1)))
+    return cameras, X, BodySightings(camera, body, np.zeros((800, 3)), px, np.full(800, max(noise_px, 0.1)))
 
 
 def shaken(cameras, rng):

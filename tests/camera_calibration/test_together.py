@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
-from solver_backend.camera_calibration.adjustment.problem import Bodies, Held, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Held, Unknowns
 from solver_backend.camera_calibration.extrinsics.evidence import (
     board_evidence,
     clicks_evidence,
@@ -143,7 +143,7 @@ def test_what_holds_a_pose_pulls_as_its_deviations_say() -> None:
     expected = shaken(truth, 3, 0.002, 0.004)
     point = Bodies(np.eye(3)[None], np.zeros((1, 3)))
     px = project(truth.K, truth.distortion, truth.R, truth.t, np.zeros((1, 3)))[:, 0]
-    seen = Sightings(np.arange(2), np.zeros(2, int), np.zeros((2, 3)), px, np.full(2, 1e4))
+    seen = BodySightings(np.arange(2), np.zeros(2, int), np.zeros((2, 3)), px, np.full(2, 1e4))
     unknowns = Unknowns(np.ones(2, bool), np.zeros((2, 12), bool), held=Held(expected, 0.01, 0.02))
     found = adjust(truth, point, seen, unknowns, gauge=0)
     assert off(found.cameras, expected).max() < 1e-4  # a sighting of no weight leaves what is expected

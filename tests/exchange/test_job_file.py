@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from blender_addon._exchange.errors import OutputNotWritable
-from blender_addon._exchange.job_file import JobFile, Pin, Resolve, write_job
+from blender_addon._exchange.job_file import JobFile, JobPin, JobRange, write_job
 from blender_addon.solving.presets import PRESETS
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.job import Job as SolverJob
@@ -28,8 +28,8 @@ def test_the_solver_reads_each_preset(tmp_path, preset):
 
 
 def test_a_stretch_with_pins_is_plain_json(tmp_path):
-    pin = Pin(150, (0.1, 0.2, 0.3), [0.0] * 69, (1, 2, 3))
-    job = JobFile(Path("c.npz"), Path("n.npz"), resolve=Resolve(Path("m.npz"), 120, 180, (pin,)))
+    pin = JobPin(150, (0.1, 0.2, 0.3), [0.0] * 69, (1, 2, 3))
+    job = JobFile(Path("c.npz"), Path("n.npz"), resolve=JobRange(Path("m.npz"), 120, 180, (pin,)))
     write_job(tmp_path / "job.json", job)
     assert json.loads((tmp_path / "job.json").read_text("utf-8"))["resolve"] == {
         "motion": "m.npz", "first": 120, "last": 180,

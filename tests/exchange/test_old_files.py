@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from blender_addon._exchange.capture_file import read_capture as read_shown_capture
-from blender_addon._exchange.job_file import JobFile, Pin, Resolve
+from blender_addon._exchange.job_file import JobFile, JobPin, JobRange
 from blender_addon._exchange.motion_file import read_motion as read_shown_motion
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion
@@ -62,7 +62,7 @@ def test_the_job_loads_and_is_written_as_before() -> None:
     assert read.resolve is not None and read.resolve.motion == FOLDER / "motion.npz"
     assert read.resolve.as_dict() == {**values["resolve"], "motion": str(FOLDER / "motion.npz")}
     earlier = values["resolve"]
-    resolve = Resolve(Path(earlier["motion"]), earlier["first"], earlier["last"], (Pin(**earlier["pins"][0]),))
+    resolve = JobRange(Path(earlier["motion"]), earlier["first"], earlier["last"], (JobPin(**earlier["pins"][0]),))
     job = JobFile(
         Path(values["capture"]), Path(values["out"]), report=Path(values["report"]), settings=values["settings"],
         resolve=resolve,

@@ -21,7 +21,7 @@ from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.devices.recording_files import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX
 from solver_backend.sensors.devices.recording_files import FORMAT as RECORDING
 from solver_backend.sensors.devices.source import STUDIO_SHOT, open_folder
@@ -99,7 +99,7 @@ def _moments(folder: Path) -> object:
     gatherer, found = Gatherer(("a", "b"), 1 / 30.0), 0
     empty = [np.zeros((0, *shape)) for shape in ((2,), (), (3,), (3, 3))]
     for sensor, time, host in rows:
-        seen = Sightings(sensor % 2, time, *empty, np.zeros(3), empty[2], empty[1], host_s=host)
+        seen = SensorSightings(sensor % 2, time, *empty, np.zeros(3), empty[2], empty[1], host_s=host)
         gatherer.push(seen)
         found += len(gatherer.moments())
     for sensor in (0, 1):

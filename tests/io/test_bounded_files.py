@@ -12,7 +12,8 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.calibration.qualisys import read_qualisys
-from solver_backend.io.detections.openpose import read_people
+from solver_backend.io.detections.openpose import read_document
+from solver_backend.io.detections.picture_documents import people_in_picture
 from solver_backend.io.files import read_json, read_toml
 from solver_backend.io.footage.mp4 import read_video_header
 from solver_backend.io.motions.bvh import read_bvh
@@ -28,7 +29,7 @@ def sparse(path: Path, size: int) -> Path:
     return path
 
 
-@pytest.mark.parametrize("read", [read_json, read_toml, read_people, read_qualisys, read_bvh])
+@pytest.mark.parametrize("read", [read_json, read_toml, read_document, read_qualisys, read_bvh])
 def test_ten_gigabytes_are_refused_by_their_size(tmp_path: Path, read: object) -> None:
     with pytest.raises(FileDamaged, match=r"has 10,000\.0 MB; one of this kind has at most .*big"):
         read(sparse(tmp_path / "big", 10_000_000_000))  # type: ignore[operator]
@@ -83,7 +84,7 @@ def test_people_of_a_million_keypoints_are_refused_before_they_are_stored(tmp_pa
 def test_numbers_that_no_float_holds_are_named(tmp_path: Path) -> None:
     (tmp_path / "a.json").write_text(json.dumps({"people": [{"pose_keypoints_2d": [10**400, 0, 1]}]}))
     with pytest.raises(FileDamaged, match="not numbers"):
-        read_people(tmp_path / "a.json")
+        people_in_picture(read_document(tmp_path / "a.json"), "a.json")
 
 
 @pytest.mark.parametrize(

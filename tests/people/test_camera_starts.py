@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.people.camera_starts import CameraStarts, Evidence, find_starts
+from solver_backend.people.camera_starts import CameraStarts, StartEvidence, find_starts
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.cast import Take
@@ -56,14 +56,14 @@ def against_first(starts: list[int]) -> list[int]:
 @pytest.mark.parametrize("starts", [[0, 45, 90, 20], [120, 0, 0, 0], [0, 0, 0, 100], [60, 61, 0, 119]])
 def test_starts_are_found(demo, starts):
     result = found([demo], starts, 240)
-    assert (result.evidence, result.doubtful) == (Evidence.APART, ())
+    assert (result.evidence, result.doubtful) == (StartEvidence.APART, ())
     np.testing.assert_allclose(result.offsets, against_first(starts), atol=1)
 
 
 @pytest.mark.parametrize("starts", [[0, 0, 0, 0], [30, 30, 30, 30], [3, 0, 0, 2]])
 def test_cameras_in_step_stay(demo, starts):
     result = found([demo], starts, 240)
-    assert result.evidence is Evidence.IN_STEP
+    assert result.evidence is StartEvidence.IN_STEP
     assert not result.offsets.any()
 
 
@@ -80,10 +80,10 @@ def test_steps_that_repeat_leave_it_open():
     still = walk(500)
     in_place = filmed(replace(still, root=still.root * [1.0, 1.0, 0.0]))
     result = found([in_place], [0, 45, 0, 0], 400)
-    assert result.evidence is Evidence.AMBIGUOUS and not result.offsets.any()
+    assert result.evidence is StartEvidence.AMBIGUOUS and not result.offsets.any()
     one, other = result.rivals
     assert abs(abs(one - other) % 60) in (0, 1, 59), "whole periods of the walk lie between"
-    assert found([in_place], [0, 0, 0, 0], 400).evidence is Evidence.IN_STEP
+    assert found([in_place], [0, 0, 0, 0], 400).evidence is StartEvidence.IN_STEP
 
 
 def test_a_person_who_stands_still_tells_nothing():
@@ -91,7 +91,7 @@ def test_a_person_who_stands_still_tells_nothing():
     held = replace(take, rotations=np.repeat(take.rotations[:1], 400, 0), root=np.repeat(take.root[:1], 400, 0))
     for starts in ([0, 0, 0, 0], [0, 45, 90, 20]):
         result = found([filmed(held)], starts, 300)
-        assert result.evidence is Evidence.STILL and not result.offsets.any()
+        assert result.evidence is StartEvidence.STILL and not result.offsets.any()
 
 
 def test_a_camera_that_has_nothing_in_common_is_no_finding():
@@ -103,4 +103,4 @@ def test_views_of_nobody_in_common_are_no_finding(demo):
     _, keypoints = demo.require_multiview()
     rng = np.random.default_rng(0)
     junk = replace(demo, keypoints=replace(keypoints, xy=rng.uniform(0, 1000, keypoints.xy.shape)))
-    assert found([junk], [0, 0, 0, 0], 300).evidence is Evidence.STILL
+    assert found([junk], [0, 0, 0, 0], 300).evidence is StartEvidence.STILL

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import MotionInvalid, OutputExists
-from solver_backend.report.calibration import CalibrationFit
+from solver_backend.report.calibration import CameraFits
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.solved import FRAMES, NAME, bare, solved
@@ -158,7 +158,7 @@ def test_how_the_cameras_fit_is_shown_where_it_was_checked():
     capture, motion = solved()
     grid = np.full((4, 3, 3), 2.0)
     grid[1, 0, 2], grid[2, 1, 1] = 9.87, np.nan
-    fit = CalibrationFit(
+    fit = CameraFits(
         "calibration warning: 2.0 px", grid, np.full(4, 2.0), np.full(4, 1.5), np.full((4, 6), 1.2), 1.74, 3.2,
         4.1, ("cam_b was moved <b>",),
     )  # fmt: skip

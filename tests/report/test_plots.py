@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from solver_backend.report.plots import MAX_POINTS, Line, nice_steps, strip_plot, thinned, time_plot
+from solver_backend.report.plots import MAX_POINTS, PlotCurve, nice_steps, strip_plot, thinned, time_plot
 
 
 @pytest.mark.parametrize(("low", "high"), [(0, 1), (-3.2, 7.9), (0, 1e-7), (120, 121), (5, 5), (0, 98765)])
@@ -23,13 +23,13 @@ def test_steps_are_round_and_cover_the_range(low, high):
 def test_a_gap_lifts_the_pen():
     values = np.arange(10.0)
     values[4:6] = np.nan
-    path = re.search(r'class="line a" d="([^"]*)"', time_plot([Line(values, "x")], 10.0, "m")).group(1)
+    path = re.search(r'class="line a" d="([^"]*)"', time_plot([PlotCurve(values, "x")], 10.0, "m")).group(1)
     assert path.count("M") == 2
     assert path.count("L") == 6
 
 
 def test_a_curve_without_values_is_drawn_empty():
-    assert 'd=""' in time_plot([Line(np.full(5, np.nan), "x")], 10.0, "m")
+    assert 'd=""' in time_plot([PlotCurve(np.full(5, np.nan), "x")], 10.0, "m")
 
 
 def test_thinning_keeps_every_spike():

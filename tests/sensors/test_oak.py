@@ -22,7 +22,7 @@ from solver_backend.exchange.errors import (
     OutputExists,
 )
 from solver_backend.sensors.devices import oak, oak_colour, oak_lenses, oak_module
-from solver_backend.sensors.devices.device import Device, Frame, OpenedDevice
+from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.named import device_named
 from solver_backend.sensors.devices.oak import Oak, listed_oaks
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
@@ -177,14 +177,14 @@ class Prepared(OpenedDevice):
     def __init__(self, kind: type, lost: tuple[int, ...] = ()) -> None:
         rng = np.random.default_rng(0)
         self.made = [
-            Frame(
+            SensorFrame(
                 "left", rng.integers(0, 255, SHAPE).astype(kind),
                 None if n in lost else rng.integers(0, 5000, SHAPE).astype(np.uint16), 100.0 + n / 60, 0.0, n,
             )
             for n in range(40)
         ]  # fmt: skip
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         yield from self.made
 
 

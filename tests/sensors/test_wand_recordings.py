@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
-from solver_backend.camera_calibration.adjustment.problem import Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.resection import resected_pose
 from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import undistort
@@ -72,7 +72,7 @@ def own_error_mm(cameras: Cameras, moments: Moments) -> np.ndarray:
         alone = cameras.subset([c])
         alone = Cameras(alone.names, alone.K, alone.distortion, R[None], t[None], alone.image_size)
         count = len(at)
-        seen = Sightings(np.zeros(count, int), np.arange(count), np.zeros((count, 3)), px, np.ones(count))
+        seen = BodySightings(np.zeros(count, int), np.arange(count), np.zeros((count, 3)), px, np.ones(count))
         bodies = Bodies(np.tile(np.eye(3), (count, 1, 1)), at, at, 1e-6)
         found = adjust(alone, bodies, seen, Unknowns(np.array([True]), np.zeros((1, 12), bool)), gauge=0)
         off.append(np.linalg.norm(found.cameras.centres[0] - cameras.centres[c]))

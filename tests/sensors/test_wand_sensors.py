@@ -13,7 +13,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration import read_calibration
 from solver_backend.sensors.clock.trigger import triggered
-from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.recording_files import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
 from solver_backend.sensors.devices.source import SensorFolder
 from solver_backend.sensors.errors import PicturesDiffer
@@ -59,11 +59,11 @@ class Rendered(OpenedDevice):
     def name(self) -> str:
         return self.cameras.names[self.view]
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         rng = np.random.default_rng([self.view, self.count])
         for number in range(self.count):
             infrared, depth = seen_by(self.cameras, self.view, self.at(number / FPS), rng)
-            yield Frame(self.name, infrared, depth, number / FPS, 0.0, number)
+            yield SensorFrame(self.name, infrared, depth, number / FPS, 0.0, number)
 
 
 def small(cameras: Cameras) -> Cameras:

@@ -6,15 +6,15 @@ import numpy as np
 
 from solver_backend.cameras.projection import undistort
 from solver_backend.sensors.acquisition.acquire import Acquisition
-from solver_backend.sensors.acquisition.sightings import Sightings
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.acquisition.sightings import SensorSightings
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.types import Cameras
 
 
-def sightings(cameras: Cameras, view: int, infrared: np.ndarray, depth_mm: np.ndarray | None = None) -> Sightings:
+def sightings(cameras: Cameras, view: int, infrared: np.ndarray, depth_mm: np.ndarray | None = None) -> SensorSightings:
     """Return what the rig's acquisition finds in one frame of a camera."""
     name = cameras.names[view]
-    return Acquisition(cameras, name)(Frame(name, infrared, depth_mm, 0.0, 0.0))
+    return Acquisition(cameras, name)(SensorFrame(name, infrared, depth_mm, 0.0, 0.0))
 
 
 def lift(cameras: Cameras, view: int, px: np.ndarray, depth: np.ndarray) -> np.ndarray:

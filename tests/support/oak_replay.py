@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.sensors.devices.device import Device, Frame, OpenedDevice
+from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.oak_module import depthai
 from solver_backend.sensors.devices.oak_stream import PairStream, paired
 from solver_backend.sensors.errors import SensorFailed
@@ -55,7 +55,7 @@ class OakReplay(OpenedDevice):
         self._pipeline = pipeline
         self._stream = PairStream(dai, self.name, queue, lambda: not player.ended.is_set(), 10.0)
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames as they come out of depthai.
 
         Raises:
@@ -100,7 +100,7 @@ def _player(dai: Any) -> Any:
     return Player
 
 
-def _message(dai: Any, picture: np.ndarray, frame: Frame) -> Any:
+def _message(dai: Any, picture: np.ndarray, frame: SensorFrame) -> Any:
     kind = dai.ImgFrame.Type.GRAY8 if picture.dtype == np.uint8 else dai.ImgFrame.Type.RAW16
     message = dai.ImgFrame()
     message.setType(kind)

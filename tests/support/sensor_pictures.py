@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.cameras.projection import project
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.types import Cameras
 
 FULL = 65535
@@ -48,7 +48,7 @@ class Painter:
     fine: int = 8
     background: float = 900.0
 
-    def frame(self, view: int, points: np.ndarray, seed: int = 0, *, time: float = 0.0, number: int = 0) -> Frame:
+    def frame(self, view: int, points: np.ndarray, seed: int = 0, *, time: float = 0.0, number: int = 0) -> SensorFrame:
         """Return what one sensor sees of (N, 3) points."""
         cameras = self.cameras
         width, height = cameras.image_size[view].tolist()
@@ -69,7 +69,7 @@ class Painter:
         infrared = np.clip(infrared + rng.normal(0, 40, infrared.shape), 0, FULL).astype(np.uint16)
         noisy = depth + rng.normal(0, self.depth_sigma_m, depth.shape)
         millimetres = np.where(depth > 0, np.round(1000 * noisy), 0).astype(np.uint16)
-        return Frame(cameras.names[view], infrared, millimetres, time, time, number)
+        return SensorFrame(cameras.names[view], infrared, millimetres, time, time, number)
 
     def _disc(self, shape: tuple[int, int], xy: np.ndarray, radius: float) -> np.ndarray:
         """Return the share of each pixel that a disc covers."""

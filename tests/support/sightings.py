@@ -1,11 +1,11 @@
-"""Sightings of points without pictures: what sensors would tell, with noise of the covariance that they tell."""
+"""SensorSightings of points without pictures: what sensors would tell, with noise of the covariance that they tell."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from solver_backend.sensors.acquisition.sensor_lens import SensorLens
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.types import Cameras
 
 _LENSES: dict[tuple[int, int], SensorLens] = {}
@@ -15,7 +15,7 @@ SIGMA_PX, SIGMA_DEPTH_M = 0.15, 0.002
 def sighted(
     cameras: Cameras, sensor: int, points: np.ndarray, *, time: float = 0.0, rays: tuple[int, ...] = (), seed: int = 0,
     host_s: float | None = None,
-) -> Sightings:  # fmt: skip
+) -> SensorSightings:  # fmt: skip
     """Return what a sensor tells of (N, 3) points; those of ``rays`` without depth."""
     rng = np.random.default_rng([seed, sensor])
     if (id(cameras), sensor) not in _LENSES:
@@ -28,7 +28,7 @@ def sighted(
     depth[list(rays)] = np.nan
     sigma = np.full(len(points), SIGMA_PX)
     covariance = lens.covariances(flat, depth, sigma, np.full(len(points), SIGMA_DEPTH_M))
-    return Sightings(
+    return SensorSightings(
         sensor, time, np.zeros((len(points), 2)), depth, lens.points(flat, depth), covariance, lens.centre,
         lens.directions(flat), sigma / lens.focal.mean(), host_s=time if host_s is None else host_s,
     )  # fmt: skip

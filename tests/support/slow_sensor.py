@@ -6,7 +6,7 @@ import time
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.devices.recorded import RecordedSensor
 
 PAUSE_S = 0.05
@@ -27,7 +27,7 @@ class Slow:
         """Open it."""
         self.device.open()
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames, each after a pause."""
         for frame in self.device.frames():
             time.sleep(PAUSE_S)

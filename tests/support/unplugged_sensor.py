@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.errors import SensorFailed
 
 
@@ -21,7 +21,7 @@ class Unplugged(OpenedDevice):
     def starting(self, start: float) -> Unplugged:
         return replace(self, inner=self.inner.starting(start))  # type: ignore[attr-defined]
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         for frame in self.inner.frames():  # type: ignore[attr-defined]
             if frame.number >= self.frames_until and not self.again:
                 self.again = True

@@ -18,7 +18,7 @@ class Severity(StrEnum):
 
 
 @dataclass(frozen=True)
-class Entry:
+class DiagnosticEntry:
     """What the table knows of one code."""
 
     severity: Severity
@@ -31,16 +31,16 @@ class Entry:
     """What to do about it; empty where nothing is to be done."""
 
 
-def warning(what: str, cause: str, advice: str) -> Entry:
+def warning(what: str, cause: str, advice: str) -> DiagnosticEntry:
     """Return a row of a warning."""
-    return Entry(Severity.WARNING, what, cause, advice)
+    return DiagnosticEntry(Severity.WARNING, what, cause, advice)
 
 
-def note(what: str, cause: str, advice: str = "") -> Entry:
+def note(what: str, cause: str, advice: str = "") -> DiagnosticEntry:
     """Return a row of a note."""
-    return Entry(Severity.NOTE, what, cause, advice)
+    return DiagnosticEntry(Severity.NOTE, what, cause, advice)
 
 
-def error(what: str, cause: str, advice: str) -> Entry:
+def error(what: str, cause: str, advice: str) -> DiagnosticEntry:
     """Return a row of an error."""
-    return Entry(Severity.ERROR, what, cause, advice)
+    return DiagnosticEntry(Severity.ERROR, what, cause, advice)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .entry import Entry, error, note, warning
+from .entry import DiagnosticEntry, error, note, warning
 
 _FAR = "A limb is swapped, hidden or badly detected."
 _FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
 _COMPARE = "Compare with the footage there."
 
-RESULT: dict[str, Entry] = {
+RESULT: dict[str, DiagnosticEntry] = {
     "frames_unseen": warning(
         "Fewer than two cameras see the person; the pose is interpolated",
         "The person is hidden, out of view or not detected.",

@@ -12,13 +12,13 @@ from ...conventions.counting import counted
 from .solver_operator import SolverOperator, current
 
 if TYPE_CHECKING:
-    from ...review.pinning import FrameRange
+    from ...review.pinning import SceneRange
 
 
 class _Solves(SolverOperator):
     """What solving a take and solving a range of its frames have in common."""
 
-    def solve(self, context: bpy.types.Context, frames: FrameRange | None) -> set[str]:
+    def solve(self, context: bpy.types.Context, frames: SceneRange | None) -> set[str]:
         """Write the job and start the solver."""
         from ..._exchange.job_file import write_job
         from ...animation.takes import SolvedAgain, SolveFiles
@@ -121,7 +121,7 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Pin what was edited, if it is to stay, and start."""
-        from ...review.pinning import FrameRange
+        from ...review.pinning import SceneRange
         from .review import pin_frame
 
         scene, review = context.scene, context.scene.mocap.review
@@ -132,7 +132,7 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
                 pin_frame(review, frame)
             scene.frame_set(shown[0], subframe=shown[1])
         pins = tuple((pin.frame, pin.job_values) for pin in review.pins)
-        return self.solve(context, FrameRange(review.take, review.first, review.last, pins))
+        return self.solve(context, SceneRange(review.take, review.first, review.last, pins))
 
 
 def edited_in_range(context: bpy.types.Context) -> list[int]:

@@ -18,7 +18,7 @@ from solver_backend.camera_calibration.adjustment.problem import (
     CAMERA_PARAMETERS,
     Adjusted,
     Bodies,
-    Sightings,
+    BodySightings,
     Unknowns,
 )
 from solver_backend.geometry.rotations import exp_so3, skew
@@ -32,7 +32,7 @@ _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
 def adjust(
     cameras: Cameras,
     bodies: Bodies,
-    seen: Sightings,
+    seen: BodySightings,
     unknowns: Unknowns,
     *,
     delays: Float[np.ndarray, " cameras"] | None = None,
@@ -110,7 +110,7 @@ class _Task:
     """What stays the same over all steps."""
 
     start: Cameras
-    seen: Sightings
+    seen: BodySightings
     unknowns: Unknowns
     scale: float
 

@@ -16,7 +16,7 @@ CAMERA_PARAMETERS = 6 + PARAMETERS + 1
 
 
 @dataclass(frozen=True)
-class Sightings:
+class BodySightings:
     """N points of bodies in pictures."""
 
     camera: Int[np.ndarray, " n"]
@@ -32,10 +32,10 @@ class Sightings:
     velocity: Float[np.ndarray, "n 2"] | None = None
     """(N, 2) px/s, how fast each moves in its picture; needed where delays are unknown."""
 
-    def where(self, chosen: Bool[np.ndarray, " n"]) -> Sightings:
+    def where(self, chosen: Bool[np.ndarray, " n"]) -> BodySightings:
         """Return the chosen ones."""
         velocity = None if self.velocity is None else self.velocity[chosen]
-        return Sightings(
+        return BodySightings(
             self.camera[chosen], self.body[chosen], self.local[chosen], self.px[chosen], self.sigma[chosen], velocity
         )
 
@@ -112,7 +112,7 @@ class Adjusted:
     delays: Float[np.ndarray, " cameras"]
     """(C,) seconds by which each camera's pictures are later than their frame's number says."""
 
-    seen: Sightings
+    seen: BodySightings
     """What the errors are of."""
 
     @property

@@ -41,7 +41,7 @@ class Disc:
 
 
 @dataclass(frozen=True)
-class Line:
+class PageLine:
     """A thin black line."""
 
     start: tuple[float, float]
@@ -49,7 +49,7 @@ class Line:
 
 
 @dataclass(frozen=True)
-class Words:
+class PageText:
     """A line of text; ``place`` is the left end of its base line."""
 
     place: tuple[float, float]
@@ -58,7 +58,7 @@ class Words:
     """Height of a line, mm."""
 
 
-Shape = Polygon | Disc | Line | Words
+Shape = Polygon | Disc | PageLine | PageText
 
 
 @dataclass(frozen=True)
@@ -158,10 +158,12 @@ def _charuco(board: Board, side: float) -> list[Shape]:
 def _foot(board: Board, size: tuple[float, float]) -> list[Shape]:
     base = size[1] - MARGIN_MM
     left = (size[0] - RULER_MM) / 2
-    marks = [Line((left + i, base), (left + i, base - (4.0 if i % 10 == 0 else 2.0))) for i in range(0, 101, 5)]
+    marks = [PageLine((left + i, base), (left + i, base - (4.0 if i % 10 == 0 else 2.0))) for i in range(0, 101, 5)]
     return [
-        Line((left, base), (left + RULER_MM, base)), *marks,
-        Words((left, base - 6.0), f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90], 2.8),
+        PageLine((left, base), (left + RULER_MM, base)), *marks,
+        PageText(
+            (left, base - 6.0), f"This line must measure 100 mm; print at 100 %, without fitting. {board}"[:90], 2.8
+        ),
     ]  # fmt: skip
 
 

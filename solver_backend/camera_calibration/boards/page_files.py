@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from xml.sax.saxutils import escape
 
-from solver_backend.camera_calibration.boards.page import Disc, Line, Page, Polygon, Shape
+from solver_backend.camera_calibration.boards.page import Disc, Page, PageLine, Polygon, Shape
 
 POINTS_PER_MM = 72.0 / 25.4
 _KAPPA = 0.5522847498
@@ -30,7 +30,7 @@ def _svg_shape(shape: Shape) -> str:
     if isinstance(shape, Disc):
         x, y = shape.centre
         return f'<circle cx="{x:.6g}" cy="{y:.6g}" r="{shape.radius:.6g}" fill="{_colour(shape.white)}"/>'
-    if isinstance(shape, Line):
+    if isinstance(shape, PageLine):
         (x1, y1), (x2, y2) = shape.start, shape.end
         return (
             f'<line x1="{x1:.6g}" y1="{y1:.6g}" x2="{x2:.6g}" y2="{y2:.6g}" stroke="black" stroke-width="{_THIN_MM}"/>'
@@ -80,7 +80,7 @@ def _pdf_shape(shape: Shape) -> str:
         return f"{_grey(shape.white)} " + " ".join(path)
     if isinstance(shape, Disc):
         return f"{_grey(shape.white)} {_circle(*shape.centre, shape.radius)} f"
-    if isinstance(shape, Line):
+    if isinstance(shape, PageLine):
         (x1, y1), (x2, y2) = shape.start, shape.end
         return f"0 G {x1:.6f} {y1:.6f} m {x2:.6f} {y2:.6f} l S"
     x, y = shape.place

@@ -14,7 +14,7 @@ from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
-from solver_backend.report.calibration import COLUMNS, ROWS, CalibrationFit
+from solver_backend.report.calibration import COLUMNS, ROWS, CameraFits
 from solver_backend.types import Cameras, Keypoints2D
 
 FRAMES = 240
@@ -58,9 +58,9 @@ class CalibrationCheck:
         return f"{what}: {self.all_px:.1f} px, {self.refined_px:.1f} px at best"
 
     @property
-    def fit(self) -> CalibrationFit:
+    def fit(self) -> CameraFits:
         """What the report shows."""
-        return CalibrationFit(
+        return CameraFits(
             self.verdict, self.region_px, self.camera_px, self.refined_camera_px, self.epipolar_px, self.stature_m,
             self.tilt_deg, self.tilt_sigma_deg, self.findings,
         )  # fmt: skip

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import lens_of
-from solver_backend.camera_calibration.adjustment.problem import Bodies, Sightings
+from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.extrinsics.from_board import placed_boards, poses_seen
@@ -36,7 +36,7 @@ class Evidence:
     """As messages call it."""
     bodies: Bodies
     """B bodies at a start, in the cameras' world."""
-    seen: Sightings
+    seen: BodySightings
     """Of these bodies; deviations are a first guess."""
     alike: float = 1.0
     """Sightings that err alike, by which their say is lessened."""
@@ -131,7 +131,7 @@ def _tables(cameras: Cameras, clicks: Clicks) -> tuple[np.ndarray, np.ndarray]:
 
 def _points(
     cameras: Cameras, xy: np.ndarray, sigma: np.ndarray, known: np.ndarray | None = None
-) -> tuple[Bodies, Sightings]:
+) -> tuple[Bodies, BodySightings]:
     """Return points alone, those that two cameras see or whose places are known.
 
     Args:
@@ -146,6 +146,6 @@ def _points(
     used = np.isfinite(located).all(-1)
     camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
     number = np.cumsum(used) - 1
-    seen = Sightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
+    seen = BodySightings(camera, number[point], np.zeros((len(point), 3)), xy[camera, point], sigma[camera, point])
     still = np.tile(np.eye(3), (int(used.sum()), 1, 1))
     return Bodies(still, located[used], None if known is None else known[used], PLACE_SIGMA_M), seen

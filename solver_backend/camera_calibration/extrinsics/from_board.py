@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens, lens_of
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.boards.motion import point_velocities
@@ -37,7 +37,7 @@ class BoardRig:
     """Cameras and the board's poses, in the first camera's axes."""
     moments: tuple[int, ...]
     """Frame of each of the board's poses."""
-    seen: Sightings
+    seen: BodySightings
     """What was used."""
     together: dict[tuple[int, int], int]
     """How often each pair saw the board together."""
@@ -167,7 +167,7 @@ def placed_boards(
     cameras: Sequence[Pose],
     moments: Sequence[int],
     fps: float | None,
-) -> tuple[Bodies, Sightings]:
+) -> tuple[Bodies, BodySightings]:
     """Return the board's poses, each by the camera that sees most of it, and all sightings.
 
     Where delays are asked for, points whose velocity is unknown count little.
@@ -189,4 +189,4 @@ def placed_boards(
     velocity = np.where(told[:, None], velocity, 0.0) if fps is not None else None
     placed = [best[frame][1] for frame in moments]
     bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
-    return bodies, Sightings(camera, body, local, px, sigma, velocity)
+    return bodies, BodySightings(camera, body, local, px, sigma, velocity)

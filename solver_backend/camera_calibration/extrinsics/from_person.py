@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.resection import resected_pose
 from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, intersected, pose_from_essential
 from solver_backend.cameras.projection import undistort
@@ -220,7 +220,9 @@ class _Views:
         number = np.cumsum(used) - 1
         camera, point = np.nonzero(seen)
         spread = sigma / np.sqrt(np.clip(self.confidence[which][camera, point], 0.1, 1.0))
-        sightings = Sightings(camera, number[point], np.zeros((len(point), 3)), self.xy[which][camera, point], spread)
+        sightings = BodySightings(
+            camera, number[point], np.zeros((len(point), 3)), self.xy[which][camera, point], spread
+        )
         bodies = Bodies(np.tile(np.eye(3), (int(used.sum()), 1, 1)), X[used])
         lens = np.zeros((len(which), PARAMETERS), bool)
         lens_sigma = None

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens
 from solver_backend.camera_calibration.adjustment.planar import planar_pose
-from solver_backend.camera_calibration.adjustment.problem import Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.resection import resected_pose
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
 from solver_backend.camera_calibration.extrinsics.two_views import intersected
@@ -105,7 +105,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> RigCalibr
     start = np.where(np.isfinite(known), known, located)
     used = np.isfinite(start).all(-1)
     camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
-    seen = Sightings(
+    seen = BodySightings(
         camera, np.cumsum(used)[point] - 1, np.zeros((len(point), 3)), xy[camera, point],
         np.full(len(point), CLICK_SIGMA_PX),
     )  # fmt: skip
@@ -144,7 +144,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     return R @ axes, t - R @ axes @ middle
 
 
-def _far_clicks(error: np.ndarray, seen: Sightings, names: tuple[str, ...], points: list[str]) -> tuple[str, ...]:
+def _far_clicks(error: np.ndarray, seen: BodySightings, names: tuple[str, ...], points: list[str]) -> tuple[str, ...]:
     """Return a sentence on each click that is far from where the others have it."""
     far = np.linalg.norm(error, axis=-1)
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))

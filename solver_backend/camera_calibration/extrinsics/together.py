@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Held, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Held, Unknowns
 from solver_backend.camera_calibration.extrinsics.evidence import Evidence
 from solver_backend.camera_calibration.extrinsics.points_session import PLACE_SIGMA_M
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
@@ -103,7 +103,7 @@ def _adjusted(cameras: Cameras, sources: Sequence[Evidence], unknowns: Unknowns)
     return adjust(cameras, bodies, seen, unknowns, robust_scale=_ROBUST, gauge=gauge, tolerance=1e-7)
 
 
-def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, Sightings]:
+def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
     """Return all sources' bodies in a row, and the sightings with the numbers they have there."""
     counts = [len(e.bodies.t) for e in sources]
     firsts = np.cumsum([0, *counts[:-1]])
@@ -122,7 +122,7 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, Sightings]:
     body = np.concatenate([e.seen.body + first for e, first in zip(sources, firsts, strict=True)])
     camera, local, px, sigma = (np.concatenate([getattr(e.seen, k) for e in sources])
                                 for k in ("camera", "local", "px", "sigma"))  # fmt: skip
-    return bodies, Sightings(camera, body, local, px, sigma, velocity)
+    return bodies, BodySightings(camera, body, local, px, sigma, velocity)
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:

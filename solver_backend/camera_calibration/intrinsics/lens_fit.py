@@ -18,7 +18,7 @@ from solver_backend.camera_calibration.adjustment.lens import (
     rough_lens,
 )
 from solver_backend.camera_calibration.adjustment.planar import focal_from_homographies, homography, planar_pose
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.cameras.projection import undistort
@@ -140,7 +140,7 @@ def _start(board: Board, views: Sequence[BoardSighting], image_size: tuple[int, 
 def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns: Unknowns, steps: int) -> Adjusted:
     R, t = board_poses(board, views, lens)
     which = np.repeat(np.arange(len(views)), [len(v.ids) for v in views])
-    seen = Sightings(
+    seen = BodySightings(
         camera=np.zeros(len(which), dtype=int),
         body=which,
         local=np.concatenate([board.points[v.ids] for v in views]),

@@ -7,7 +7,7 @@ from functools import partial
 
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.triangulation.point_refinement import Rig, fit_points
+from solver_backend.cameras.triangulation.point_refinement import CameraArrays, fit_points
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
 
@@ -36,7 +36,7 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
     return px, xp.where(usable, weight, xp.zeros_like(weight)), spread
 
 
-def measure_noise(rig: Rig, xy: Array, confidence: Array) -> Array:
+def measure_noise(rig: CameraArrays, xy: Array, confidence: Array) -> Array:
     """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * rig.width] * keypoints, xy)
@@ -46,7 +46,7 @@ def measure_noise(rig: Rig, xy: Array, confidence: Array) -> Array:
     return sigma
 
 
-def _settled(rig: Rig, xy: Array, confidence: Array, sigma: Array) -> Array:
+def _settled(rig: CameraArrays, xy: Array, confidence: Array, sigma: Array) -> Array:
     """Return (K,) standard deviations that measuring again with them does not change."""
     xp, frames = array_namespace(xy), max(1, int(xy.shape[1]))
     step = -(-frames // _PARTS)

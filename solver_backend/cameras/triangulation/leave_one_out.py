@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.cameras.projection import project_with_jacobian
-from solver_backend.cameras.triangulation.point_refinement import Rig
+from solver_backend.cameras.triangulation.point_refinement import CameraArrays
 from solver_backend.cameras.triangulation.triangulate import Triangulation
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
@@ -52,7 +52,7 @@ def predict_views(
     Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
     linear regression and its predictive variance).
     """
-    rig, start = Rig.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
+    rig, start = CameraArrays.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
     if frames is not None:
         start, xy, confidence, inliers = start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames]
@@ -65,7 +65,12 @@ def predict_views(
 
 
 def _predicted(
-    rig: Rig, start: np.ndarray, xy: np.ndarray, confidence: np.ndarray, inliers: np.ndarray, sigma_px: np.ndarray
+    rig: CameraArrays,
+    start: np.ndarray,
+    xy: np.ndarray,
+    confidence: np.ndarray,
+    inliers: np.ndarray,
+    sigma_px: np.ndarray,
 ) -> Predictions:
     """Return the predictions around (F, K, 3) points."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)

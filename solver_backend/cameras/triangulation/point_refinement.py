@@ -24,7 +24,7 @@ _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
 
 
 @dataclass(frozen=True)
-class Rig:
+class CameraArrays:
     """Cameras as arrays of the caller's kind."""
 
     K: Array
@@ -41,13 +41,13 @@ class Rig:
     """Mean image width in px."""
 
     @classmethod
-    def of(cls, cameras: Cameras, like: Array) -> Rig:
+    def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
         """Return the cameras as arrays of the kind of ``like``."""
         K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
         return cls(K, distortion, R, t, cameras.distortion_model, float(cameras.image_size[:, 0].mean()))
 
 
-def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
+def fit_points(rig: CameraArrays, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
     """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
 
     Args:
@@ -66,7 +66,7 @@ def fit_points(rig: Rig, px: Array, weight: Array, spread: Array) -> tuple[Array
     return (points, *_agreeing(rig, px, weight, points, spread))
 
 
-def _locate(rig: Rig, px: Array, weight: Array, scale_px: Array) -> Array:
+def _locate(rig: CameraArrays, px: Array, weight: Array, scale_px: Array) -> Array:
     """Return robust points (N, 3), NaN where nothing locates them."""
     xp = array_namespace(px)
     normalised = undistort(rig.K, rig.distortion, px, rig.model)
@@ -78,7 +78,7 @@ def _locate(rig: Rig, px: Array, weight: Array, scale_px: Array) -> Array:
 
 
 def _refine(
-    rig: Rig, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
+    rig: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
 ) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
@@ -118,7 +118,7 @@ def _bounded(step: Array) -> Array:
     return xp.where(long, step * (_LONGEST_STEP_M / xp.where(long, length, xp.ones_like(length))), step)
 
 
-def _errors(rig: Rig, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
+def _errors(rig: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(rig.K, rig.distortion, rig.R, rig.t, points, rig.model)
@@ -138,7 +138,7 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
     return xp.matmul(rows_T, rows), xp.matmul(rows_T, residuals)[..., 0]
 
 
-def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
+def _agreeing(rig: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
     """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
     xp = array_namespace(px)
     error, _, seen = _errors(rig, px, weight, points)
@@ -146,7 +146,7 @@ def _agreeing(rig: Rig, px: Array, weight: Array, points: Array, spread: Array) 
     return seen & (distance < INLIER_SIGMAS * spread), xp.where(seen, distance, xp.full_like(distance, math.nan))
 
 
-def covariance_of(rig: Rig, weight: Array, points: Array, spread: Array) -> Array:
+def covariance_of(rig: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
     """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
 
     ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).

@@ -9,7 +9,7 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.cameras.triangulation.detector_noise import flat_views, measure_noise
-from solver_backend.cameras.triangulation.point_refinement import Rig, covariance_of, fit_points
+from solver_backend.cameras.triangulation.point_refinement import CameraArrays, covariance_of, fit_points
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
@@ -82,7 +82,7 @@ def triangulate(
     """
     _check(cameras, xy, confidence)
     xp = array_namespace(xy, confidence)
-    rig = Rig.of(cameras, xy)
+    rig = CameraArrays.of(cameras, xy)
     frames, keypoints = int(xy.shape[1]), int(xy.shape[2])
     if sigma_px is None:
         sigma = measure_noise(rig, xy, confidence)
@@ -99,7 +99,7 @@ def triangulate(
 
 
 def _triangulate_frames(
-    rig: Rig, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
+    rig: CameraArrays, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return points, covariance, inliers and residuals of (C, F, K) detections."""
     xp = array_namespace(xy)

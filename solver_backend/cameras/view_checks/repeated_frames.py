@@ -76,4 +76,5 @@ def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D
     confidence = np.where((repeated & ~bridged)[..., None], 0.0, confidence)
     seen = confidence[..., None] > 0  # what is not seen may be anything, NaN too
     xy = np.where(seen, np.where(seen, early, 0.0) + share[..., None] * np.where(seen, late - early, 0.0), keypoints.xy)
-    return replace(keypoints, xy=xy, confidence=confidence)
+    hands = None if keypoints.hands is None else np.where(repeated[..., None, None, None], np.nan, keypoints.hands)
+    return replace(keypoints, xy=xy, confidence=confidence, hands=hands)

@@ -157,12 +157,15 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
         delay: frames, (C,) or (C, F).
     """
     xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+    hands = None if keypoints.hands is None else keypoints.hands.copy()
     delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])
     for view in np.flatnonzero(delay.any(axis=1)):
         times = np.arange(keypoints.num_frames) + delay[view]
         xy[view] = _view_at(keypoints.xy[view], times)
         confidence[view] = _view_at(keypoints.confidence[view], times)
-    return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0))
+        if hands is not None:
+            hands[view] = _view_at(hands[view], times)
+    return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0), hands=hands)
 
 
 def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:

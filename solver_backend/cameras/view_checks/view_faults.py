@@ -30,15 +30,21 @@ class Mirrored:
 
     def undone(self, cameras: Cameras, keypoints: Keypoints2D, at: ViewRange) -> Keypoints2D:
         """Return the detections with this undone in the range."""
-        xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+        xy, confidence, width = keypoints.xy.copy(), keypoints.confidence.copy(), cameras.image_size[at.view, 0]
         part, sure = xy[at.view, at.frames], confidence[at.view, at.frames]
         if self.image:
-            part = np.stack([cameras.image_size[at.view, 0] - 1 - part[..., 0], part[..., 1]], axis=-1)
+            part = np.stack([width - 1 - part[..., 0], part[..., 1]], axis=-1)
         if self.labels:
             mirrored = list(keypoints.joint_set.mirrored())
             part, sure = part[:, mirrored], sure[:, mirrored]
         xy[at.view, at.frames], confidence[at.view, at.frames] = part, sure
-        return replace(keypoints, xy=xy, confidence=confidence)
+        hands = None if keypoints.hands is None else keypoints.hands.copy()
+        if hands is not None:
+            if self.image:
+                hands[at.view, at.frames, ..., 0] = width - 1 - hands[at.view, at.frames, ..., 0]
+            if self.labels:
+                hands[at.view, at.frames] = hands[at.view, at.frames, ::-1]
+        return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 
 
 @dataclass(frozen=True)
@@ -54,7 +60,10 @@ class NamedLike:
         pair, exchanged = [at.view, self.other], [self.other, at.view]
         xy[pair, at.frames] = keypoints.xy[exchanged, at.frames]
         confidence[pair, at.frames] = keypoints.confidence[exchanged, at.frames]
-        return replace(keypoints, xy=xy, confidence=confidence)
+        hands = None if keypoints.hands is None else keypoints.hands.copy()
+        if hands is not None and keypoints.hands is not None:
+            hands[pair, at.frames] = keypoints.hands[exchanged, at.frames]
+        return replace(keypoints, xy=xy, confidence=confidence, hands=hands)
 
 
 @dataclass(frozen=True)
@@ -74,7 +83,12 @@ class Rotated:
         xy = keypoints.xy.copy()
         camera = cameras.subset([at.view])
         xy[at.view, at.frames] = rotated_back(camera, xy[at.view, at.frames], np.array(self.rotation))
-        return replace(keypoints, xy=xy)
+        hands = None if keypoints.hands is None else keypoints.hands.copy()
+        if hands is not None:
+            points = hands[at.view, at.frames, ..., :2]
+            turned = rotated_back(camera, points.reshape(len(points), -1, 2), np.array(self.rotation))
+            hands[at.view, at.frames, ..., :2] = turned.reshape(points.shape)
+        return replace(keypoints, xy=xy, hands=hands)
 
 
 Explanation = Mirrored | NamedLike | Rotated
@@ -116,7 +130,7 @@ def explain(cameras: Cameras, keypoints: Keypoints2D, suspects: list[ViewRange],
 def _trials(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sigma_px: np.ndarray) -> list[Trial]:
     """Return every explanation of one range, tried on a sample of its frames."""
     frames = view_range.sample()
-    few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
+    few = keypoints.at(frames)
     at = ViewRange(view_range.view, 0, len(frames) - 1)
     before = misfit(cameras, few.xy, few.confidence, sigma_px)
     choices: list[Explanation] = [Mirrored(True, True), Mirrored(False, True), Mirrored(True, False)]

@@ -159,7 +159,7 @@ def _helps(
     cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, explanation: Explanation, sigma_px: np.ndarray
 ) -> bool:
     frames, at = view_range.sample(), ViewRange(view_range.view, 0, len(view_range.sample()) - 1)
-    few = replace(keypoints, xy=keypoints.xy[:, frames], confidence=keypoints.confidence[:, frames])
+    few = keypoints.at(frames)
     undone = explanation.undone(cameras, few, at)
     before, after = (misfit(cameras, k.xy, k.confidence, sigma_px).mean() for k in (few, undone))
     return bool(after < before)

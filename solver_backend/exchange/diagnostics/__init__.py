@@ -12,13 +12,13 @@ from .diagnostic import (
     read_diagnostics,
     warnings_in,
 )
-from .entry import Entry, Severity
+from .entry import DiagnosticEntry, Severity
 from .refusal import REFUSALS, refuse_errors
 from .summary import summarise
 from .table import TABLE
 from .wording import frames_text, sentence, word
 
 __all__ = [
-    "REFUSALS", "TABLE", "Diagnostic", "Entry", "Remedy", "Severity", "Where", "diagnostic", "frames_text", "merge",
-    "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise", "warnings_in", "word",
+    "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "Remedy", "Severity", "Where", "diagnostic", "frames_text",
+    "merge", "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise", "warnings_in", "word",
 ]  # fmt: skip

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from .entry import Entry, note, warning
+from .entry import DiagnosticEntry, note, warning
 
-RECORDING: dict[str, Entry] = {
+RECORDING: dict[str, DiagnosticEntry] = {
     "joints_doubted": warning(
         "Labels name a skeleton's joint centres, but the points fit none: the hips are {size:.0f} % of a thigh apart, "
         "limb joints up to {off:.0f} mm from the body's",

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from .entry import Entry, error, note, warning
+from .entry import DiagnosticEntry, error, note, warning
 
 _FAR = "A limb is swapped, hidden or badly detected."
 _FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
 _COMPARE = "Compare with the footage there."
 
-RESULT: dict[str, Entry] = {
+RESULT: dict[str, DiagnosticEntry] = {
     "one_camera": warning(
         "One camera: distance and the depth of limbs are estimated, not measured (limbs by ± {size:.0f} cm along the "
         "line of sight, the person's size and distance by ± {share:.0f} %, by {source})",

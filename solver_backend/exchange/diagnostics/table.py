@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
-from .entry import Entry, note, warning
+from .entry import DiagnosticEntry, note, warning
 from .recording import RECORDING
 from .result import RESULT
 
-_EARLIER: dict[str, Entry] = {
+_EARLIER: dict[str, DiagnosticEntry] = {
     "earlier_note": note("{text}", "A file of an earlier version holds this sentence."),
     "earlier_warning": warning("{text}", "A file of an earlier version holds this sentence.", ""),
 }
 
-GROUPS: dict[str, dict[str, Entry]] = {
+GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,
 }
 """By where they are found, in the order of the reference page."""
 
-TABLE: dict[str, Entry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
+TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""

@@ -50,7 +50,7 @@ KNOWN = 1e12
 
 
 @dataclass(frozen=True)
-class Calibration:
+class SubjectCalibration:
     """What a calibration finds."""
 
     subject: Subject
@@ -63,7 +63,7 @@ class Calibration:
     """Their poses."""
 
 
-def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> Calibration:
+def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
     """Return the person that varied frames of a take tell: shape, places of the markers, and how far these stray.
 
     Args:
@@ -97,7 +97,7 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     sigma = marker_sigma(
         measured.term.select(frames), pose(state.subject, poses).points, measured.covariance[frames]
     )  # fmt: skip
-    return Calibration(state.subject, sigma, frames, poses)
+    return SubjectCalibration(state.subject, sigma, frames, poses)
 
 
 def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray:

@@ -15,7 +15,7 @@ from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
-from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, Calibration, calibrate
+from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
 from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
@@ -178,7 +178,7 @@ def calibrated(
 
 
 def with_attached(
-    person: MarkerSubject, found: Calibration, cloud: MarkerCloud, unknown: Sequence[str]
+    person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Sequence[str]
 ) -> MarkerSubject:
     """Return the person with the markers of unknown labels that move with one of the bones."""
     frames, subject = found.poses, found.subject

@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
-from solver_backend.fitters.measurements.markers import SIGMA_M, MarkerReport
+from solver_backend.fitters.measurements.markers import SIGMA_M, MarkerResiduals
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 
@@ -41,7 +41,7 @@ def measure_landmarks(
         covariance=np.zeros((*points.shape, 3)),
         term=term,
         fps=fps,
-        report=MarkerReport(points),
+        report=MarkerResiduals(points),
         marker_labels=landmarks.names,
         provenance={"landmarks": list(landmarks.names), "sigma_mm": round(1000 * sigma_m, 3)},
     )

@@ -95,7 +95,7 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
         covariance=noise,
         term=term,
         fps=cloud.fps,
-        report=MarkerReport(points),
+        report=MarkerResiduals(points),
         marker_labels=cloud.labels,
         provenance={
             "markers": list(landmarks.names),
@@ -105,7 +105,7 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
 
 
 @dataclass(frozen=True)
-class MarkerReport:
+class MarkerResiduals:
     """How far points are from the markers, in millimetres."""
 
     markers: np.ndarray

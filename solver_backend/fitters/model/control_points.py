@@ -26,12 +26,26 @@ def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:
     """
     given = [to_numpy(part) for part in (keys.z, keys.quat, keys.transl, keys.residual)]
     flat = np.concatenate([part.reshape(len(part), -1) for part in given], axis=1)
-    rows = layout.rows()
-    shares = layout.spline_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
-    found = _nearest(flat, rows, shares)
+    found = _spline(flat, layout)[0]
     ends = np.cumsum([part[0].size for part in given])
     parts = [part.reshape(like.shape) for part, like in zip(np.split(found, ends[:-1], axis=1), given, strict=True)]
     return Keyframes(*(constant(part, keys.z) for part in parts))
+
+
+def spline_states(keys: np.ndarray, layout: KeyframeLayout) -> np.ndarray:
+    """Return (F, d) numbers of all frames on that spline, of numbers (K, d) that are no points of a sphere."""
+    points, rows, shares = _spline(keys, layout)
+    padded = np.pad(points, ((1, 1), (0, 0)))
+    fives = np.stack([padded[i : len(padded) - 4 + i : 2] for i in range(5)], axis=1)
+    states = (shares @ fives).reshape(-1, keys.shape[1])
+    return states[rows.weight.reshape(-1) > 0]
+
+
+def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows, np.ndarray]:
+    """Return (K, d) control points, and the windows' frames with the weights of these points."""
+    rows = layout.rows()
+    shares = layout.spline_shares(np.arange(layout.num_windows)[:, None] + 0 * rows.frames, rows.time)
+    return _nearest(flat, rows, shares), rows, shares
 
 
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:

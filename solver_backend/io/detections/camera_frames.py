@@ -13,6 +13,9 @@ from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 People = list[np.ndarray]
 """(K, 3) x, y in pixels and confidence of each person in one picture, as written."""
 
+Hands = list[np.ndarray | None]
+"""(2, 21, 3) x, y and confidence of each person's left and right hand, as written; None where there is none."""
+
 
 @dataclass(frozen=True)
 class CameraFrames:
@@ -26,6 +29,8 @@ class CameraFrames:
     """The file of the frame in this row, for messages."""
     keypoints: tuple[str, ...] = ()
     """Names of the K keypoints where the files state them."""
+    hands: Callable[[int], Hands] | None = None
+    """Hands of the people of the frame in this row; None where files hold them in the people's columns, or none."""
 
     @classmethod
     def in_memory(cls, frames: Mapping[int, People], path: Path, keypoints: tuple[str, ...] = ()) -> CameraFrames:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.io.detections.camera_frames import CameraFrames
 
 RAW_DATA = ("output_data/raw_data", "output_data/raw-data", "DataArrays")
 """Folders of a FreeMoCap recording that hold the array, of today's and of earlier versions."""
 BODY_POINTS = 33
-"""MediaPipe's body; hands and face follow."""
+"""MediaPipe's body; the right hand, the left hand and the face follow."""
+_HANDS = (BODY_POINTS + NUM_HAND_POINTS, BODY_POINTS)
+"""First points of the left and of the right hand."""
 
 
 def find_array(root: Path) -> Path | None:
@@ -39,11 +43,16 @@ def read_camera(path: Path, camera: int) -> CameraFrames:
     Raises:
         FileDamaged: it is no array of 2D points.
     """
-    points = np.array(_array(path)[camera, :, :BODY_POINTS], dtype=np.float64)
+    array = _array(path)
+    points = np.array(array[camera, :, : BODY_POINTS + 2 * NUM_HAND_POINTS], dtype=np.float64)
     confidence = points[..., 2] if points.shape[-1] == 3 else np.isfinite(points).all(-1).astype(np.float64)
     people = np.concatenate([points[..., :2], confidence[..., None]], axis=-1)
-    frames = {f: [person] if (person[:, 2] > 0).any() else [] for f, person in enumerate(people)}
-    return CameraFrames.in_memory(frames, path)
+    seen = (people[:, :BODY_POINTS, 2] > 0).any(axis=1)
+    frames = CameraFrames.in_memory({f: [p[:BODY_POINTS]] if seen[f] else [] for f, p in enumerate(people)}, path)
+    if people.shape[1] < BODY_POINTS + 2 * NUM_HAND_POINTS:
+        return frames
+    hands = np.stack([people[:, first : first + NUM_HAND_POINTS] for first in _HANDS], axis=1)
+    return replace(frames, hands=lambda row: [hands[row]] if seen[row] else [])
 
 
 def _array(path: Path) -> np.ndarray:

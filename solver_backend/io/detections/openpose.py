@@ -6,13 +6,15 @@ import json
 import os
 import re
 from collections.abc import Sequence
+from functools import lru_cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.detections.camera_frames import CameraFrames, People
-from solver_backend.io.detections.picture_documents import people_in_picture
+from solver_backend.io.detections.camera_frames import CameraFrames
+from solver_backend.io.detections.picture_documents import hands_in_picture, people_in_picture
 from solver_backend.io.files import LARGEST_TEXT, read_bytes
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
@@ -60,25 +62,29 @@ def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
     by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=where).tolist(), filmed, strict=True))
     by_number = dict(sorted((padding | by_number).items()))
     files = tuple(by_number.values())
+
+    @lru_cache(maxsize=1)
+    def document(row: int) -> Any:
+        return read_document(files[row])
+
     return CameraFrames(
-        np.array(list(by_number), np.int64), lambda row: read_people(files[row]), lambda r: str(files[r])
-    )
+        np.array(list(by_number), np.int64), lambda row: people_in_picture(document(row), str(files[row])),
+        lambda row: str(files[row]), hands=lambda row: hands_in_picture(document(row), str(files[row])),
+    )  # fmt: skip
 
 
-def read_people(path: Path) -> People:
-    """Return (K, 3) x, y, confidence of each person in one picture's file, as written.
+def read_document(path: Path) -> Any:
+    """Return what one picture's file holds.
 
     Raises:
-        FileDamaged: the file is truncated, is not JSON or is of no program that is known.
-        KeypointCountMismatch: the list is not made of triples.
+        FileDamaged: the file is truncated or is not JSON.
     """
     data = read_bytes(path, LARGEST_TEXT)
     try:
-        content = json.loads(data)
+        return json.loads(data)
     except (ValueError, RecursionError) as error:
         raise FileDamaged(
             f"The file is truncated or is not JSON ({error}).",
             where=str(path),
             hint="Export this frame again or delete the file.",
         ) from error
-    return people_in_picture(content, str(path))

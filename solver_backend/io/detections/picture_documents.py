@@ -4,11 +4,17 @@ from __future__ import annotations
 
 from typing import Any
 
-from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.detections.camera_frames import People, points_with_scores, triples
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.io.detections.camera_frames import Hands, People, points_with_scores, triples
 
 _OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
 """Names of the body's list, of today's OpenPose and of version 1.0."""
+
+_OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
+"""Names of the hands' lists: of today's OpenPose and of version 1.0, by side, and of EasyMocap, left and right."""
 
 
 def people_in_picture(document: Any, where: str) -> People:
@@ -28,6 +34,40 @@ def people_in_picture(document: Any, where: str) -> People:
         "The file lacks OpenPose's list 'people'.", where=where,
         hint="Also read: EasyMocap's 'annots' and MMPose's instances with 'keypoints' and 'keypoint_scores'.",
     )  # fmt: skip
+
+
+def hands_in_picture(document: Any, where: str) -> Hands:
+    """Return the hands of everybody in a picture's document, in the order of ``people_in_picture``.
+
+    Raises:
+        KeypointCountMismatch: a hand has another number of points than 21.
+        FileDamaged: its list holds no numbers.
+    """
+    entries = document.get("people", document.get("annots", ())) if isinstance(document, dict) else ()
+    return [_hands(entry, where) for entry in entries if isinstance(entry, dict) and _is_somebody(entry)]
+
+
+def _is_somebody(entry: dict[str, Any]) -> bool:
+    return any(entry.get(name) for name in (*_OPENPOSE, "keypoints"))
+
+
+def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
+    by_side, easymocap = _OPENPOSE_HANDS
+    named = [[name.format(side) for name in by_side] + [easymocap[s]] for s, side in enumerate(SIDES)]
+    names = [next((name for name in names if entry.get(name)), "") for names in named]
+    if not any(names):
+        return None
+    hands = np.zeros((len(SIDES), NUM_HAND_POINTS, 3))
+    for s, name in enumerate(names):
+        if not name:
+            continue
+        points = triples(entry[name], name, where)
+        if len(points) != NUM_HAND_POINTS:
+            raise KeypointCountMismatch(
+                f"'{name}' holds {len(points)} points; {NUM_HAND_POINTS} of a hand are expected.", where=where
+            )
+        hands[s] = points
+    return hands
 
 
 def instance(entry: Any, where: str) -> Any:

@@ -8,8 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
+from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_keypoints
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
@@ -33,6 +35,7 @@ class _Picture:
     frame: int
     where: str
     people: People
+    hands: Hands
 
 
 def read_detections(
@@ -92,6 +95,8 @@ def read_detections(
         found = (f"Joint set {chosen.value}, by the names of the keypoints{f' and {own.where}' if own else ''}.",)
         if named.unknown:
             found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(named.unknown)}.",)
+    hands = hands_of(xy, confidence, chosen)
+    hands = _written_hands(len(sources), pictures, max(lengths)) if hands is None else hands
     columns = slice(0, chosen.num_keypoints)
     missing = sum(lengths) - len(pictures)
     if missing:
@@ -101,6 +106,7 @@ def read_detections(
         xy[..., columns, :],
         confidence[..., columns],
         chosen,
+        hands,
         min(first for first, _ in spans.values()),
         tuple(first for first, _ in spans.values()) if apart else (),
         lengths if apart else (),
@@ -120,7 +126,7 @@ def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progres
     pictures = []
     for done, (c, row, frame) in enumerate(used):
         frames = cameras[c]
-        pictures.append(_Picture(c, frame, frames.where(row), _strongest(frames.people(row))))
+        pictures.append(_Picture(c, frame, frames.where(row), *_strongest(frames, row)))
         if done % _PROGRESS_STEP == 0:
             progress("Reading the detections", done, len(used))
     progress("Reading the detections", len(used), len(used))
@@ -161,12 +167,16 @@ def _require_finite(pictures: list[_Picture]) -> None:
                 )
 
 
-def _strongest(people: People) -> People:
+def _strongest(frames: CameraFrames, row: int) -> tuple[People, Hands]:
+    people = frames.people(row)
+    hands: Hands = [None] * len(people)
+    if frames.hands is not None:
+        hands = frames.hands(row)
     if len(people) <= MAX_PEOPLE:
-        return people
+        return people, hands
     strength = [float(np.nansum(person[:, 2])) for person in people]
     keep = sorted(np.argsort(strength)[::-1][:MAX_PEOPLE])
-    return [people[i] for i in keep]
+    return [people[i] for i in keep], [hands[i] for i in keep]
 
 
 def _keypoint_count(pictures: list[_Picture]) -> int:
@@ -181,6 +191,19 @@ def _keypoint_count(pictures: list[_Picture]) -> int:
                 )
             count = len(person)
     return count
+
+
+def _written_hands(cameras: int, pictures: list[_Picture], frames: int) -> np.ndarray | None:
+    """Return (C, F, P, 2, 21, 3) hands that files list beside their bodies; None where none does."""
+    if all(hand is None for picture in pictures for hand in picture.hands):
+        return None
+    most = max(len(picture.people) for picture in pictures)
+    hands = np.full((cameras, frames, most, 2, NUM_HAND_POINTS, 3), np.nan, dtype=np.float32)
+    for picture in pictures:
+        for p, hand in enumerate(picture.hands):
+            if hand is not None:
+                hands[picture.camera, picture.frame, p] = hand
+    return cleaned_hands(hands)
 
 
 def _arrays(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from solver_backend.body.label_words import Words
+from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
 from solver_backend.exchange.errors import JobInvalid
@@ -80,7 +80,7 @@ def _counts(take: MarkerTake) -> str:
 
 def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list[str]:
     """Return the subjects that are named by a part of a body, or wear some markers of one."""
-    words: Words = load_layouts().words
+    words: LabelWords = load_layouts().words
     return [name for name in subjects if places[name] or words.of(name)[1] or words.of_glued(name)[1]]
 
 

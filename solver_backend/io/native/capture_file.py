@@ -9,10 +9,11 @@ import numpy as np
 
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
 from solver_backend.exchange.errors import MocapError, NonFiniteData
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
-from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews
+from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews, stacked_hands
 
 _TRUTH = "truth_"
 ROUNDING = 1e-5
@@ -21,7 +22,7 @@ _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "footage_first", "camera_names", "K",
     "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set",
     "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
-    "people", "people_xy", "people_confidence", "person", "stature", "floor_from_person",
+    "people", "people_xy", "people_confidence", "person", "hands", "people_hands", "stature", "floor_from_person",
 )  # fmt: skip
 
 
@@ -60,6 +61,8 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             "confidence": keypoints.confidence.astype(np.float32),
             "joint_set": np.array(keypoints.joint_set.value),
         }
+        if keypoints.hands is not None:
+            arrays["hands"] = keypoints.hands.astype(np.float32)
     if capture.people:
         arrays |= {
             "people": _strings(tuple(person.name for person in capture.people)),
@@ -69,6 +72,9 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             ),
             "person": np.array(capture.person),
         }
+        hands = stacked_hands([person.keypoints.hands for person in capture.people], axis=0)
+        if hands is not None:
+            arrays["people_hands"] = hands.astype(np.float32)
     if capture.stature_m:
         arrays["stature"] = np.array(capture.stature_m)
     if capture.floor_from_person:
@@ -161,6 +167,7 @@ def _keypoints(fields: Fields) -> Keypoints2D:
         confidence=fields.numbers("confidence", xy.shape[:3]),
         joint_set=fields.joint_set(),
         fps=fields.number("fps"),
+        hands=fields.numbers("hands", (*xy.shape[:2], 2, NUM_HAND_POINTS, 3)) if "hands" in fields else None,
     )
 
 
@@ -169,8 +176,11 @@ def _people(fields: Fields, chosen: Keypoints2D) -> tuple[PersonInViews, ...]:
     names = fields.texts("people")
     xy = fields.numbers("people_xy", (len(names), *chosen.xy.shape))
     confidence = fields.numbers("people_confidence", xy.shape[:-1])
+    shape = (len(names), *chosen.xy.shape[:2], 2, NUM_HAND_POINTS, 3)
+    hands = fields.numbers("people_hands", shape) if "people_hands" in fields else [None] * len(names)
     return tuple(
-        PersonInViews(name, replace(chosen, xy=xy[n], confidence=confidence[n])) for n, name in enumerate(names)
+        PersonInViews(name, replace(chosen, xy=xy[n], confidence=confidence[n], hands=hands[n]))
+        for n, name in enumerate(names)
     )
 
 

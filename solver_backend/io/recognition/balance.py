@@ -27,7 +27,7 @@ LEAST_HEIGHT = 0.7
 
 
 @dataclass(frozen=True)
-class BodyPoints:
+class BalancePoints:
     """What is needed of F frames in which all of it is known, in the points' unit."""
 
     centre: Float[np.ndarray, "frames 3"]
@@ -38,7 +38,7 @@ class BodyPoints:
     """Length of a leg, hip to ankle."""
 
 
-def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BodyPoints:
+def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> BalancePoints:
     """Return centre of mass and soles of the frames in which they are known; F may be 0."""
     at = {name: points[:, k] for k, name in enumerate(joint_set.keypoints)}
     both = {part: 0.5 * (at[f"left_{part}"] + at[f"right_{part}"]) for part in ("shoulder", "hip", "ankle")}
@@ -59,7 +59,7 @@ def body_points(points: Float[np.ndarray, "frames keypoints 3"], joint_set: Join
         for a, b in (("hip", "knee"), ("knee", "ankle"))
     ]
     leg = float(np.median(sum(legs)) / 2) if known.any() else float("nan")
-    return BodyPoints(centre[known], feet[:, known], leg)
+    return BalancePoints(centre[known], feet[:, known], leg)
 
 
 def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
@@ -76,7 +76,7 @@ def _sole(at: dict[str, np.ndarray], side: str, up: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(carrying), carrying, guess)
 
 
-def leaning(body: BodyPoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
+def leaning(body: BalancePoints, up: Float[np.ndarray, " 3"], tilt_sigma: float) -> Float[np.ndarray, "frames 3"]:
     """Return how far the centre of mass is from above its support, as slopes ``d / h``, of frames on the feet.
 
     The support is the lower foot or, as the other one is nearly as low, the point between both that is nearest to

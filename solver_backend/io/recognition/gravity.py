@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.io.recognition.balance import BodyPoints, body_points, independent_count, leaning
+from solver_backend.io.recognition.balance import BalancePoints, body_points, independent_count, leaning
 from solver_backend.io.recognition.person_scale import rest_keypoints
 from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
@@ -127,7 +127,7 @@ def turn_to_z(up: Float[np.ndarray, " 3"]) -> Float[np.ndarray, "3 3"]:
     return np.eye(3) + V + V @ V / (1.0 + up[2])
 
 
-def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BodyPoints, fps: float) -> tuple[np.ndarray, float, float]:
+def _gravity(feet: np.ndarray, trunk: np.ndarray, body: BalancePoints, fps: float) -> tuple[np.ndarray, float, float]:
     """Return the turn that brings up to Z, the angle it may be off by, and how far feet walked.
 
     Slopes are of the plane across gravity: up is ``(-a, -b, 1)``.

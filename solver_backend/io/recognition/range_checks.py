@@ -7,12 +7,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
-from enum import Enum
 
 import numpy as np
 
 from solver_backend.cameras.distortion import distort, largest_radius
 from solver_backend.exchange import plausible
+from solver_backend.exchange.diagnostics import Severity
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
@@ -31,20 +31,12 @@ _OUTSIDE, _FAR_OUTSIDE, _MANY = 1.0, 50.0, 0.2
 Find = Callable[[Capture], Iterator[str]]
 
 
-class Severity(Enum):
-    """What a finding means."""
-
-    ERROR = "error"
-    """It cannot be: the capture is refused."""
-    PROBLEM = "problem"
-    """It is odd: a person is told."""
-
-
 @dataclass(frozen=True)
 class RangeCheck:
     """One thing that is looked at."""
 
     severity: Severity
+    """An error refuses the capture; a warning is a problem that a person sees."""
     find: Find
     """Yields one sentence for each finding."""
     error: type[MocapError] = CaptureInvalid
@@ -245,16 +237,16 @@ def _impossibly_far_markers(capture: Capture) -> Iterator[str]:
 RANGE_CHECKS: tuple[RangeCheck, ...] = (
     RangeCheck(Severity.ERROR, _of_cameras(_last_row), CalibrationInvalid),
     RangeCheck(Severity.ERROR, _of_cameras(_impossible_focal_lengths), CalibrationInvalid),
-    RangeCheck(Severity.PROBLEM, _of_cameras(_odd_focal_lengths)),
-    RangeCheck(Severity.PROBLEM, _of_cameras(_odd_centres)),
-    RangeCheck(Severity.PROBLEM, _of_cameras(_folds)),
+    RangeCheck(Severity.WARNING, _of_cameras(_odd_focal_lengths)),
+    RangeCheck(Severity.WARNING, _of_cameras(_odd_centres)),
+    RangeCheck(Severity.WARNING, _of_cameras(_folds)),
     RangeCheck(Severity.ERROR, _of_cameras(_impossibly_far), CalibrationInvalid),
-    RangeCheck(Severity.PROBLEM, _of_cameras(_far)),
-    RangeCheck(Severity.PROBLEM, _of_cameras(_coincident)),
+    RangeCheck(Severity.WARNING, _of_cameras(_far)),
+    RangeCheck(Severity.WARNING, _of_cameras(_coincident)),
     RangeCheck(Severity.ERROR, _impossible_rate),
-    RangeCheck(Severity.PROBLEM, _odd_rate),
+    RangeCheck(Severity.WARNING, _odd_rate),
     RangeCheck(Severity.ERROR, _impossible_places),
-    RangeCheck(Severity.PROBLEM, _odd_places),
+    RangeCheck(Severity.WARNING, _odd_places),
     RangeCheck(Severity.ERROR, _no_markers),
     RangeCheck(Severity.ERROR, _impossibly_far_markers),
 )

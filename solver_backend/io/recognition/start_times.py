@@ -14,10 +14,10 @@ from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.camera_names import listing, name_key
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.frame_numbers import different_frames
-from solver_backend.people.camera_starts import CameraStarts, Evidence, find_starts
+from solver_backend.people.camera_starts import CameraStarts, StartEvidence, find_starts
 from solver_backend.people.common_time import align_rows, common_rows
 from solver_backend.people.detections import Detections
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Cameras, Capture, stacked_hands
 
 SOLVED_S, SOLVED_FRAMES = 0.2, 10
 """Smaller delays, or of fewer frames, are left to the solve's own check, which knows parts of frames."""
@@ -68,10 +68,10 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     if options.sync == SYNC_OFF:
         return _aligned(detections, numbered, options, (), ())
     found = find_starts(cameras, detections, fps, numbered)
-    if found.evidence is Evidence.APART:
+    if found.evidence is StartEvidence.APART:
         if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
             return _moved(detections, found, numbered, options)
-    elif found.evidence is not Evidence.IN_STEP:
+    elif found.evidence is not StartEvidence.IN_STEP:
         why = _doubt(detections, found)
         if options.sync == SYNC_ON:
             raise NotSynchronised(
@@ -79,8 +79,8 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
             )
         if detections.first_frames and not (options.trim or options.by_order):
             raise different_frames(_spans(detections), why)
-        notes, problems = ((why,), ()) if found.evidence is Evidence.STILL else ((), (f"{why} {_REMEDY}",))
-        silent = found.evidence is Evidence.STILL and len(found.doubtful) < len(cameras)
+        notes, problems = ((why,), ()) if found.evidence is StartEvidence.STILL else ((), (f"{why} {_REMEDY}",))
+        silent = found.evidence is StartEvidence.STILL and len(found.doubtful) < len(cameras)
         return _aligned(detections, numbered, options, () if silent else notes, problems)
     return _aligned(detections, numbered, options, (), ())
 
@@ -103,6 +103,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
         np.stack([person.xy for person in everybody], axis=2),
         np.stack([person.confidence for person in everybody], axis=2),
         capture.keypoints.joint_set,
+        stacked_hands([person.hands for person in everybody], axis=2),
     )
     found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
     capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))
@@ -112,10 +113,14 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
     stop = min(found.first_rows[0] + found.detections.num_frames, capture.num_frames)
     rows = slice(first - found.first_rows[0], stop - found.first_rows[0])
     cut = cut_frames(capture, first, stop - 1)
+    aligned = found.detections
     moved = [
-        replace(person, xy=found.detections.xy[:, rows, p], confidence=found.detections.confidence[:, rows, p])
+        replace(
+            person, xy=aligned.xy[:, rows, p], confidence=aligned.confidence[:, rows, p],
+            hands=None if person.hands is None or aligned.hands is None else aligned.hands[:, rows, p],
+        )
         for p, person in enumerate(everybody)
-    ]
+    ]  # fmt: skip
     people = tuple(replace(person, keypoints=moved[p]) for p, person in enumerate(capture.people))
     solved = next((p for p, person in enumerate(capture.people) if person.name == capture.person), 0)
     late = [row - found.first_rows[0] for row in found.first_rows]
@@ -149,7 +154,7 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
 def _doubt(detections: Detections, found: CameraStarts) -> str:
     """Return why nothing was moved, for a person."""
     names = listing(detections.cameras[c] for c in found.doubtful)
-    if found.evidence is Evidence.STILL:
+    if found.evidence is StartEvidence.STILL:
         return (
             f"Whether {names} started with the others is unknown: too little moves there, or the views agree at no "
             "offset."

@@ -10,10 +10,10 @@ from solver_backend.sensors.acquisition.blobs import Blobs, Shapes, find_blobs, 
 from solver_backend.sensors.acquisition.ring import Ring, RingDepths, ring_depths, ring_of, slivers_of
 from solver_backend.sensors.acquisition.sensor_lens import SensorLens
 from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
-from solver_backend.sensors.acquisition.sightings import Sightings, no_sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings, no_sightings
 from solver_backend.sensors.acquisition.split import split_merged
 from solver_backend.sensors.acquisition.threshold import full_counts, threshold_of
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import PicturesDiffer, SensorUnknown
 from solver_backend.types import Cameras
 
@@ -57,7 +57,7 @@ class Acquisition:
             )  # fmt: skip
         self._scratch = np.zeros(width * height, np.int32)
 
-    def __call__(self, frame: Frame) -> Sightings:
+    def __call__(self, frame: SensorFrame) -> SensorSightings:
         """Return the markers of a frame.
 
         Raises:
@@ -75,7 +75,7 @@ class Acquisition:
         shapes, rings, parts = self._measured(frame, blobs)
         return self._lifted(frame, shapes, rings, parts)
 
-    def _require_size(self, frame: Frame) -> None:
+    def _require_size(self, frame: SensorFrame) -> None:
         width, height = self.lens.size
         sizes = {"infrared": frame.infrared.shape, "calibration": (height, width)}
         if frame.depth is not None:
@@ -94,7 +94,7 @@ class Acquisition:
                 hint="Record whole millimetres and counts.",
             )  # fmt: skip
 
-    def _measured(self, frame: Frame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:
+    def _measured(self, frame: SensorFrame, blobs: Blobs) -> tuple[Shapes, RingDepths, np.ndarray]:
         """Return moments and depths of blobs, merged ones taken apart, and which are parts."""
         settings, shapes = self.settings, shapes_of(blobs)
         if frame.depth is None:
@@ -130,7 +130,7 @@ class Acquisition:
         """Return the radius in pixels of a single marker's blob at depths in metres."""
         return self.lens.focal.mean() * self.settings.marker_radius_m / depth + self._halo
 
-    def _lifted(self, frame: Frame, shapes: Shapes, rings: RingDepths, parts: np.ndarray) -> Sightings:
+    def _lifted(self, frame: SensorFrame, shapes: Shapes, rings: RingDepths, parts: np.ndarray) -> SensorSightings:
         settings, lens = self.settings, self.lens
         flat = lens.undistorted(shapes.centre)
         length = np.sqrt(1.0 + (flat**2).sum(1))
@@ -150,7 +150,7 @@ class Acquisition:
         with np.errstate(invalid="ignore", divide="ignore"):
             sigma_depth = np.hypot(pixel / np.sqrt(rings.count), settings.depth_floor_m)
         flat, depth, sigma_px, sigma_depth = flat[keep], depth[keep], sigma_px[keep], sigma_depth[keep]
-        return Sightings(
+        return SensorSightings(
             self.index, frame.device_s, shapes.centre[keep], depth, lens.points(flat, depth),
             lens.covariances(flat, depth, sigma_px, sigma_depth), lens.centre, lens.directions(flat),
             sigma_px / lens.focal.mean(), "", frame.number, frame.host_s,

@@ -8,7 +8,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Sightings:
+class SensorSightings:
     """N markers of one sensor at one moment."""
 
     sensor: int
@@ -42,10 +42,10 @@ class Sightings:
 
 def no_sightings(
     sensor: int, time: float, origin: np.ndarray, finding: str = "", *, number: int = 0, host_s: float = 0.0
-) -> Sightings:
+) -> SensorSightings:
     """Return a frame without markers."""
     none = np.zeros((0, 3))
-    return Sightings(
+    return SensorSightings(
         sensor, time, np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), origin, none, np.zeros(0), finding,
         number, host_s,
     )  # fmt: skip

@@ -11,7 +11,7 @@ import numpy as np
 
 
 @dataclass(frozen=True)
-class Frame:
+class SensorFrame:
     """What one sensor saw at one moment; infrared and depth are pixel-aligned."""
 
     sensor: str
@@ -45,7 +45,7 @@ class Device(Protocol):
         """
         ...
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield frames as they come until the device ends; a frame that nobody took in time is left out.
 
         Raises:

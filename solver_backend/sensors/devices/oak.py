@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
-from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.oak_module import depthai
 from solver_backend.sensors.devices.oak_settings import OakSettings
 from solver_backend.sensors.devices.oak_stream import PairStream, paired
@@ -70,7 +70,7 @@ class Oak(OpenedDevice):
             dai, self.name, queue, lambda: bool(pipeline.isRunning()), settings.silent_s, settings.sync == "ptp"
         )
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield frames until the device is closed.
 
         Raises:

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import PicturesDiffer, SensorFailed
 
 INFRARED, DEPTH = "infrared", "depth"
@@ -58,7 +58,7 @@ class PairStream:
     by_ptp: bool = False
     """Stamps are those of the clock that PTP keeps."""
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield frames until nothing more comes.
 
         Raises:
@@ -89,7 +89,7 @@ class PairStream:
             last_s = frame.device_s
             yield frame
 
-    def frame_of(self, pair: Any, host_s: float) -> Frame:
+    def frame_of(self, pair: Any, host_s: float) -> SensorFrame:
         """Return the frame of a pair of messages.
 
         Raises:
@@ -102,7 +102,7 @@ class PairStream:
                 f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}.",
                 where=f"sensor {self.name}", hint="Ask for both in one size, depth aligned to the infrared picture.",
             )  # fmt: skip
-        return Frame(self.name, counts, mm.astype(np.uint16, copy=False), self._stamp(infrared), host_s,
+        return SensorFrame(self.name, counts, mm.astype(np.uint16, copy=False), self._stamp(infrared), host_s,
                      int(infrared.getSequenceNum()))  # fmt: skip
 
     def _stamp(self, picture: Any) -> float:

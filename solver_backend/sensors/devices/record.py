@@ -14,7 +14,7 @@ import numpy as np
 from solver_backend.camera_calibration.formats.toml_files import pose2sim_toml
 from solver_backend.exchange.errors import OutputExists, OutputNotWritable
 from solver_backend.io.png import png_bytes
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.devices.recording_files import (
     ABOUT,
     CALIBRATION,
@@ -98,14 +98,14 @@ class SensorRecorder:
 
     def __init__(self, folder: Path, sensor: SensorFiles, kind: str, *, patient: bool = False) -> None:
         self._folder, self._kind, self._patient = folder / sensor.name, kind, patient
-        self._queue: queue.Queue[Frame | None] = queue.Queue(WAITING)
+        self._queue: queue.Queue[SensorFrame | None] = queue.Queue(WAITING)
         self.written, self.dropped = 0, 0
         self.ended = ""
         """Why recording ended by itself, "" while it goes on."""
         self._thread = threading.Thread(target=self._run, name=f"record {sensor.name}", daemon=True)
         self._thread.start()
 
-    def __call__(self, frame: Frame) -> None:
+    def __call__(self, frame: SensorFrame) -> None:
         """Take a frame to be written; it is dropped where the disk is slower than the sensor."""
         if self.ended:
             return
@@ -144,7 +144,7 @@ class SensorRecorder:
         if self.written % _ASK_EVERY == 0 and shutil.disk_usage(self._folder).free < SPARE_BYTES:
             raise OSError("the disk is full")
 
-    def _pictures(self, frame: Frame, frames: FileIO) -> None:
+    def _pictures(self, frame: SensorFrame, frames: FileIO) -> None:
         pictures = {"infrared": frame.infrared} | ({"depth": frame.depth} if frame.depth is not None else {})
         if self._kind == "raw":
             for picture in pictures.values():

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.png import read_png
-from solver_backend.sensors.devices.device import Frame, OpenedDevice
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.pacing import due_frames
 from solver_backend.sensors.devices.recording_files import FRAMES, INDEX, SensorFiles, read_index
 from solver_backend.sensors.errors import RecordingInvalid, SensorFailed
@@ -61,7 +61,7 @@ class RecordedSensor(OpenedDevice):
         """
         return len(self.index())
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames.
 
         Raises:
@@ -73,7 +73,7 @@ class RecordedSensor(OpenedDevice):
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
             infrared, depth = self._pictures(at)
             arrived = float(rows[at, 2]) if self.start is None else host
-            yield Frame(self.name, infrared, depth, device, arrived, int(rows[at, 0]) + lap * count)
+            yield SensorFrame(self.name, infrared, depth, device, arrived, int(rows[at, 0]) + lap * count)
 
     def _pictures(self, at: int) -> tuple[np.ndarray, np.ndarray | None]:
         if self.kind == "png":
@@ -116,7 +116,7 @@ class StudioSensor(OpenedDevice):
             )  # fmt: skip
         return found
 
-    def frames(self) -> Iterator[Frame]:
+    def frames(self) -> Iterator[SensorFrame]:
         """Yield the frames.
 
         Raises:
@@ -127,7 +127,7 @@ class StudioSensor(OpenedDevice):
         times = np.arange(self.count()) / self.fps
         for at, lap, device, host in due_frames(times, self.start, repeat=self.repeat):
             pair = _png_pair(self.shot / "infrared" / self.name, self.shot / "depth" / self.name, at, has_depth=depth)
-            yield Frame(self.name, *pair, device, host, at + lap * len(times))
+            yield SensorFrame(self.name, *pair, device, host, at + lap * len(times))
 
 
 def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple[np.ndarray, np.ndarray | None]:
@@ -136,5 +136,7 @@ def _png_pair(infrared: Path, depth: Path, at: int, *, has_depth: bool) -> tuple
         return read_png(infrared / name), read_png(depth / name) if has_depth else None
     except MocapError as error:
         raise SensorFailed(
-            f"Frame {at} cannot be read: {error.message}", where=error.where, hint="The frames before it are whole."
+            f"Frame {at} cannot be read: {error.message}",
+            where=error.where,
+            hint="The frames before it are whole.",
         ) from error

@@ -17,7 +17,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.io.files import read_json, read_text
-from solver_backend.sensors.devices.device import Frame
+from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import RecordingInvalid
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
@@ -50,7 +50,7 @@ class SensorFiles:
         return self.infrared_bytes + (2 * self.width * self.height if self.depth else 0)
 
     @staticmethod
-    def of(frame: Frame) -> SensorFiles:
+    def of(frame: SensorFrame) -> SensorFiles:
         """Return what the frames of a sensor are like, by one of them."""
         height, width = frame.infrared.shape
         return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.sensors.acquisition.components import joined
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.fusion.matching import matched
 from solver_backend.sensors.fusion.settings import DEFAULT, FusionSettings
 from solver_backend.sensors.fusion.triangulation import met_rays
@@ -29,7 +29,7 @@ class FusedPoints:
     """(N,) sensors that saw each without."""
 
 
-def fuse(sightings: list[Sightings], settings: FusionSettings = DEFAULT) -> FusedPoints:
+def fuse(sightings: list[SensorSightings], settings: FusionSettings = DEFAULT) -> FusedPoints:
     """Return the points of one moment.
 
     Args:
@@ -93,7 +93,12 @@ class _Clusters:
         self.rays = np.concatenate([self.rays, np.zeros(int(own.sum()), int)])
 
     def join_rays(
-        self, origin: np.ndarray, direction: np.ndarray, sigma: np.ndarray, seen: Sightings, settings: FusionSettings
+        self,
+        origin: np.ndarray,
+        direction: np.ndarray,
+        sigma: np.ndarray,
+        seen: SensorSightings,
+        settings: FusionSettings,
     ) -> np.ndarray:
         """Take one sensor's rays: each sharpens the cluster that it passes; return which pass none, (R,) bool."""
         rest = np.ones(len(direction), dtype=bool)
@@ -141,7 +146,7 @@ def chi_square(off: np.ndarray, covariance: np.ndarray) -> np.ndarray:
     return (off * np.linalg.solve(covariance, off[..., None])[..., 0]).sum(-1)
 
 
-def _within_radius(time: float, sightings: list[Sightings], settings: FusionSettings) -> FusedPoints:
+def _within_radius(time: float, sightings: list[SensorSightings], settings: FusionSettings) -> FusedPoints:
     """Return the mean of each group of points that ``radius_m`` joins, as published; covariances of means."""
     deep = [np.flatnonzero(np.isfinite(s.depth)) for s in sightings]
     none = np.zeros((0, 3))

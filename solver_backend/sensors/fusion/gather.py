@@ -6,7 +6,7 @@ import math
 from collections import deque
 from dataclasses import dataclass, replace
 
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 
 SILENT_S = 0.25
 """A sensor from which nothing came for so long is told, and not waited for."""
@@ -41,8 +41,8 @@ class Gatherer:
 
     def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
         self._names, self._period, self._wait = names, period_s, wait_s
-        self._queues: list[deque[Sightings]] = [deque() for _ in names]
-        self._last: list[Sightings | None] = [None] * len(names)
+        self._queues: list[deque[SensorSightings]] = [deque() for _ in names]
+        self._last: list[SensorSightings | None] = [None] * len(names)
         self._offset = [0.0] * len(names)
         self._expected = [True] * len(names)
         self._ended = [False] * len(names)
@@ -50,7 +50,7 @@ class Gatherer:
         """Time of the last moment that went out."""
         self.findings: list[Finding] = []
 
-    def push(self, seen: Sightings) -> None:
+    def push(self, seen: SensorSightings) -> None:
         """Take a frame; one whose times are no numbers is told of and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
             self._tell("time_jumped", seen, "a frame without a time is left out")
@@ -68,7 +68,7 @@ class Gatherer:
         if len(self._queues[index]) > WAITING:
             self._queues[index].popleft()
 
-    def _on_our_clock(self, seen: Sightings) -> Sightings:
+    def _on_our_clock(self, seen: SensorSightings) -> SensorSightings:
         """Return the frame with a time that goes on from the one before, whatever its clock does."""
         index = seen.sensor
         seen = replace(seen, time=seen.time + self._offset[index])
@@ -94,14 +94,14 @@ class Gatherer:
         """Say that a sensor has no more frames."""
         self._ended[index] = True
 
-    def moments(self, now: float | None = None) -> list[list[Sightings]]:
+    def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
         """Return the moments that are complete, or that have waited long enough at host's seconds ``now``."""
         found = []
         while (moment := self._next(now)) is not None:
             found.append(moment)
         return found
 
-    def _next(self, now: float | None) -> list[Sightings] | None:
+    def _next(self, now: float | None) -> list[SensorSightings] | None:
         heads = [queue[0] for queue in self._queues if queue]
         if not heads:
             return None
@@ -124,6 +124,6 @@ class Gatherer:
         self._gone = first
         return moment
 
-    def _tell(self, kind: str, seen: Sightings, said: str) -> None:
+    def _tell(self, kind: str, seen: SensorSightings, said: str) -> None:
         self.findings.append(Finding(kind, seen.sensor, seen.time, f"Sensor {self._names[seen.sensor]}: {said}."))
         del self.findings[:-MOST_FINDINGS]

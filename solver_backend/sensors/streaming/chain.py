@@ -14,7 +14,7 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any
 
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.devices.record import Recording
 from solver_backend.sensors.fusion.clusters import fuse
 from solver_backend.sensors.fusion.gather import Finding, Gatherer
@@ -44,7 +44,7 @@ class LiveMoment:
     tracked: TrackedPoints
     arrived: float
     """Host's seconds when its first frame arrived."""
-    seen: tuple[Sightings, ...] = ()
+    seen: tuple[SensorSightings, ...] = ()
     """What each sensor saw, in pixels too."""
 
 
@@ -180,7 +180,7 @@ class MarkerChain:
         elif what == "end":
             self.ends[name] = message[1]
 
-    def _count(self, seen: Sightings, name: str) -> None:
+    def _count(self, seen: SensorSightings, name: str) -> None:
         self.statistics.frames[name] += 1
         before = self._number.get(seen.sensor)
         self._number[seen.sensor] = seen.number

@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.exchange.errors import MocapError
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
-from solver_backend.sensors.devices.device import Device, Frame, Replayed
+from solver_backend.sensors.devices.device import Device, Replayed, SensorFrame
 from solver_backend.sensors.devices.record import SensorRecorder
 from solver_backend.sensors.devices.recording_files import SensorFiles
 from solver_backend.types import Cameras
@@ -112,7 +112,7 @@ class _Run:
             if ended or not task.live or self._stop.wait(RETRY_S):
                 return
 
-    def _take(self, frame: Frame, acquisition: Acquisition) -> None:
+    def _take(self, frame: SensorFrame, acquisition: Acquisition) -> None:
         self._out.send(("seen", acquisition(frame)))
         self._frames += 1
         if self._task.record is None:

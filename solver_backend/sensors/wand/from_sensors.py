@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.acquisition.acquire import Acquisition
-from solver_backend.sensors.acquisition.sightings import Sightings
+from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.devices.recording_files import ABOUT
 from solver_backend.sensors.devices.source import STUDIO_SHOT, SensorFolder, open_folder
 from solver_backend.sensors.take import masks_of
@@ -80,7 +80,7 @@ def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> li
 
 def sightings_of(
     folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
-) -> Iterator[Sightings]:
+) -> Iterator[SensorSightings]:
     """Yield what one sensor of a folder sees; nothing where the folder has not got it.
 
     Args:

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, Sightings, Unknowns
+from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.geometry.alignment import umeyama
@@ -67,7 +67,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     camera, moment, light = np.nonzero(np.broadcast_to(usable[:, used, None], (*usable[:, used].shape, at.shape[1])))
     pick = camera, used[moment], light
     timed = task.find_delays or bool(task.delays.any())
-    seen = Sightings(
+    seen = BodySightings(
         camera, moment, task.lights[light], moments.px[pick], np.full(len(camera), SIGMA_PX),
         np.nan_to_num(moments.velocity[pick]) if timed else None,
     )  # fmt: skip

@@ -15,7 +15,7 @@ LIGHT = ("day", "dim", "night", "random")
 
 
 @dataclass(frozen=True)
-class Look:
+class StudioLook:
     """What a shot looks like; what is 'random' is drawn by the shot's own seed."""
 
     name: str
@@ -41,18 +41,18 @@ _PRESETS: dict[str, dict[str, Any]] = {
 }
 
 
-def read_look(description: Any) -> Look:
+def read_look(description: Any) -> StudioLook:
     """Return a look from the name of a preset or an object.
 
     Raises:
         StudioInvalid: a key or preset is unknown, or a value is impossible.
     """
     given = {"preset": description} if isinstance(description, str) else description
-    values = CheckedValues(given, "look", ("preset", *Look.__dataclass_fields__))
+    values = CheckedValues(given, "look", ("preset", *StudioLook.__dataclass_fields__))
     preset = values.choice("preset", "suit", _PRESETS) if "preset" in values else ""
     rest = {key: value for key, value in given.items() if key != "preset"}
     values = CheckedValues({"name": preset or "look", **_PRESETS.get(preset, {}), **rest}, "look", values_of_a_look())
-    return Look(
+    return StudioLook(
         values.text("name", "look"), values.choice("clothes", "suit", CLOTHES), values.choice("hair", "random", HAIR),
         values.choice("light", "day", LIGHT), values.whole("furniture", 0, 0, 20), values.flag("room", True),
     )  # fmt: skip
@@ -60,7 +60,7 @@ def read_look(description: Any) -> Look:
 
 def values_of_a_look() -> tuple[str, ...]:
     """Return the keys of a look."""
-    return tuple(Look.__dataclass_fields__)
+    return tuple(StudioLook.__dataclass_fields__)
 
 
 def draw_light(light: str, rng: np.random.Generator) -> str:

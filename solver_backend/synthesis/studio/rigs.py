@@ -30,7 +30,7 @@ _TARGET_M = (0.0, 0.0, 0.95)
 
 
 @dataclass(frozen=True)
-class Rig:
+class CameraRing:
     """Cameras with names, before they are set up around a person."""
 
     name: str
@@ -62,7 +62,7 @@ def rig_presets() -> dict[str, dict[str, Any]]:
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
-def build_rig(description: Any, folder: Path = Path()) -> Rig:
+def build_rig(description: Any, folder: Path = Path()) -> CameraRing:
     """Return a rig from its description: the name of a preset, or an object.
 
     Args:
@@ -100,7 +100,7 @@ def build_rig(description: Any, folder: Path = Path()) -> Rig:
     widest = int(cameras.image_size[:, 0].max())
     cameras = scaled(cameras, min(1.0, values.whole("widest", widest, 16, 8192) / widest))
     aimed = values.choice("stand", "world", STANDS) == "aim"
-    return Rig(name, cameras, (low, high), fixed, aim_point(cameras)[:2] if fixed and aimed else None)
+    return CameraRing(name, cameras, (low, high), fixed, aim_point(cameras)[:2] if fixed and aimed else None)
 
 
 def _ring(values: CheckedValues, folder: Path) -> Cameras:

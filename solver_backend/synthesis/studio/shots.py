@@ -11,9 +11,9 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.synthesis.simulation.strange_body import strange_body
-from solver_backend.synthesis.studio.looks import Look
+from solver_backend.synthesis.studio.looks import StudioLook
 from solver_backend.synthesis.studio.motions import MotionSource, find_motions
-from solver_backend.synthesis.studio.rigs import Rig
+from solver_backend.synthesis.studio.rigs import CameraRing
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.types import NUM_BETAS
 
@@ -28,8 +28,8 @@ class Shot:
     """Unique in its data set, and a folder's name."""
     motion: MotionSource
     person: int
-    rig: Rig
-    look: Look
+    rig: CameraRing
+    look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
         """Return the source of randomness of one thing in this shot; it depends on seed and names alone."""

@@ -12,10 +12,10 @@ from solver_backend.io.files import read_json
 from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.studio.checked_values import CheckedValues
 from solver_backend.synthesis.studio.errors import StudioInvalid
-from solver_backend.synthesis.studio.looks import Look, read_look
+from solver_backend.synthesis.studio.looks import StudioLook, read_look
 from solver_backend.synthesis.studio.motions import CHOREOGRAPHY
 from solver_backend.synthesis.studio.perturbation import PRESETS, read_faults
-from solver_backend.synthesis.studio.rigs import Rig, build_rig
+from solver_backend.synthesis.studio.rigs import CameraRing, build_rig
 from solver_backend.types import JointSet
 
 VERSION = 1
@@ -72,8 +72,8 @@ class Spec:
     motions: tuple[str, ...]
     """Files, folders, or the choreography that ships."""
     people: People
-    rigs: tuple[Rig, ...]
-    looks: tuple[Look, ...]
+    rigs: tuple[CameraRing, ...]
+    looks: tuple[StudioLook, ...]
     film: tuple[str, ...]
     """Some of ``KINDS``."""
     write: tuple[str, ...]

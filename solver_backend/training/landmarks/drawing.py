@@ -17,7 +17,7 @@ _THINNEST = 1e-3
 
 
 @dataclass(frozen=True)
-class Frame:
+class CanvasFrame:
     """Where normalised coordinates lie in metres: ``metres = centre + half * normalised``."""
 
     centre: torch.Tensor
@@ -39,10 +39,10 @@ def y_up(points: torch.Tensor) -> torch.Tensor:
     return torch.stack((points[..., 0], points[..., 2], -points[..., 1]), -1)
 
 
-def frame_of(points: torch.Tensor, seen: torch.Tensor) -> Frame:
+def frame_of(points: torch.Tensor, seen: torch.Tensor) -> CanvasFrame:
     """Return the frame of Y-up clouds: the middle of their box, and their reach with a margin."""
     low, high = _box(points, seen)
-    return Frame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
+    return CanvasFrame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
 
 
 def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
@@ -92,7 +92,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
     return maps.scatter_reduce(1, index, values, "amax").unflatten(1, (size, size))
 
 
-def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, Frame, torch.Tensor]:
+def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torch.Tensor]:
     """Return normalised points, who is there, their frame, and the normalised targets of clouds, Y up."""
     points = y_up(clouds.points)
     frame = frame_of(points, clouds.seen)

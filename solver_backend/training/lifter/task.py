@@ -46,7 +46,7 @@ class LifterSettings:
 
 
 @dataclass(frozen=True)
-class People:
+class LifterPeople:
     """Poses, shapes, and the points that are seen of them."""
 
     points: torch.Tensor
@@ -62,9 +62,9 @@ class People:
     betas: torch.Tensor
     """(N, 10)."""
 
-    def to(self, device: torch.device) -> People:
+    def to(self, device: torch.device) -> LifterPeople:
         """Return the people on a device."""
-        return People(*(getattr(self, part.name).to(device) for part in fields(self)))
+        return LifterPeople(*(getattr(self, part.name).to(device) for part in fields(self)))
 
 
 class LifterTask:
@@ -89,14 +89,14 @@ class LifterTask:
         """76 to 51."""
         return self._network
 
-    def draw(self, generator: torch.Generator) -> People:
+    def draw(self, generator: torch.Generator) -> LifterPeople:
         """Draw people."""
         chosen = self._distinct[torch.randint(len(self._distinct), (self._batch,), generator=generator)]
         windows = exchanged_limbs(self._poses[chosen][:, None], generator, self._settings.exchanged)
         windows = varied_joints(maybe_mirrored(windows, generator), generator)
         return self._people(windows[:, 0], generator)
 
-    def loss(self, batch: People, generator: torch.Generator) -> torch.Tensor:
+    def loss(self, batch: LifterPeople, generator: torch.Generator) -> torch.Tensor:
         """Return metres of misplaced points, and shares of turn, place and shape."""
         people = batch.to(device_of(self._network))
         lifted = self._lifted(self._network, people)
@@ -120,15 +120,15 @@ class LifterTask:
             / float(people.betas[:, :2].square().mean()),
         }  # fmt: skip
 
-    def _points_off(self, lifted: Lifted, people: People) -> torch.Tensor:
+    def _points_off(self, lifted: Lifted, people: LifterPeople) -> torch.Tensor:
         decoded = rotation_points(self._prior.decode(lifted.z))
         return torch.linalg.vector_norm(decoded - rotation_points(people.local), dim=-1)
 
-    def _lifted(self, network: nn.Module, people: People) -> Lifted:
+    def _lifted(self, network: nn.Module, people: LifterPeople) -> Lifted:
         trunk = trunk_frame(people.points, people.seen)
         return interpreted(network(features(people.points, people.seen, trunk)), trunk)
 
-    def _people(self, local: torch.Tensor, generator: torch.Generator) -> People:
+    def _people(self, local: torch.Tensor, generator: torch.Generator) -> LifterPeople:
         """Return people of random shape in these poses, turned anyhow, and what is located of them."""
         chosen, count = self._settings, len(local)
         root = exp_so3(_directions(count, generator) * np.pi * torch.rand(count, 1, generator=generator))
@@ -143,7 +143,7 @@ class LifterTask:
         share = chosen.missing * torch.rand(count, 1, generator=generator) ** 2
         seen = torch.rand(count, len(POINTS), generator=generator) > share
         seen[:, : len(TRUNK)] = True
-        return People(points, seen, local, root, pelvis, betas)
+        return LifterPeople(points, seen, local, root, pelvis, betas)
 
     def _person(
         self, local: torch.Tensor, root: torch.Tensor, generator: torch.Generator

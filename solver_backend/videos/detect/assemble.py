@@ -11,6 +11,7 @@ import numpy as np
 
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration import Calibration
@@ -56,12 +57,15 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
             hint="Leave out the camera that was started or stopped at another time, or give its offset.",
         )  # fmt: skip
     most = max(item.xy.shape[1] for item in found)
-    xy, confidence = [], []
+    xy, confidence, hands = [], [], []
+    with_hands = any(item.hands is not None for item in found)
     for c, item in enumerate(found):
-        places, sureness = _by_track(item, most)
+        places, sureness, of_hands = _by_track(item, most)
         when = clocks.in_video(c, wanted)
         xy.append(at_times(places, relative[c], when))
         confidence.append(at_times(sureness, relative[c], when))
+        if with_hands:
+            hands.append(at_times(of_hands, relative[c], when))
     notes, problems = _told(found, clocks, wanted, fps)
     stacked = np.stack(xy)
     seen = np.isfinite(stacked).all(-1)
@@ -70,6 +74,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         stacked.astype(np.float32),
         np.where(seen, np.nan_to_num(np.stack(confidence)), 0.0).astype(np.float32),
         sets.pop(),
+        np.stack(hands).astype(np.float32) if with_hands else None,
         notes=notes,
         problems=problems,
     )
@@ -126,14 +131,17 @@ def assembled(
     )  # fmt: skip
 
 
-def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return xy (F, P, K, 2) and confidence (F, P, K) with each person in a place of their own as long as it is free.
+def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return xy (F, P, K, 2), confidence (F, P, K) and hands (F, P, 2, 21, 3), each person in a place of their own.
+
+    A place is kept as long as it is free.
 
     Interpolation joins the same place of neighbouring frames, which must be the same person.
     """
     frames, people = item.track.shape
     xy = np.full((frames, most, *item.xy.shape[2:]), np.nan)
     confidence = np.full(xy.shape[:-1], np.nan)
+    hands = np.full((frames, most, 2, NUM_HAND_POINTS, 3), np.nan)
     changed = np.flatnonzero((item.track[1:] != item.track[:-1]).any(axis=1)) + 1
     place_of: dict[int, int] = {}
     for first, stop in pairwise([0, *changed.tolist(), frames]):  # whoever is there stays in these frames
@@ -148,7 +156,9 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray]
             xy[first:stop, place], confidence[first:stop, place] = (
                 item.xy[first:stop, slot], item.confidence[first:stop, slot],
             )  # fmt: skip
-    return xy, confidence
+            if item.hands is not None:
+                hands[first:stop, place] = item.hands[first:stop, slot]
+    return xy, confidence, hands
 
 
 def _main_person(found: Sequence[VideoDetections], detections: Detections, fps: float) -> Keypoints2D:
@@ -156,7 +166,11 @@ def _main_person(found: Sequence[VideoDetections], detections: Detections, fps: 
     strength = (detections.confidence.mean(-1) * _sizes(detections.xy))[..., None]
     best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]
     xy = np.take_along_axis(detections.xy, best[..., None], axis=2)[:, :, 0]
-    return Keypoints2D(xy, np.take_along_axis(detections.confidence, best, axis=2)[:, :, 0], detections.joint_set, fps)
+    confidence = np.take_along_axis(detections.confidence, best, axis=2)[:, :, 0]
+    hands = detections.hands
+    if hands is not None:
+        hands = np.take_along_axis(hands, best[..., None, None, None], axis=2)[:, :, 0]
+    return Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
 
 
 def _sizes(xy: np.ndarray) -> np.ndarray:

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.mesh.charts import build_texture_map, flatten, signed_areas
-from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import RasterView, render, tile, write_png
 
 
 def _sheet(rows: int, columns: int) -> tuple[np.ndarray, np.ndarray]:
@@ -61,7 +61,7 @@ def test_closed_surface_gets_two_charts_a_part_inside_the_unit_square() -> None:
 def test_renderer_draws_the_near_face_and_writes_a_png(tmp_path: Path) -> None:
     vertices = np.array([[-1, -1, 0], [1, -1, 0], [0, 1, 0], [-1, -1, 1], [1, -1, 1], [0, 1, 1.0]])
     faces, colours = np.array([[0, 1, 2], [3, 4, 5]]), np.array([[1.0, 0, 0], [0, 0, 1.0]])
-    image = render(vertices, faces, colours, View(height_m=3, size=(30, 30)))
+    image = render(vertices, faces, colours, RasterView(height_m=3, size=(30, 30)))
     red, _, blue = image[15, 15].astype(int)
     assert blue > red + 50
     path = tmp_path / "sheet.png"

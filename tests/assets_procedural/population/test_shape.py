@@ -10,7 +10,7 @@ import pytest
 
 from assets_procedural.detail.fingers import STRAIGHTENED
 from assets_procedural.population.anthropometry import Measures, place_measures
-from assets_procedural.population.fields import Frame, build_fields, displace
+from assets_procedural.population.fields import RestFrame, build_fields, displace
 from assets_procedural.population.shape import population_mean
 from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, load_statistics, summarise
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
@@ -70,7 +70,7 @@ def test_neutral_body_measures_the_population_mean(on_floor: tuple[np.ndarray, n
 
 def test_fields_are_odd_in_x_and_smooth(on_floor: tuple[np.ndarray, np.ndarray, Measures]) -> None:
     vertices, joints, _ = on_floor
-    fields = build_fields(Frame(joints, float(vertices[:, 1].max())))
+    fields = build_fields(RestFrame(joints, float(vertices[:, 1].max())))
     assert set(fields) == set(MEASURES)
     moved, mirrored = displace(fields, vertices), displace(fields, vertices * [-1.0, 1.0, 1.0])
     np.testing.assert_array_equal(mirrored, moved * [-1.0, 1.0, 1.0])

@@ -84,18 +84,18 @@ def _pane(path: Path, truth: np.ndarray, view, folder: Path) -> list[np.ndarray]
     from blender_addon.body.body_file import default_body_path, read_body
     from blender_addon.render.lettering import open_lettering
     from blender_addon.render.picture import blend, draw_dots, gradient, layer_from_render, soften_edges
-    from blender_addon.render.stage import Look, open_stage
-    from blender_addon.render.subject import Subject
+    from blender_addon.render.stage import RenderQuality, open_stage
+    from blender_addon.render.subject import RenderedTake
     from blender_addon.scene.bake import bake_take
     from blender_addon.scene.session import fresh_scene
 
     motion, body = read_motion(path), read_body(default_body_path())
     take = bake_take(fresh_scene(), motion, body, None)
-    subject, dots = Subject(take, motion, body), view.project(truth)[0]
+    subject, dots = RenderedTake(take, motion, body), view.project(truth)[0]
     pictures = []
     with (
         open_lettering(folder, 18) as letters,
-        open_stage("pane", (take.body, *subject.floor), view, Look(), folder) as stage,
+        open_stage("pane", (take.body, *subject.floor), view, RenderQuality(), folder) as stage,
     ):
         for frame in range(0, motion.num_frames, STRIDE):
             picture = gradient(*PANE)

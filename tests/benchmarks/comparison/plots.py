@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.report.angles import knee_flexion_deg
-from solver_backend.report.plots import WIDTH, Line, time_plot
+from solver_backend.report.plots import WIDTH, PlotCurve, time_plot
 from tests.benchmarks.comparison.judgement import Row
 from tests.benchmarks.comparison.passage import Passage
 
@@ -24,7 +24,7 @@ def knee_flexion(path: Path, passage: Passage) -> None:
     """Write the knee flexion of the passage's motions (thesis figure 6.4), the left knee above the right."""
     for side in ("left", "right"):
         lines = [
-            Line(knee_flexion_deg(motion.joints, side), label, style)
+            PlotCurve(knee_flexion_deg(motion.joints, side), label, style)
             for (label, motion), style in zip(passage.motions.items(), STYLES, strict=True)
         ]
         fps = next(iter(passage.motions.values())).fps

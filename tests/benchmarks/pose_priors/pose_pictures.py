@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 
@@ -41,6 +41,6 @@ def _row(body: Body, local: np.ndarray, most: int = _COLUMNS) -> list[np.ndarray
     pictures = []
     for skin in vertices:
         middle = 0.5 * (skin.min(axis=0) + skin.max(axis=0))
-        view = View(yaw=30, pitch=8, centre=tuple(middle), height_m=2.1, size=(200, 240))
+        view = RasterView(yaw=30, pitch=8, centre=tuple(middle), height_m=2.1, size=(200, 240))
         pictures.append(render(skin, body.faces, colours, view, oversample=1))
     return pictures

@@ -18,25 +18,25 @@ from blender_addon.render.contact_sheet import render_contact_sheet
 from blender_addon.render.lettering import open_lettering
 from blender_addon.render.picture import draw_dots, layer_from_render, write_png
 from blender_addon.render.preview import PreviewSettings, preview_frames, render_preview
-from blender_addon.render.stage import Look, open_stage
+from blender_addon.render.stage import RenderQuality, open_stage
 from blender_addon.render.strips import encode_video, open_footage
-from blender_addon.render.subject import DETECTION_DOT, KEYPOINT_DOT, Subject
+from blender_addon.render.subject import DETECTION_DOT, KEYPOINT_DOT, RenderedTake
 from blender_addon.render.view import View
 from blender_addon.scene.bake import BakedTake, bake_take
 from blender_addon.scene.footage import Footage
 
 
 @pytest.fixture
-def subject(take: BakedTake, files: Any) -> Subject:
-    return Subject(take, files.motion, files.body, files.capture)
+def subject(take: BakedTake, files: Any) -> RenderedTake:
+    return RenderedTake(take, files.motion, files.body, files.capture)
 
 
 @pytest.mark.parametrize("index", range(4))
-def test_body_is_rendered_where_its_joints_project(subject: Subject, tmp_path: Path, index: int) -> None:
+def test_body_is_rendered_where_its_joints_project(subject: RenderedTake, tmp_path: Path, index: int) -> None:
     """Also with unlike focal lengths, an off-centre principal point and a cut-out window."""
     camera = subject.capture.cameras[index]
     view = View(camera, (camera.image_size[0] // 6, camera.image_size[1] // 6))
-    with open_stage("test", (subject.take.body,), view, Look(shrink=1), tmp_path) as stage:
+    with open_stage("test", (subject.take.body,), view, RenderQuality(shrink=1), tmp_path) as stage:
         for frame in (0, 44):
             alpha = layer_from_render(stage.render(float(subject.times[frame])))[..., 3]
             uv, _ = view.project(subject.joints[frame])
@@ -54,7 +54,7 @@ def test_body_is_rendered_where_its_joints_project(subject: Subject, tmp_path: P
 
 
 def test_contact_sheet_shows_poses_and_cameras_and_leaves_the_scene(
-    scene: bpy.types.Scene, subject: Subject, tmp_path: Path
+    scene: bpy.types.Scene, subject: RenderedTake, tmp_path: Path
 ) -> None:
     heard, before = [], _census()
     frame, engine = scene.frame_current, scene.render.engine
@@ -71,7 +71,7 @@ def test_contact_sheet_shows_poses_and_cameras_and_leaves_the_scene(
     assert len({cell.tobytes() for cell in cells}) == 12
 
 
-def test_video_plays_the_take_at_its_speed(subject: Subject, tmp_path: Path) -> None:
+def test_video_plays_the_take_at_its_speed(subject: RenderedTake, tmp_path: Path) -> None:
     path = tmp_path / "walk.mp4"
     settings = PreviewSettings(size=(320, 180), most_fps=10.0)
     render_preview(path, subject, silent, settings)
@@ -86,7 +86,7 @@ def test_video_plays_the_take_at_its_speed(subject: Subject, tmp_path: Path) -> 
 
 def test_video_without_a_capture_shows_a_view_of_our_own(scene: bpy.types.Scene, files: Any, tmp_path: Path) -> None:
     take = bake_take(scene, files.motion, files.body)
-    subject = Subject(take, files.motion, files.body)
+    subject = RenderedTake(take, files.motion, files.body)
     render_preview(tmp_path / "a.mp4", subject, silent, PreviewSettings(size=(160, 90), most_frames=3))
     with open_footage(Footage((tmp_path / "a.mp4",)), (160, 90), tmp_path) as reader:
         assert reader.length == 3
@@ -144,7 +144,7 @@ def test_video_keeps_colours(scene: bpy.types.Scene, tmp_path: Path) -> None:
     np.testing.assert_allclose(found, colours, atol=8)
 
 
-def test_detections_follow_time_and_fall_back_to_keypoints(subject: Subject) -> None:
+def test_detections_follow_time_and_fall_back_to_keypoints(subject: RenderedTake) -> None:
     view = View(subject.capture.cameras[0], (480, 270))
     xy, colour = subject.detections(view)
     assert colour == DETECTION_DOT and xy.shape == (60, 24, 2)

@@ -22,12 +22,12 @@ from blender_addon.ui.panels import studio as panels
 from blender_addon.ui.studio_description import benchmark_description, data_set_description
 from blender_addon.ui.studio_properties import FAULTS, PRESET_RIGS
 from solver_backend.synthesis.studio.perturbation import PRESETS
-from solver_backend.synthesis.studio.rigs import Rig, build_rig, rig_presets
+from solver_backend.synthesis.studio.rigs import CameraRing, build_rig, rig_presets
 from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, spec_of
 from tests.support.panel_layout import Layout
 
 
-def film_with(rig: Rig) -> None:
+def film_with(rig: CameraRing) -> None:
     """Stand a rig's cameras into the scene, as pinholes."""
     c = rig.cameras
     for i, name in enumerate(c.names):
@@ -38,7 +38,7 @@ def film_with(rig: Rig) -> None:
 
 
 @pytest.fixture
-def ring() -> Rig:
+def ring() -> CameraRing:
     return build_rig({"count": 4, "radius_m": 2.5, "height_m": 1.5, "size": [320, 240]})
 
 

@@ -9,7 +9,7 @@ import pytest
 import torch
 from scipy.optimize import rosen, rosen_der
 
-from research.descent.line_search import Trial, WolfeSettings, strong_wolfe
+from research.descent.line_search import StepTrial, WolfeSettings, strong_wolfe
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product, Sphere
 from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.geometry.alignment import nearest_rotation
@@ -150,8 +150,8 @@ def test_line_search_satisfies_the_strong_wolfe_conditions(first, curvature):
     )
     settings = WolfeSettings(curvature=curvature, max_evaluations=60)
     for line in lines:
-        begin = Trial(0.0, *line(0.0), None)
-        trial, good, count = strong_wolfe(lambda a, line=line: Trial(a, *line(a), None), begin, first, settings)
+        begin = StepTrial(0.0, *line(0.0), None)
+        trial, good, count = strong_wolfe(lambda a, line=line: StepTrial(a, *line(a), None), begin, first, settings)
         assert good and count <= 60
         assert trial.cost <= begin.cost + 1e-4 * trial.step * begin.slope
         assert abs(trial.slope) <= curvature * abs(begin.slope)

@@ -14,7 +14,7 @@ from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.report import page as report_page
 from solver_backend.report.markup import heat_table, section, text
-from solver_backend.report.plots import Line, time_plot
+from solver_backend.report.plots import PlotCurve, time_plot
 from solver_backend.synthesis.studio.data_set import SHOTS
 from solver_backend.synthesis.studio.judge.judge import Verdict
 from solver_backend.synthesis.studio.judge.place_errors import PlaceErrors
@@ -166,7 +166,7 @@ def _time_section(out: Path, verdicts: Sequence[Verdict]) -> str:
     styles = ("a", "b", "quiet", "truth")
     of_shot = [v for v in solved if v.shot == worst and v.by_frame_mm is not None]
     lines = [
-        Line(v.by_frame_mm, f"{v.source} {v.method} {v.faults}", styles[i % 4])
+        PlotCurve(v.by_frame_mm, f"{v.source} {v.method} {v.faults}", styles[i % 4])
         for i, v in enumerate(of_shot) if v.by_frame_mm is not None
     ]  # fmt: skip
     fps = read_capture(out / SHOTS / worst / "clean.npz").fps

@@ -22,7 +22,7 @@ from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_
 from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
 from solver_backend.synthesis.studio.motions import MotionSource
 from solver_backend.synthesis.studio.rig_aim import aim_point
-from solver_backend.synthesis.studio.rigs import Rig
+from solver_backend.synthesis.studio.rigs import CameraRing
 from solver_backend.synthesis.studio.shots import seeded
 from solver_backend.synthesis.studio.sight import sight_lines
 from solver_backend.types import Cameras, JointSet
@@ -55,7 +55,7 @@ class PlaceErrors:
 
 
 def place_errors(
-    rig: Rig, faults: Faults, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
+    rig: CameraRing, faults: Faults, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
     joint_set: JointSet = JointSet.BODY_25, progress: Progress = silent,
 ) -> PlaceErrors:  # fmt: skip
     """Return the error of a rig over a square of the floor.

@@ -23,7 +23,7 @@ _CACHE = "ui_prmd_poses.npz"
 
 
 @dataclass(frozen=True)
-class MarkerTake:
+class FittedTake:
     """One take after the fit."""
 
     name: str
@@ -36,7 +36,7 @@ class MarkerTake:
     """(F,) mean distance of the markers to the body's."""
 
 
-def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[MarkerTake]:
+def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = silent) -> list[FittedTake]:
     """Fit every take, one body a person; kept in ``cache`` (a folder), as it takes minutes.
 
     Raises:
@@ -46,7 +46,7 @@ def fitted_takes(folder: Path, cache: Path | None = None, progress: Progress = s
     by_subject: dict[str, list[Path]] = {}
     for path in paths:
         by_subject.setdefault(path.stem.split("_")[1], []).append(path)
-    takes: list[MarkerTake] = []
+    takes: list[FittedTake] = []
     for number, (subject, files) in enumerate(sorted(by_subject.items())):
         kept = cache / f"{subject}_{_CACHE}" if cache else None
         takes += _read(kept, subject) if kept and kept.is_file() else _fit(subject, files, kept)
@@ -70,7 +70,7 @@ def read_markers(path: Path) -> tuple[tuple[str, ...], np.ndarray]:
     return tuple(str(label) for label in labels), np.where((markers == 0).all(-1, keepdims=True), np.nan, markers)
 
 
-def _fit(subject: str, files: list[Path], kept: Path | None) -> list[MarkerTake]:
+def _fit(subject: str, files: list[Path], kept: Path | None) -> list[FittedTake]:
     read = [read_markers(path) for path in files]
     ends = np.cumsum([len(markers) for _, markers in read])
     cloud = MarkerCloud(np.concatenate([m for _, m in read]), FIT_FPS, read[0][0])
@@ -81,12 +81,12 @@ def _fit(subject: str, files: list[Path], kept: Path | None) -> list[MarkerTake]
     if kept:
         arrays = {"names": np.array(names), "ends": ends, "rotations": np.concatenate(rotations)}
         write_npz(kept, {**arrays, "residual_mm": np.concatenate(residual)}, overwrite=True)
-    return [MarkerTake(n, subject, R, r) for n, R, r in zip(names, rotations, residual, strict=True)]
+    return [FittedTake(n, subject, R, r) for n, R, r in zip(names, rotations, residual, strict=True)]
 
 
-def _read(kept: Path, subject: str) -> list[MarkerTake]:
+def _read(kept: Path, subject: str) -> list[FittedTake]:
     with kept.open("rb") as stream, np.load(stream, allow_pickle=False) as data:
         ends = data["ends"][:-1]
         rotations, residual = np.split(data["rotations"], ends), np.split(data["residual_mm"], ends)
         names = [str(name) for name in data["names"]]
-    return [MarkerTake(n, subject, R, r) for n, R, r in zip(names, rotations, residual, strict=True)]
+    return [FittedTake(n, subject, R, r) for n, R, r in zip(names, rotations, residual, strict=True)]

@@ -1,0 +1,113 @@
+"""Anatomical angles of a hand: what each one means, and what they are in a hand of given points.
+
+Every segment of a finger has a frame: x along the bone, y out of the back of the hand, z = x × y. Angles turn a joint
+by ``R = Rz(-flexion) Ry(σ spread) Rx(σ twist)``, σ = 1 at a right hand and -1 at a left one: mirror images have equal
+angles.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.types.shapes import Float
+
+FLEXION, SPREAD, TWIST = 0, 1, 2
+"""Kinds of angles: into the palm; towards the thumb, of the thumb itself away from the palm; about the bone."""
+_THUMB = (
+    ("thumb_cmc_flexion", 0, 0, FLEXION), ("thumb_cmc_spread", 0, 0, SPREAD), ("thumb_cmc_twist", 0, 0, TWIST),
+    ("thumb_mcp_flexion", 0, 1, FLEXION), ("thumb_ip_flexion", 0, 2, FLEXION),
+)  # fmt: skip
+_OF_FINGER = (
+    ("mcp_flexion", 0, FLEXION), ("mcp_spread", 0, SPREAD), ("pip_flexion", 1, FLEXION), ("dip_flexion", 2, FLEXION),
+)  # fmt: skip
+_TABLE = (
+    *_THUMB,
+    *((f"{f}_{name}", n, joint, kind) for n, f in enumerate(FINGERS) if n for name, joint, kind in _OF_FINGER),
+)
+ANGLES: tuple[str, ...] = tuple(row[0] for row in _TABLE)
+"""Names of a hand's angles, the thumb's first."""
+NUM_ANGLES = len(ANGLES)
+"""Angles of a hand."""
+FINGER_OF, JOINT_OF, KIND_OF = (np.array([row[i] for row in _TABLE]) for i in (1, 2, 3))
+"""(A,) finger of each angle, in ``FINGERS``; its joint, 0 at the palm; and its kind."""
+FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABLE])
+"""(A,) the flexion of each angle's joint: the first of its rows."""
+THUMB_TILT = float(np.deg2rad(45.0))
+"""The nail of a thumb looks half to the side, half out of the back of the hand: it bends across the palm."""
+KNUCKLES = (9, 5, 9, 13, 17)
+"""Point to which x leads from the wrist, by finger; the thumb's zero is the middle finger's."""
+
+
+def side_sign(side: int) -> float:
+    """Return σ: 1 at a right hand, -1 at a left one."""
+    return 1.0 if SIDES[side] == "right" else -1.0
+
+
+def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n 5 3 3"]:
+    """Return (n, 5, 3, 3) the frames, x y z in columns, in which the first joint of each finger has no angle.
+
+    Args:
+        points: (n, 21, 3) of ``HAND_POINTS``.
+        side: 0 left, 1 right.
+    """
+    wrist, index, pinky = (points[:, i] for i in (0, 5, 17))
+    # Of a right hand seen from its back, fingers up, the index is on the left: the product looks at the viewer.
+    dorsal = side_sign(side) * np.cross(pinky - wrist, index - wrist)
+    x = _unit(points[:, KNUCKLES] - wrist[:, None])
+    y = np.broadcast_to(dorsal[:, None], x.shape)
+    y = _unit(y - (y * x).sum(-1, keepdims=True) * x)
+    thumbward = -side_sign(side) * np.cross(x[:, 0], y[:, 0])
+    y[:, 0] = np.cos(THUMB_TILT) * thumbward + np.sin(THUMB_TILT) * y[:, 0]
+    return np.stack([x, y, np.cross(x, y)], axis=-1)
+
+
+def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.ndarray, "n 5 3 3 3"]:
+    """Return (n, 5, 3, 3, 3) rotations of the joints of each finger in the frame of the segment before.
+
+    Args:
+        angles: (n, A) radians.
+        side: 0 left, 1 right.
+    """
+    turns = np.zeros((len(angles), 5, 3, 3))
+    turns[:, FINGER_OF, JOINT_OF, KIND_OF] = angles
+    sign = side_sign(side)
+    flexion, spread, twist = -turns[..., FLEXION], sign * turns[..., SPREAD], sign * turns[..., TWIST]
+    return _about(flexion, 2) @ _about(spread, 1) @ _about(twist, 0)
+
+
+def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
+    """Return (n, A) angles of hands, radians; twist, which points do not tell, is 0.
+
+    With the direction v of a bone in the frame of the segment before: ``flexion = atan2(-v_y, v_x)`` and
+    ``spread = asin(-σ v_z)``.
+
+    Args:
+        points: (n, 21, 3) of ``HAND_POINTS``; NaN where missing.
+        side: 0 left, 1 right.
+    """
+    frames = palm_frames(points, side)
+    bones = _unit(np.diff(points[:, 1:].reshape(len(points), 5, 4, 3), axis=2))
+    turns = np.zeros((len(points), 5, 3, 3))
+    for joint in range(3):
+        v = (np.swapaxes(frames, -1, -2) @ bones[:, :, joint, :, None])[..., 0]
+        flexion = np.arctan2(-v[..., 1], v[..., 0])
+        spread = np.arcsin(np.clip(-v[..., 2], -1.0, 1.0)) if joint == 0 else np.zeros_like(flexion)
+        turns[:, :, joint, FLEXION], turns[:, :, joint, SPREAD] = flexion, side_sign(side) * spread
+        frames = frames @ _about(-flexion, 2) @ _about(spread, 1)
+    return turns[:, FINGER_OF, JOINT_OF, KIND_OF]
+
+
+def _unit(vectors: np.ndarray) -> np.ndarray:
+    return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
+
+
+def _about(angle: np.ndarray, axis: int) -> np.ndarray:
+    """Return (..., 3, 3) turns about an axis of the frame."""
+    turns = np.zeros((*angle.shape, 3, 3))
+    before, after = (axis + 1) % 3, (axis + 2) % 3
+    turns[..., axis, axis] = 1.0
+    turns[..., before, before] = turns[..., after, after] = np.cos(angle)
+    turns[..., after, before] = np.sin(angle)
+    turns[..., before, after] = -turns[..., after, before]
+    return turns

@@ -1,0 +1,157 @@
+"""A hand as a skeleton: its fingers posed by angles, points on its segments, and their derivatives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_angles import (
+    FINGER_OF,
+    FLEXION,
+    FLEXION_OF,
+    JOINT_OF,
+    KIND_OF,
+    SPREAD,
+    joint_rotations,
+    measure_angles,
+    palm_frames,
+    side_sign,
+)
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.types.shapes import Float, Int
+
+
+@dataclass(frozen=True)
+class HandSites:
+    """L points that are fixed to segments of a hand."""
+
+    finger: Int[np.ndarray, " sites"]
+    """(L,) in ``FINGERS``; of no meaning at the palm."""
+    segment: Int[np.ndarray, " sites"]
+    """(L,) 0 the palm, 1 to 3 the bones of the finger."""
+    offset: Float[np.ndarray, "sites 3"]
+    """(L, 3) metres in the segment's frame, from its joint; of the palm in the hand's frame, from the wrist."""
+
+
+@dataclass(frozen=True)
+class PosedHand:
+    """F poses of a hand in its own frame, whose origin is the wrist."""
+
+    frames: Float[np.ndarray, "n 5 4 3 3"]
+    """(F, 5, 4, 3, 3) frames of the segments, in columns; those of the palm are where angles are zero."""
+    joints: Float[np.ndarray, "n 5 4 3"]
+    """(F, 5, 4, 3) metres: joints of each finger and its tip."""
+    axes: Float[np.ndarray, "n a 3"]
+    """(F, A, 3) axis about which each angle turns what follows."""
+
+
+@dataclass(frozen=True)
+class HandSkeleton:
+    """Bones of one hand at rest."""
+
+    side: int
+    """0 left, 1 right."""
+    palm: Float[np.ndarray, "5 3 3"]
+    """(5, 3, 3) frames at the roots of the fingers, see ``palm_frames``, in the hand's frame."""
+    roots: Float[np.ndarray, "5 3"]
+    """(5, 3) metres: first joint of each finger, from the wrist."""
+    bones: Float[np.ndarray, "5 3 3"]
+    """(5, 3, 3) metres: from each joint to the next, or to the tip, in the frame of the segment."""
+    rest: Float[np.ndarray, "5 3 3 3"]
+    """(5, 3, 3, 3) frames of the segments at rest."""
+
+    @classmethod
+    def of_points(cls, points: Float[np.ndarray, "21 3"], side: int) -> HandSkeleton:
+        """Return the skeleton whose points at rest, (21, 3) of ``HAND_POINTS`` in metres, are these."""
+        own = (points - points[0])[None]
+        palm, angles = palm_frames(own, side), measure_angles(own, side)
+        chain = own[0, 1:].reshape(5, 4, 3)
+        rest = _segments(palm, joint_rotations(angles, side))[0, :, 1:]
+        bones = (np.swapaxes(rest, -1, -2) @ np.diff(chain, axis=1)[..., None])[..., 0]
+        return cls(side, palm[0], chain[:, 0], bones, rest)
+
+    def scaled(self, scale: float) -> HandSkeleton:
+        """Return a larger or smaller hand."""
+        return replace(self, roots=scale * self.roots, bones=scale * self.bones)
+
+    @property
+    def rest_angles(self) -> Float[np.ndarray, " a"]:
+        """(A,) radians at rest."""
+        return measure_angles(self.points_at_rest[None], self.side)[0]
+
+    @property
+    def points_at_rest(self) -> Float[np.ndarray, "21 3"]:
+        """(21, 3) metres of ``HAND_POINTS`` at rest, the wrist at the origin."""
+        steps = (self.rest @ self.bones[..., None])[..., 0]
+        chain = np.cumsum(np.concatenate([self.roots[:, None], steps], axis=1), axis=1)
+        return np.concatenate([np.zeros((1, 3)), chain.reshape(-1, 3)])
+
+    def keypoints(self) -> HandSites:
+        """Return the 21 points that detectors find."""
+        finger = np.concatenate([[0], np.repeat(np.arange(5), 4)])
+        segment = np.concatenate([[0], np.tile(np.arange(4), 5)])
+        offset = np.zeros((NUM_HAND_POINTS, 3))
+        offset[1:] = np.concatenate([self.roots[:, None], self.bones], axis=1).reshape(-1, 3)
+        return HandSites(finger, segment, offset)
+
+    def pose(self, angles: Float[np.ndarray, "n a"]) -> PosedHand:
+        """Return the hand in F poses of these angles, radians."""
+        turns = joint_rotations(angles, self.side)
+        frames = _segments(np.broadcast_to(self.palm, (len(angles), 5, 3, 3)), turns)
+        steps = (frames[:, :, 1:] @ self.bones[..., None])[..., 0]
+        first = np.broadcast_to(self.roots, (len(angles), 5, 3))[:, :, None]
+        joints = np.cumsum(np.concatenate([first, steps], axis=2), axis=2)
+        return PosedHand(frames, joints, self._axes(frames, angles))
+
+    def _axes(self, frames: np.ndarray, angles: np.ndarray) -> np.ndarray:
+        """Return (F, A, 3): flexion turns about -z before it, spread about y between, twist about x after both."""
+        before, after = frames[:, FINGER_OF, JOINT_OF], frames[:, FINGER_OF, JOINT_OF + 1]
+        sign, kind = side_sign(self.side), KIND_OF[:, None]
+        flexion = angles[:, FLEXION_OF, None]
+        between = np.sin(flexion) * before[..., 0] + np.cos(flexion) * before[..., 1]
+        turned = np.where(kind == SPREAD, sign * between, sign * after[..., 0])
+        return np.where(kind == FLEXION, -before[..., 2], turned)
+
+    def sites(self, posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3"]:
+        """Return (F, L, 3) places of points on posed segments, metres from the wrist in the hand's frame."""
+        return _origins(posed, sites) + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
+
+    def site_jacobian(
+        self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"]
+    ) -> Float[np.ndarray, "n sites 3 a"]:
+        """Return (F, L, 3, A): ``axis × (point - joint)`` of the angles between the palm and the point's segment."""
+        pivots = posed.joints[:, FINGER_OF, JOINT_OF]
+        carries = (sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF)
+        levers = points[:, :, None] - pivots[:, None]
+        return np.swapaxes(np.where(carries[..., None], np.cross(posed.axes[:, None], levers), 0.0), -1, -2)
+
+    def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
+        """Return (F, 5, 3, 3, 3) rotations of the fingers' joints since rest, each in its parent's frame at rest.
+
+        ``G_j = A_j A_j⁰ᵀ`` with the segment's frame A posed and A⁰ at rest, and ``R_j = G_pᵀ G_j``.
+        """
+        posed = self.pose(angles)
+        G = posed.frames[:, :, 1:] @ np.swapaxes(self.rest, -1, -2)
+        local = G.copy()
+        local[:, :, 1:] = np.swapaxes(G[:, :, :-1], -1, -2) @ G[:, :, 1:]
+        return local
+
+
+def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:
+    """Return (F, L, 3, 3) the frame of each point's segment: the derivative of the point by its offset."""
+    frames = posed.frames[:, sites.finger, sites.segment]
+    return np.where((sites.segment == 0)[:, None, None], np.eye(3), frames)
+
+
+def _origins(posed: PosedHand, sites: HandSites) -> np.ndarray:
+    origins = posed.joints[:, sites.finger, np.maximum(sites.segment - 1, 0)]
+    return np.where((sites.segment == 0)[:, None], 0.0, origins)
+
+
+def _segments(palm: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Return (F, 5, 4, 3, 3) frames of palm and segments: each joint turns what follows."""
+    frames = [palm]
+    for joint in range(turns.shape[2]):
+        frames.append(frames[-1] @ turns[:, :, joint])
+    return np.stack(frames, axis=2)

@@ -1,0 +1,117 @@
+"""Keys of a hand over a take, and the block-tridiagonal equations of what is known of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.hand_angles import NUM_ANGLES
+from solver_backend.fitters.model.keyframe_curve import lagrange
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.types.shapes import Float
+
+TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
+"""Of a key: rotation vector by which the wrist leaves where the body has it (world), metres by which it leaves its
+place, and the angles of the fingers."""
+DOF = FINGERS.stop
+"""Numbers of a key."""
+FLOOR = 1e-3
+"""Precision that everything has."""
+_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+
+
+@dataclass(frozen=True)
+class KeyEquations:
+    """``½ Σ xᵀ H x + gᵀ x`` of K keys, in which a key meets the two after it."""
+
+    band: Float[np.ndarray, "keys 3 d d"]
+    """(K, 3, D, D) of each key with itself and the next two."""
+    g: Float[np.ndarray, "keys d"]
+    """(K, D) gradient."""
+
+    @classmethod
+    def empty(cls, num_keys: int) -> KeyEquations:
+        """Return equations without data; a floor keeps unseen parts still."""
+        band = np.zeros((num_keys, 3, DOF, DOF))
+        band[:, 0] = FLOOR * np.eye(DOF)
+        return cls(band, np.zeros((num_keys, DOF)))
+
+    def add_frames(self, rows: WindowRows, gradient: np.ndarray, hessian: np.ndarray) -> None:
+        """Add what the frames of N windows say of their keys, in place.
+
+        Args:
+            rows: N rows of n frames.
+            gradient: (N n, D) by the states of the frames.
+            hessian: (N n, D, D).
+        """
+        count, width = rows.frames.shape
+        shares, weight = lagrange(rows.time), rows.weight
+        by_keys = np.swapaxes(shares * weight[..., None], 1, 2) @ gradient.reshape(count, width, DOF)
+        mixes = np.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)
+        mixed = (mixes @ hessian.reshape(count, width, -1)).reshape(count, len(_PAIRS), DOF, DOF)
+        for a in range(3):
+            self.g[a : a + 2 * count - 1 : 2] += by_keys[:, a]
+        for pair, (a, b) in enumerate(_PAIRS):
+            self.band[a : a + 2 * count - 1 : 2, b - a] += mixed[:, pair]
+
+    def add_keys(self, gradient: np.ndarray, hessian: np.ndarray, part: slice) -> None:
+        """Add what is known of a part of each key alone: (K, d) gradients and (K, d, d) matrices, in place."""
+        self.g[:, part] += gradient
+        self.band[:, 0, part, part] += hessian
+
+    def add_acceleration(self, keys: np.ndarray, precision: np.ndarray) -> float:
+        """Add ``½ Σ_k |x_{k-1} - 2 x_k + x_{k+1}|²`` with precisions (D,) of the numbers, in place; return the cost."""
+        stencil = (1.0, -2.0, 1.0)
+        bent = keys[:-2] - 2.0 * keys[1:-1] + keys[2:]
+        count, pulled = len(bent), precision * bent
+        for i, a in enumerate(stencil):
+            self.g[i : i + count] += a * pulled
+            for j in range(i, 3):
+                self.band[i : i + count, j - i] += a * stencil[j] * np.diag(precision)
+        return 0.5 * float((pulled * bent).sum())
+
+    def block_tridiagonal(self) -> BlockTridiagonal:
+        """Return the equations in blocks of two keys, the last with a dummy."""
+        count = (len(self.g) + 1) // 2
+        diagonal = np.zeros((count, 2, DOF, 2, DOF))
+        upper = np.zeros((count - 1, 2, DOF, 2, DOF))
+        even, odd = self.band[::2], self.band[1::2]
+        diagonal[:, 0, :, 0] = even[:, 0]
+        diagonal[:-1, 1, :, 1] = odd[:, 0]
+        diagonal[-1, 1, :, 1] = np.eye(DOF)
+        diagonal[:-1, 0, :, 1] = even[:-1, 1]
+        diagonal[:-1, 1, :, 0] = np.swapaxes(even[:-1, 1], 1, 2)
+        upper[:, 0, :, 0] = even[:-1, 2]
+        upper[:, 1, :, 0] = odd[:, 1]
+        upper[:-1, 1, :, 1] = odd[:-1, 2]
+        g = np.concatenate([self.g, np.zeros((1, DOF))]).reshape(count, -1)
+        size = 2 * DOF
+        return BlockTridiagonal(diagonal.reshape(count, size, size), upper.reshape(count - 1, size, size), g)
+
+
+def states_at(keys: Float[np.ndarray, "keys d"], rows: WindowRows) -> Float[np.ndarray, "n d"]:
+    """Return (N n, D) states of the frames of N windows, on the parabolas through their three keys."""
+    triples = np.stack([keys[i : len(keys) - 2 + i : 2] for i in range(3)], axis=1)
+    return (lagrange(rows.time) @ triples).reshape(-1, keys.shape[1])
+
+
+def covariance_at(system: BlockTridiagonal, layout: KeyframeLayout) -> tuple[np.ndarray, WindowRows]:
+    """Return (N n, D, D) covariances of the frames of N windows, and these frames.
+
+    ``Σ_ab w_a w_b S_ab`` over the three keys of each window, from the inverse's blocks (see ``marginals``).
+    """
+    diagonal, upper = system.marginals()
+    rows = layout.rows()
+    own = diagonal[:-1].reshape(-1, 2, DOF, 2, DOF)
+    after = upper.reshape(-1, 2, DOF, 2, DOF)[:, :, :, 0]
+    last = diagonal[1:].reshape(-1, 2, DOF, 2, DOF)[:, 0, :, 0]
+    S = np.zeros((len(own), 3, 3, DOF, DOF))
+    S[:, :2, :2] = own.transpose(0, 1, 3, 2, 4)
+    S[:, :2, 2] = after
+    S[:, 2, :2] = np.swapaxes(after, -1, -2)
+    S[:, 2, 2] = last
+    shares = lagrange(rows.time)
+    mixes = (shares[..., :, None] * shares[..., None, :]).reshape(*rows.time.shape, 9)
+    return (mixes @ S.reshape(len(S), 9, -1)).reshape(-1, DOF, DOF), rows

@@ -1,0 +1,139 @@
+"""One hand over a take: what it is judged by, frame by frame, and the equations of its keys."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_angles import NUM_ANGLES
+from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.fitters.hands.hand_keys import DOF, FINGERS, SHIFT, TURN, KeyEquations, states_at
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
+from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
+from solver_backend.priors.hand_prior import HandPrior
+from solver_backend.residuals.point_term import DataTerm
+from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+from solver_backend.types.shapes import Float
+
+TURN_SIGMA = float(np.deg2rad(35.0))
+"""How far a wrist is turned from where the body's keypoints have it: of twist they say little."""
+ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 250.0}
+"""Standard deviations of accelerations, rad/s² and m/s². Fingers of the recorded exercises reach 150 rad/s²."""
+
+
+@dataclass(frozen=True)
+class WristPath:
+    """Where a body has a wrist over F frames, and how sure that is."""
+
+    rotations: Float[np.ndarray, "frames 3 3"]
+    """(F, 3, 3) from the hand's frame at rest to the world."""
+    places: Float[np.ndarray, "frames 3"]
+    """(F, 3) metres."""
+    covariance: Float[np.ndarray, "frames 3 3"] | None = None
+    """(F, 3, 3) m² of the place; None where the path says nothing of place and turn, but where to begin."""
+
+
+@dataclass(frozen=True)
+class HandProblem:
+    """One hand over F frames."""
+
+    skeleton: HandSkeleton
+    """Its bones."""
+    sites: HandSites
+    """The L points that are measured."""
+    wrist: WristPath
+    """What the hand's turns and shifts are from."""
+    term: DataTerm
+    """How far the points are from what was measured."""
+    prior: HandPrior
+    """What fingers do together."""
+    fps: float
+    """Frames per second."""
+
+    @property
+    def num_frames(self) -> int:
+        """F."""
+        return len(self.wrist.places)
+
+    def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
+        """Return (n, L, 3) world places of the points in states (n, D) of these frames, or of all."""
+        return self._placed(states, np.arange(self.num_frames) if frames is None else frames)[0]
+
+    def evaluate(
+        self, states: np.ndarray, frames: np.ndarray, scale: float
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return costs (n,), gradients (n, D) and Gauss-Newton matrices (n, D, D) of the data at states of frames."""
+        points, jacobian = self._placed(states, frames)
+        found = self.term.select(frames)(points, scale)
+        flat = jacobian.reshape(len(states), -1, DOF)
+        carried = (found.information @ jacobian).reshape(len(states), -1, DOF)
+        flat_T = np.swapaxes(flat, 1, 2)
+        gradient = (flat_T @ found.gradient.reshape(len(states), -1, 1))[..., 0]
+        return found.cost, gradient, flat_T @ carried
+
+    def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
+        """Return (F, L, 3, D) derivatives of the points by the states of all frames."""
+        return self._placed(states, np.arange(self.num_frames))[1]
+
+    def at(self, sites: HandSites) -> HandProblem:
+        """Return the problem with other points; its term is not theirs."""
+        return replace(self, sites=sites)
+
+    def _placed(self, states: np.ndarray, frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return points (n, L, 3) and their derivatives (n, L, 3, D): ``y = t + δ + exp(ω) R q(angles)``."""
+        posed = self.skeleton.pose(states[:, FINGERS])
+        own = self.skeleton.sites(posed, self.sites)
+        R = exp_so3(states[:, TURN]) @ self.wrist.rotations[frames]
+        arms = (R[:, None] @ own[..., None])[..., 0]
+        jacobian = np.zeros((*own.shape, DOF))
+        jacobian[..., TURN] = -skew(arms) @ left_jacobian_so3(states[:, TURN])[:, None]
+        jacobian[..., SHIFT] = np.eye(3)
+        jacobian[..., FINGERS] = R[:, None] @ self.skeleton.site_jacobian(posed, self.sites, own)
+        return (self.wrist.places[frames] + states[:, SHIFT])[:, None] + arms, jacobian
+
+
+@dataclass(frozen=True)
+class KeyModel:
+    """A hand's keys and what they are judged by."""
+
+    problem: HandProblem
+    """The hand."""
+    layout: KeyframeLayout
+    """Windows of its keys."""
+
+    @property
+    def rows(self) -> WindowRows:
+        """The frames of all windows."""
+        return self.layout.rows()
+
+    def linearise(self, keys: np.ndarray, scale: float) -> tuple[np.ndarray, BlockTridiagonal]:
+        """Return the (1,) cost and the normal equations of keys (K, D)."""
+        cost, equations = self.equations(keys, scale)
+        return np.array([cost]), equations.block_tridiagonal()
+
+    def equations(self, keys: np.ndarray, scale: float) -> tuple[float, KeyEquations]:
+        """Return the cost of keys and their equations: data, the body's wrist, the prior of hands, accelerations."""
+        rows, equations = self.rows, KeyEquations.empty(len(keys))
+        costs, gradient, hessian = self.problem.evaluate(states_at(keys, rows), rows.frames.reshape(-1), scale)
+        equations.add_frames(rows, gradient, hessian)
+        cost = float((costs * rows.weight.reshape(-1)).sum())
+        held, pull, precision = self.problem.prior.equations(keys[:, FINGERS])
+        equations.add_keys(pull, precision, FINGERS)
+        cost += float(held.sum()) + self._hold_wrist(keys, equations)
+        spacing = float(np.diff(self.layout.key_times).mean()) / self.problem.fps
+        sigma = np.repeat(list(ACCELERATION.values()), (3, 3, NUM_ANGLES)) * spacing**2
+        return cost + equations.add_acceleration(keys, sigma**-2.0), equations
+
+    def _hold_wrist(self, keys: np.ndarray, equations: KeyEquations) -> float:
+        """Add what the body says of the wrist at each key, and return its cost."""
+        covariance = self.problem.wrist.covariance
+        if covariance is None:
+            return 0.0
+        frames = np.round(self.layout.key_times).astype(int)
+        precision = np.zeros((len(keys), 6, 6))
+        precision[:, TURN, TURN] = np.eye(3) / TURN_SIGMA**2
+        precision[:, SHIFT, SHIFT] = np.linalg.inv(covariance[frames])
+        pull = (precision @ keys[:, :6, None])[..., 0]
+        equations.add_keys(pull, precision, slice(0, 6))
+        return 0.5 * float((pull * keys[:, :6]).sum())

@@ -1,0 +1,71 @@
+"""Prior of hands: a Gaussian of the angles that people's fingers take together, and the range of each."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES
+from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.priors.weights import ASSETS, read_weights
+from solver_backend.types.shapes import Float
+
+PRIOR = "hands"
+"""Name in its weight file."""
+LIMIT_SIGMA = float(np.deg2rad(3.0))
+"""Standard deviation of what is beyond a range, radians: ranges of people differ by a few degrees."""
+
+
+@dataclass(frozen=True)
+class HandPrior:
+    """``E(a) = ½ (a - μ)ᵀ Σ⁻¹ (a - μ) + ½ Σ_i (max(0, a_i - high_i, low_i - a_i) / σ)²`` of A angles a, radians."""
+
+    mean: Float[np.ndarray, " a"]
+    """(A,) μ: a relaxed hand."""
+    covariance: Float[np.ndarray, "a a"]
+    """(A, A) Σ."""
+    low: Float[np.ndarray, " a"]
+    """(A,) end of the range."""
+    high: Float[np.ndarray, " a"]
+    """(A,) end of the range."""
+    precision: Float[np.ndarray, "a a"]
+    """(A, A) Σ⁻¹."""
+
+    @classmethod
+    def of(cls, mean: np.ndarray, covariance: np.ndarray, low: np.ndarray, high: np.ndarray) -> HandPrior:
+        """Return the prior of these moments and ranges."""
+        return cls(mean, covariance, low, high, np.linalg.inv(covariance))
+
+    def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at angles."""
+        off = angles - self.mean
+        beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
+        pulled = off @ self.precision
+        cost = 0.5 * (off * pulled).sum(1) + 0.5 * (beyond**2).sum(1) / LIMIT_SIGMA**2
+        matrix = self.precision + np.eye(NUM_ANGLES) * ((beyond != 0) / LIMIT_SIGMA**2)[:, None]
+        return cost, pulled + beyond / LIMIT_SIGMA**2, matrix
+
+
+def load_hand_prior(path: Path | None = None) -> HandPrior:
+    """Read a prior of hands; the one that ships where no file is given.
+
+    Raises:
+        FileMissing, WeightsInvalid: there is none, or the file is of another prior, other angles or damaged.
+    """
+    return _load(path or ASSETS / f"{PRIOR}.npz")
+
+
+@lru_cache(maxsize=2)
+def _load(path: Path) -> HandPrior:
+    weights = read_weights(path, PRIOR)
+    if tuple(weights.metadata.get("angles", ())) != ANGLES:
+        raise WeightsInvalid("The prior is of other angles of the hand.", where=path.name, hint="Reinstall it.")
+    vectors = (weights.array(name, (NUM_ANGLES,)) for name in ("mean", "low", "high"))
+    mean, low, high = vectors
+    covariance = weights.array("covariance", (NUM_ANGLES, NUM_ANGLES))
+    if not (np.linalg.eigvalsh(covariance) > 0).all() or not (low < high).all():
+        raise WeightsInvalid("The prior's covariance or ranges are impossible.", where=path.name, hint="Reinstall it.")
+    return HandPrior.of(mean, covariance, low, high)
