@@ -173,6 +173,8 @@ class Capture:
     """Stature of the person whom a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
     floor_from_person: bool = False
     """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
+    focal_sigma: float = 0.0
+    """Standard deviation of a single camera's focal length as a share, where it is guessed."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 

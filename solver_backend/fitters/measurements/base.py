@@ -42,6 +42,8 @@ class OneView:
     """(3,) place of the camera, metres."""
     size_sigma: float
     """Standard deviation of the person's size and distance, as a share: alike in all frames."""
+    focal_sigma: float
+    """The same of the focal length, by which distances alone are wrong."""
     size_source: str
     """What the size is from."""
     sight: np.ndarray

@@ -92,8 +92,14 @@ def measure_one_view(
         beside=(FloorTerm(),) if size.has_floor else (),
         relative=(lifted,),
         one_view=OneView(
-            cameras.names[view], centre, size.sigma, size.source, sight, take.view.sigma_m[:, recorded, 1]
-        ),
+            cameras.names[view],
+            centre,
+            size.sigma,
+            capture.focal_sigma,
+            size.source,
+            sight,
+            take.view.sigma_m[:, recorded, 1],
+        ),  # fmt: skip
         provenance={"diagnostics": [], "size_factor": round(size.factor, 4)},
     )
 

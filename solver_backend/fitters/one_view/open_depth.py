@@ -28,10 +28,11 @@ LIMB_ENDS = {
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:
-    """Return the solution with the deviations that one camera leaves: ``Σ + s² p pᵀ``, p from the camera to the joint.
+    """Return the solution with the deviations that one camera leaves: ``Σ + s² p pᵀ + f² z² d dᵀ``.
 
-    A person s times as large and as far away looks the same: the error is along every joint's own line of sight, and
-    alike in all frames, so that no number of frames takes it away.
+    A person s times as large and as far away looks the same, p from the camera to the joint; with a focal length that
+    is f too long everybody is as much too far along the line of sight d. Both are alike in all frames, so that no
+    number of frames takes them away.
 
     Args:
         solved: with the covariances of the bundle.
@@ -45,6 +46,9 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
         part = slice(start, start + BLOCK_POSES)
         away = _joints(solved.subject, solved, part)[:, joints] - one.centre
         covariance[part] += one.size_sigma**2 * away[..., :, None] * away[..., None, :]
+        sight = one.sight[part]
+        far = one.focal_sigma * np.einsum("fja,fa->fj", away, sight)[..., None] * sight[:, None]
+        covariance[part] += far[..., :, None] * far[..., None, :]
     return replace(solved, covariance=constant(packed(covariance), solved.frames.transl))
 
 

@@ -14,7 +14,7 @@ from solver_backend.io.calibration.search import find_calibration, is_calibratio
 from solver_backend.io.footage.footage import IMAGES, VIDEOS
 from solver_backend.io.footage.recording import chapter_of
 from solver_backend.io.recognition.camera_names import name_key, natural_key
-from solver_backend.videos.pipeline.camera_footage import recordings_beside, recordings_by_folder
+from solver_backend.videos.pipeline.camera_footage import is_video, recordings_beside, recordings_by_folder
 from solver_backend.videos.pipeline.errors import NoVideos
 
 VIDEO_FOLDERS = (
@@ -90,11 +90,18 @@ class FoundFolder:
 
 
 def look_through(root: Path) -> FoundFolder:
-    """Return the takes and the calibration footage of a folder; takes of one camera are passed over.
+    """Return the takes and the calibration footage of a folder, in which takes of one camera are passed over.
+
+    A video is a take of one camera.
 
     Raises:
         NoVideos: the folder is not there, or holds no take of two cameras.
     """
+    if is_video(root) and root.is_file():
+        folder = root.parent
+        take = FoundTake(root.stem, folder, (root,), (root.stem,))
+        footage = {f.folder: f for start in (folder, folder.parent) for f in _footage(start, start is folder)}
+        return FoundFolder(folder, (take,), tuple(footage.values()))
     if not root.is_dir():
         raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder that holds the videos.")
     takes = tuple(_takes(root, _LEVELS))
@@ -103,7 +110,7 @@ def look_through(root: Path) -> FoundFolder:
             "The folder holds no take: videos of two cameras or more side by side, or in a folder each.",
             where=str(root),
             hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
-            "such as GX010001 and GX020001 are one recording of one camera.",
+            "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one.",
         )  # fmt: skip
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
