@@ -79,6 +79,8 @@ def measure_one_view(
         1.0 / max(1.0, ALIKE_S * detected.fps), like,
     )  # fmt: skip
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
+    deep = take.view.sigma_m[:, recorded, 1]
+    one = OneView(cameras.names[view], centre, size.sigma, capture.focal_sigma, size.source, sight, deep)
     return Measurements(
         landmarks=landmarks,
         points=np.where(seen[..., None], points, np.nan),
@@ -91,15 +93,7 @@ def measure_one_view(
         rough=RoughMotion(frames, states),
         beside=(FloorTerm(),) if size.has_floor else (),
         relative=(lifted,),
-        one_view=OneView(
-            cameras.names[view],
-            centre,
-            size.sigma,
-            capture.focal_sigma,
-            size.source,
-            sight,
-            take.view.sigma_m[:, recorded, 1],
-        ),  # fmt: skip
+        one_view=one,
         provenance={"diagnostics": [], "size_factor": round(size.factor, 4)},
     )
 
