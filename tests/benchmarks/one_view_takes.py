@@ -8,10 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.io.load import load_capture
+from solver_backend.priors.lifted_take import lift_take
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped
@@ -21,6 +26,7 @@ LIMBS = tuple(
     SMPL_JOINTS.index(f"{side}_{part}")
     for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in ("left", "right")
 )  # fmt: skip
+TOES = [SMPL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]
 HIPS = [LIMBS[6], LIMBS[7]]
 HELD_OUT = (
     ("03", "asfamc/03_02", 20), ("03", "asfamc/03_04", 60), ("13", "mb2/13_29", 600), ("13", "mb2/13_29", 1500),
@@ -98,6 +104,15 @@ def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
     about = [points[:, LIMBS] - points[:, HIPS].mean(axis=1, keepdims=True) for points in (joints, truth)]
     hip = 1000 * np.linalg.norm(about[0] - about[1], axis=-1)
     return float(pa_mm(joints[:, LIMBS], truth[:, LIMBS]).mean()), float(hip.mean())
+
+
+def lifted_pa_mm(take: OneViewTake) -> float:
+    """Return the error of the lifter alone, mm after the best similarity of each frame."""
+    cameras, keypoints = take.capture.require_views()
+    body = load_body()
+    lifted = lift_take(cameras, keypoints, body, prior_on_body(load_sposer(), body.layout), cameras.R[0, :, 2])
+    posed = forward_kinematics(body, np.zeros(10), lifted.view.root, lifted.local, np.zeros((len(lifted.local), 3)))
+    return float(pa_mm(np.asarray(posed.joints)[:, LIMBS], take.joints[:, LIMBS]).mean())
 
 
 def coverage(motion: Motion, truth: np.ndarray) -> float:
