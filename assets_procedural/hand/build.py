@@ -6,6 +6,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, BuiltBody
+from assets_procedural.hand.correctives import fit_hand_correctives
 from assets_procedural.hand.joints import place_hand_joints
 from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PARENTS, WRIST
 from assets_procedural.hand.weights import hand_weights
@@ -36,12 +37,13 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
         np.concatenate([hands.joint_dirs[FIRST:], joint_size[..., None]], axis=2), mirror,
         tuple(MIRROR[j] - FIRST for j in range(FIRST, len(PARENTS))),
     )  # fmt: skip
+    posedirs = fit_hand_correctives(vertices, faces, weights.astype(np.float64), hands, mirror)
     chosen = np.nonzero((weights[:, FIRST:].sum(axis=1) > 0) | (regressor != 0).any(axis=0))[0]
     return {
         "body_id": arrays["body_id"],
         "vertices": chosen.astype(np.uint32),
         "weights": weights[chosen],
         "J_regressor": regressor[:, chosen].astype(np.float32),
-        "posedirs": np.zeros((len(chosen), 3, 9 * (len(PARENTS) - FIRST)), np.float16),
+        "posedirs": posedirs[chosen].astype(np.float16),
         "tips": hands.tips.astype(np.float32),
     }

@@ -16,7 +16,7 @@ from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
 
-_MATERIAL_COLOURS = np.array(
+MATERIAL_COLOURS = np.array(
     [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3]
 )
 """In the order of ``parts.MATERIAL_NAMES``."""
@@ -69,13 +69,13 @@ def draw_close(body: BakedBody) -> Array:
     turns = {id(pose): rotations(pose) for pose in close_poses()}
     posed = {key: body.posed(local) for key, local in turns.items()}
     joints = {key: posed_joints(body.joints, local) for key, local in turns.items()}
-    colours = _MATERIAL_COLOURS[body.material]
+    colours = MATERIAL_COLOURS[body.material]
     return tile([render(posed[id(pose)], body.faces, colours, view) for pose, view in close_views(joints)], 6)
 
 
 def draw_all(body: BakedBody) -> dict[str, Array]:
     """Return the sheets of the whole body by file name."""
-    colours = _MATERIAL_COLOURS[body.material]
+    colours = MATERIAL_COLOURS[body.material]
 
     def draw(vertices: Array, view: RasterView) -> Array:
         return render(vertices, body.faces, colours, view)

@@ -103,11 +103,11 @@ def rest_differences(vertices: Array, weights: Array, joints: Array, rotations: 
     for n, local in enumerate(rotations):
         turns, shifts = pose_skeleton(joints, local)
         target = dual_quaternion_blend(vertices[mixed], weights[mixed], turns, shifts)
-        out[n, mixed] = _to_rest(target, vertices[mixed], weights[mixed], turns, shifts)
+        out[n, mixed] = to_rest(target, vertices[mixed], weights[mixed], turns, shifts)
     return out
 
 
-def _to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
+def to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shifts: Array) -> Array:
     """Return the rest offsets that move linearly blended vertices to the target; damped where skin folds."""
     blend = (weights @ turns.reshape(-1, 9)).reshape(-1, 3, 3)
     gap = target - linear_blend(vertices, weights, turns, shifts)
@@ -115,11 +115,11 @@ def _to_rest(target: Array, vertices: Array, weights: Array, turns: Array, shift
     return np.linalg.solve(normal, np.einsum("vba,vb->va", blend, gap)[..., None])[..., 0]
 
 
-def joint_masks(weights: Array) -> Array:
-    """Return (V, 23): 1 where the bones beyond joint j = 1..23 and those before it both weigh in, fading to 0."""
-    below = np.eye(len(PARENTS))
-    for j in range(len(PARENTS) - 1, 0, -1):
-        below[PARENTS[j]] += below[j]
+def joint_masks(weights: Array, parents: tuple[int, ...] = PARENTS) -> Array:
+    """Return (V, J - 1): 1 where the bones beyond joint j = 1..J-1 and those before it both weigh in, fading to 0."""
+    below = np.eye(len(parents))
+    for j in range(len(parents) - 1, 0, -1):
+        below[parents[j]] += below[j]
     beyond = weights @ below[1:].T
     t = (np.minimum(beyond, 1.0 - beyond) / _MASK_FULL).clip(0.0, 1.0)
     return np.where(t < 1e-3, 0.0, t * t * (3.0 - 2.0 * t))
@@ -177,16 +177,16 @@ def _wanted_offsets(
         target = target + share * (linear_blend(vertices, weights, turns, shifts) - target)
         target = _taut(vertices, target, faces, raised * mask)
     if SMPL_JOINTS[joint].endswith(_TOUCHING_JOINTS):
-        target = _parted(vertices, target, joints, joint, turn, mask)
+        target = parted(vertices, target, joints[joint], joints[CHILDREN[joint][0]] - joints[joint], turn, mask)
     if SMPL_JOINTS[joint].endswith(_SWELLING_JOINTS):
-        target = target + _swelling(vertices, target, faces, mask)
+        target = target + swelling(vertices, target, faces, mask)
     chosen = mask > 0
     out = np.zeros_like(vertices)
-    out[chosen] = _to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
+    out[chosen] = to_rest(target[chosen], vertices[chosen], weights[chosen], turns, shifts)
     return out
 
 
-def _swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
+def swelling(vertices: Array, posed: Array, faces: Array, mask: Array) -> Array:
     """Return the (V, 3) offsets along the normals of stretched skin that give back the rest volume."""
     areas = vertex_areas(posed, faces)
     share = mask * (areas / vertex_areas(vertices, faces) - 0.7).clip(0.0, 0.8)
@@ -211,14 +211,22 @@ def _taut(vertices: Array, posed: Array, faces: Array, share: Array) -> Array:
     return drawn
 
 
-def _parted(vertices: Array, posed: Array, joints: Array, joint: int, turn: Array, share: Array) -> Array:
-    """Return (V, 3) the posed skin; what crossed the plane that halves the bend is back on it, times ``share``."""
-    bone = joints[CHILDREN[joint][0]] - joints[joint]
+def parted(vertices: Array, posed: Array, joint: Array, bone: Array, turn: Array, share: Array) -> Array:
+    """Return (V, 3) the posed skin; what crossed the plane that halves the bend is back on it, times ``share``.
+
+    Args:
+        vertices: (V, 3) rest vertices, metres.
+        posed: (V, 3) metres, while one joint alone is turned.
+        joint: (3,) metres, where it is.
+        bone: (3,) from it to its child.
+        turn: (3, 3) of the joint.
+        share: (V,).
+    """
     bone = bone / np.linalg.norm(bone)
     halving = bone + turn @ bone
     halving = halving / np.linalg.norm(halving)
-    side = np.sign((vertices - joints[joint]) @ bone)
-    beyond = np.minimum(side * ((posed - joints[joint]) @ halving), 0.0)
+    side = np.sign((vertices - joint) @ bone)
+    beyond = np.minimum(side * ((posed - joint) @ halving), 0.0)
     return posed - (share * side * beyond)[:, None] * halving
 
 

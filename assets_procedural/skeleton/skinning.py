@@ -91,15 +91,16 @@ def volume(vertices: Array, faces: Array) -> float:
     return float(np.einsum("fa,fa->", a, np.cross(b, c))) / 6.0
 
 
-def pose_skeleton(joints: Array, rotations: Array) -> tuple[Array, Array]:
+def pose_skeleton(joints: Array, rotations: Array, parents: tuple[int, ...] = PARENTS) -> tuple[Array, Array]:
     """Return the world rotation and the translation ``t`` of every bone, so that bone j carries x to ``G_j x + t_j``.
 
     Args:
-        joints: (24, 3) rest joints, metres.
-        rotations: (24, 3, 3) local rotations, the root's first.
+        joints: (J, 3) rest joints, metres.
+        rotations: (J, 3, 3) local rotations, the root's first.
+        parents: of the J joints.
     """
     turns, origins = np.zeros_like(rotations), np.zeros_like(joints)
-    for j, parent in enumerate(PARENTS):
+    for j, parent in enumerate(parents):
         if parent < 0:
             turns[j], origins[j] = rotations[j], joints[j]
         else:

@@ -16,6 +16,10 @@ PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
 PERSON = "person"
 """Custom property of an action: whose motion it is, where a capture shows several people."""
+ERROR = "error_text"
+"""Custom property of an action: how far the solve is from what was measured, for people."""
+WARNINGS = "warnings"
+"""Custom property of an action: the warnings of its solve, a line each."""
 BETAS = "betas"
 """Custom property of an action: the shape it was solved with."""
 

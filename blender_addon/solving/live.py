@@ -39,11 +39,19 @@ class LivePose:
     state: str
     """``tracking``, ``unsure``, ``waiting``, ``no_person`` or ``frozen``."""
     why: str
-    """Why there is no pose."""
+    """Why there is no pose, or why it is unsure."""
     off_mm: float
     """How far markers are from the body in the median; NaN without a pose."""
     coverage: dict[str, float] = field(default_factory=dict)
     """Share of each sensor's picture that a waved wand has visited, by the sensor's name."""
+    rate_hz: float = math.nan
+    """Poses in the last second."""
+    latency_ms: float = math.nan
+    """How long the fit took."""
+    lag_ms: float = math.nan
+    """How far the pose is behind its source."""
+    dropped: int = 0
+    """Frames that were not fitted, so that poses are not late."""
 
 
 @dataclass
@@ -128,7 +136,7 @@ class LiveRun:
 
 
 def read_pose_line(line: str) -> LivePose | None:
-    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/file-formats.md)."""
+    """Return what a line of ``live`` holds, None if it is none of its lines (see docs/reference/live-streams.md)."""
     try:
         values = json.loads(line)
     except (ValueError, RecursionError):
@@ -138,7 +146,7 @@ def read_pose_line(line: str) -> LivePose | None:
     cloud = _numbers(values.get("cloud") or [], None)
     if cloud is None:
         return None
-    off = _numbers(values.get("off_mm"), 1)
+    off, dropped = _numbers(values.get("off_mm"), 1), _number(values.get("dropped"))
     rotvec = transl = None
     if "pose" in values:
         root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * SMPL.num_solved)
@@ -150,7 +158,15 @@ def read_pose_line(line: str) -> LivePose | None:
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
+        *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
+        dropped=0 if math.isnan(dropped) else max(int(dropped), 0),
     )  # fmt: skip
+
+
+def _number(value: Any) -> float:
+    """Return a finite number, NaN for anything else."""
+    found = _numbers(value, 1)
+    return math.nan if found is None else float(found[0])
 
 
 def _shares(values: Any) -> dict[str, float]:

@@ -33,6 +33,10 @@ class MocapPreferences(bpy.types.AddonPreferences):
         "people are found in videos; empty for the environment that Set Up Detector makes",
         subtype="FILE_PATH",
     )
+    acquisition: bpy.props.BoolProperty(
+        name="Acquisition Tab",
+        description="Show the tab Acquire beside MoCap: live markers, sensors, and the studio that makes captures",
+    )
     found: bpy.props.StringProperty(name="Found", options={"SKIP_SAVE", "HIDDEN"})
     failed: bpy.props.StringProperty(name="Failed", options={"SKIP_SAVE", "HIDDEN"})
 
@@ -52,6 +56,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
         row = column.row()
         row.label(text=detector_text(context), icon="OUTLINER_OB_ARMATURE", translate=False)
         row.operator("mocap.set_up_detector", icon="IMPORT")
+        column.prop(self, "acquisition")
         for line in self.found.splitlines():
             column.label(text=line, icon="CHECKMARK", translate=False)
         if self.failed:
@@ -84,6 +89,19 @@ class MOCAP_OT_test_python(bpy.types.Operator):
             return {"CANCELLED"}
         self.report({"INFO"}, preferences.found.replace("\n", ", "))
         return {"FINISHED"}
+
+
+def shows_acquisition(context: bpy.types.Context) -> bool:
+    """Return whether the tab of acquisition is shown: as preferred, and where the add-on is no installed one."""
+    preferences = _preferences(context)
+    return preferences is None or preferences.acquisition
+
+
+def draw_acquisition(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw the switch of the tab of acquisition, where there are preferences."""
+    preferences = _preferences(context)
+    if preferences is not None:
+        layout.prop(preferences, "acquisition")
 
 
 def chosen_python(context: bpy.types.Context) -> Path | None:

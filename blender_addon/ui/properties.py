@@ -24,6 +24,13 @@ from .studio_properties import MocapStudio
 from .tags import active_name, active_object
 from .video_properties import VIDEO_CLASSES, MocapVideos
 
+STAGES = (
+    ("CAPTURE", "Capture", "Read a recording, and look at what was recognised"),
+    ("SOLVE", "Solve", "Solve the capture into a take"),
+    ("EDIT", "Edit", "Review the take, correct it and clean it up"),
+    ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
+)
+"""The stages of the work, in their order; the panels of one are shown at a time."""
 AUTO = "AUTO"
 _PRESET_ITEMS = (
     ("FAST", "Fast", "Keys farther apart, a third less time: for a first look"),
@@ -164,6 +171,7 @@ class MocapSettings(bpy.types.PropertyGroup):
     session: bpy.props.StringProperty(
         name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
     )
+    stage: bpy.props.EnumProperty(name="Stage", description="Which panels are shown", items=STAGES)
     reading: bpy.props.PointerProperty(type=MocapReading)
     captures: bpy.props.CollectionProperty(type=MocapCapture)
     blank: bpy.props.PointerProperty(type=MocapCapture)

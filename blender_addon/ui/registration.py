@@ -49,6 +49,7 @@ from .panels import limbs as limbs_panel
 from .panels import live as live_panel
 from .panels import markers as marker_panel
 from .panels import people as people_panel
+from .panels import result as result_panel
 from .panels import retarget as retarget_panels
 from .panels import review as review_panels
 from .panels import rig as rig_panel
@@ -121,6 +122,7 @@ TABLE: tuple[Registrable, ...] = (
     _class(export_take.MOCAP_OT_export_take),
     _class(export_markers.MOCAP_OT_export_markers),
     _class(run_panel.VIEW3D_PT_mocap_run),
+    _class(run_panel.VIEW3D_PT_mocap_acquisition_run),
     _class(capture_panels.VIEW3D_PT_mocap_capture),
     _class(capture_panels.VIEW3D_PT_mocap_problems),
     _class(marker_panel.MOCAP_UL_markers),
@@ -134,6 +136,7 @@ TABLE: tuple[Registrable, ...] = (
     _class(cameras_panel.VIEW3D_PT_mocap_cameras),
     _class(solve_panels.VIEW3D_PT_mocap_solve),
     _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
+    _class(result_panel.VIEW3D_PT_mocap_result),
     _class(review_panels.VIEW3D_PT_mocap_review),
     _class(review_panels.VIEW3D_PT_mocap_resolve),
     _class(review_panels.VIEW3D_PT_mocap_clean_up),

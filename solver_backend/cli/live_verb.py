@@ -1,25 +1,26 @@
-"""The verb that runs live: points from a replayed file or from lines, poses as lines."""
+"""The verb that runs live: points or poses in, poses as lines and to a receiver."""
 
 from __future__ import annotations
 
 import argparse
-import gc
-import sys
-from collections.abc import Iterator
-from contextlib import nullcontext
+from collections.abc import Iterable
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.line_output import Lines
+from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.vmc.address import read_address
 
 if TYPE_CHECKING:
-    from solver_backend.live.frames import PointFrame
-    from solver_backend.live.session import LiveSession
+    from solver_backend.live.sending import PoseSender, Proportions
     from solver_backend.live.statistics import LiveStatistics
+
+SEND_HELP = "also send every pose by the VMC protocol; vmc:// alone is this machine, port 39539"
 
 
 def add_live(
@@ -27,11 +28,15 @@ def add_live(
 ) -> None:
     """Add live to the parser's verbs."""
     live = verbs.add_parser(
-        "live", parents=[reading, writing, common], help="stream poses from marker points, one line a frame"
+        "live", parents=[reading, writing, common], help="stream poses from marker points or a motion, one line a frame"
     )
-    live.add_argument("source", metavar="SOURCE", help="take to replay at its own rate, or - for lines on stdin")
-    live.add_argument("--fast", action="store_true", help="replay as fast as it goes")
+    live.add_argument(
+        "source", metavar="SOURCE", help="take or motion to replay at its own rate, or - for lines on stdin"
+    )
+    live.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
+    live.add_argument("--repeat", action="store_true", help="replay a file again and again")
     live.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
+    live.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
     live.add_argument("--record", type=Path, metavar="TAKE.c3d", help="also record the points, to be solved afterwards")
     live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
     live.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
@@ -45,76 +50,67 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
             check_output(path, overwrite=overwrite)
     if args.parent_pipe and args.source == "-":
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
-    from solver_backend.live.frames import from_lines, replayed
-    from solver_backend.live.person import person_fit
-    from solver_backend.live.recording import LiveRecorder
-    from solver_backend.live.session import LiveSession
+    if args.send is not None:
+        read_address(args.send)
     from solver_backend.live.statistics import LiveStatistics
 
-    network, fit = person_fit(args.subject)
-    if args.source == "-":
-        session = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis)
-        frames = from_lines(sys.stdin.buffer, args.fps or 120.0)
-        fps = args.fps
-    else:
-        cloud = _cloud(args, progress)
-        session = LiveSession(network, fit, unit="m", up_axis="z")
-        frames, fps = replayed(cloud, paced=not args.fast), cloud.fps
     statistics = LiveStatistics()
-    recorder = None
-    if args.record is not None:
-        recorder = LiveRecorder(args.record, fps, lambda: session.to_metres, overwrite=overwrite)
-    make_ready(session)
-    with recorder or nullcontext(), Lines(args.lines) as stream:
+    source = open_source(args, progress)
+    recorder = source.recorder
+    with ExitStack() as stack:
+        if recorder is not None:
+            stack.enter_context(recorder)
+        sender = open_sender(args.send, source.proportions)
+        if sender is not None:
+            stack.enter_context(sender)
+        stream = stack.enter_context(Lines(args.lines))
         if recorder is not None and recorder.recovered is not None:
-            stream.write(_event("recovered", f"A recording that was not finished is now {recorder.recovered}."))
-        stopped = _run(session, frames if recorder is None else recorder.watched(frames), stream, args, statistics)
-    data: dict[str, Any] = {**statistics.summary(), "stopped": stopped}
+            message = f"A recording that was not finished is now {recorder.recovered}."
+            stream.write({"event": "recovered", "t": None, "message": message})
+        stopped = run_lines(source.lines, stream, statistics, sender)
+    data: dict[str, Any] = {**statistics.summary(), **source.summary(), "stopped": stopped}
     if recorder is not None:
         if recorder.recovered is not None:
             data["recovered"] = str(recorder.recovered)
         if recorder.count and args.record is not None and args.record.exists():
             data["recorded"] = str(args.record)
+    data |= {} if sender is None else sender.summary()
     stream.require_whole()
     text = ", ".join(f"{name} {value}" for name, value in data.items())
     return Outcome(f"live: {text}", data)
 
 
-def _run(
-    session: LiveSession, frames: Iterator[PointFrame], stream: Lines, args: argparse.Namespace,
-    statistics: LiveStatistics,
-) -> bool:  # fmt: skip
-    """Write a line a frame until the source ends; return whether somebody stopped it before."""
+def open_sender(address: str | None, proportions: Proportions) -> PoseSender | None:
+    """Return what sends poses to an address of the command line; None where there is none: nothing is sent unasked.
+
+    Raises:
+        CommandLineInvalid: it is no address, or there is no such host.
+    """
+    if address is None:
+        return None
+    from solver_backend.live.sending import PoseSender
+
+    return PoseSender(read_address(address), proportions)
+
+
+def run_lines(
+    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None
+) -> bool:
+    """Send and write lines until the source ends; return whether somebody stopped it before.
+
+    Args:
+        lines: poses and events, or lines of another kind where there are no statistics.
+        stream: where they are written.
+        statistics: counts them.
+        sender: sends the poses.
+    """
     try:
-        for line in session.run(frames):
-            statistics.add(line)
-            if args.with_points and session.shown is not None and "frame" in line:
-                line = {**line, "cloud": session.shown.round(4).tolist()}
+        for line in lines if sender is None else sender.watched(lines):
+            if statistics is not None:
+                statistics.add(line)
+                line = {**line, "rate_hz": round(statistics.rate_hz, 1)} if "frame" in line else line
             stream.write(line)
     except Cancelled:  # the usual end of what is live: what was recorded is kept
         stream.end_line()
         return True
     return False
-
-
-def _event(kind: str, message: str) -> dict[str, Any]:
-    return {"event": kind, "t": None, "message": message}
-
-
-def make_ready(session: LiveSession) -> None:
-    """Let no frame be late by what can be done before the first."""
-    session.warm_up()
-    # What is there by now stays; walking through it again and again would make frames late.
-    gc.collect()
-    gc.freeze()
-
-
-def _cloud(args: argparse.Namespace, progress: Progress) -> Any:
-    from solver_backend.cli.reading import loaded
-    from solver_backend.exchange.errors import NoDetections
-
-    args.capture = Path(args.source)
-    capture = loaded(args, progress)
-    if capture.markers is None:
-        raise NoDetections("The capture has no markers to replay.", where=capture.name, hint="Choose a C3D or TRC.")
-    return capture.markers

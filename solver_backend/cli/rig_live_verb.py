@@ -5,17 +5,21 @@ from __future__ import annotations
 import argparse
 import time
 from collections.abc import Iterator
+from contextlib import nullcontext
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.line_output import Lines
-from solver_backend.cli.live_verb import make_ready
+from solver_backend.cli.live_sources import make_ready, proportions_of
+from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
 from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
-from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.vmc.address import read_address
 
 if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
@@ -37,6 +41,7 @@ def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.
     live.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
     add_oak_options(live)
     live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
+    live.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
     live.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
     live.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
     live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
@@ -50,19 +55,18 @@ def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.
 
 def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or whoever started it says so; what was recorded is kept."""
-    overwrite, stopped = bool(args.overwrite), False
+    overwrite = bool(args.overwrite)
     _check(args)
-    statistics = None
+    from solver_backend.live.statistics import LiveStatistics
+
+    statistics = LiveStatistics()
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
-    with _chain(args) as chain, Lines(args.lines) as stream:
+    sender = None if session is None else open_sender(args.send, partial(proportions_of, session))
+    with sender or nullcontext(), _chain(args) as chain, Lines(args.lines) as stream:
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[dict[str, Any]]
         if session is not None:
-            from solver_backend.live.statistics import LiveStatistics
-
-            statistics = LiveStatistics()
-            frames = _frames(chain, stream, until, progress)
-            lines = _poses(session, frames, with_points=bool(args.with_points))
+            lines = _poses(session, _frames(chain, stream, until, progress), with_points=bool(args.with_points))
         elif args.wand:
             lines = _waved(chain, stream, until, progress)
         else:
@@ -70,17 +74,12 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
                 {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()}
                 for frame in _frames(chain, stream, until, progress)
             )
-        try:
-            for line in lines:
-                if statistics is not None:
-                    statistics.add(line)
-                stream.write(line)
-        except Cancelled:  # the usual end of what is live
-            stopped = True
-            stream.end_line()
-    data = {**chain_summary(chain), "stopped": stopped} | (
-        {} if statistics is None else {"poses": statistics.summary()}
-    )
+        stopped = run_lines(lines, stream, statistics if session is not None else None, sender)
+    data: dict[str, Any] = {**chain_summary(chain), "stopped": stopped}
+    if session is not None:
+        data["poses"] = statistics.summary()
+    if sender is not None:
+        data |= sender.summary()
     if args.record is not None and any(end.written for end in chain.ends.values()):
         data["recorded"] = str(args.record)
         if args.solve is not None and not stopped:
@@ -102,6 +101,10 @@ def _check(args: argparse.Namespace) -> None:
         raise CommandLineInvalid("Sensors are a FOLDER or cameras, --oak ID=NAME: one of both is needed.")
     if args.subject is not None and not args.poses:
         raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
+    if args.send is not None:
+        read_address(args.send)
+        if not args.poses:
+            raise CommandLineInvalid("--send sends poses: it goes with --poses.")
     if args.wand and args.poses:
         raise CommandLineInvalid("--wand follows a wand and --poses a person: choose one.")
     if args.solve is not None and args.record is None:

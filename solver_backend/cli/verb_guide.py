@@ -45,7 +45,7 @@ TASKS: dict[str, dict[str, str]] = {
         "rig-live": "rig-live take --poses",
     },
     "Live": {
-        "live": "live take.c3d --lines poses.jsonl",
+        "live": "live take.c3d --lines poses.jsonl --send vmc://",
     },
     "Clean up and make motions": {
         "motion": "motion clip.bvh --out motion.npz",

@@ -30,9 +30,16 @@ class PointFrame:
     points: np.ndarray
     """(N, 3) in the source's unit and axes."""
     arrived: float
-    """``time.perf_counter()`` when it came."""
+    """``time.perf_counter()`` when it came, or when a replay took it up."""
     fault: str = ""
     """What is wrong with the line, where there are no points to be had from it."""
+    due: float | None = None
+    """``time.perf_counter()`` from which a pose can be expected, where that is not when it came."""
+
+    @property
+    def lag_s(self) -> float:
+        """Seconds by which a pose of it is behind by now."""
+        return time.perf_counter() - (self.arrived if self.due is None else self.due)
 
 
 def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) -> Iterator[PointFrame]:
@@ -43,7 +50,8 @@ def replayed(cloud: MarkerCloud, *, paced: bool = True, repeat: bool = False) ->
             at = number / cloud.fps
             if paced and (ahead := start + at - time.perf_counter()) > 0:
                 time.sleep(ahead)
-            yield PointFrame(at, measured(frame), time.perf_counter())
+            came = time.perf_counter()
+            yield PointFrame(at, measured(frame), came, due=start + at if paced else came)
             number += 1
         if not repeat:
             return

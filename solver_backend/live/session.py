@@ -15,6 +15,7 @@ from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.live.doubts import doubts_of
 from solver_backend.live.frames import PointFrame
 from solver_backend.live.point_tracks import PointTracks
 from solver_backend.live.world import UNITS, unit_of, up_axis_of
@@ -123,7 +124,8 @@ class LiveSession:
         if self.fit.pose is None:
             self._good = frame.time  # a start has as long to be good as a pose to be lost
         found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
-        state = "tracking"
+        doubts = doubts_of(found.markers_off_m, len(points) - len(named))
+        state = "unsure" if doubts else "tracking"
         if not found.off_m < BAD_M:
             state = "unsure"
             if self._good is None or frame.time - self._good > LOST_S:
@@ -135,7 +137,7 @@ class LiveSession:
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
             "root": _rounded(log_so3(found.pose.root)[0]), "pose": _rounded(log_so3(found.pose.local)[0].ravel()),
             "trans": _rounded(found.pose.transl[0]), "markers": len(named), "points": len(frame.points),
-            "off_mm": round(1e3 * found.off_m, 2), "latency_ms": self._latency(frame),
+            "off_mm": round(1e3 * found.off_m, 2), **_delays(frame), **({"why": doubts} if doubts else {}),
         }  # fmt: skip
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
@@ -187,15 +189,17 @@ class LiveSession:
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state, "why": why,
-            "points": len(frame.points), "latency_ms": self._latency(frame),
+            "points": len(frame.points), **_delays(frame),
         }  # fmt: skip
 
     def _event(self, kind: str, said: str, frame: PointFrame) -> dict[str, Any]:
         return {"event": kind, "t": None if np.isnan(frame.time) else round(frame.time, 6), "message": said}
 
-    @staticmethod
-    def _latency(frame: PointFrame) -> float:
-        return round(1e3 * (time.perf_counter() - frame.arrived), 3)
+
+def _delays(frame: PointFrame) -> dict[str, float]:
+    """Return how long a frame took, and how far its pose is behind the source."""
+    latency = time.perf_counter() - frame.arrived
+    return {"latency_ms": round(1e3 * latency, 3), "lag_ms": round(1e3 * frame.lag_s, 3)}
 
 
 def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:

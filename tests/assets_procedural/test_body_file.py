@@ -12,6 +12,7 @@ import pytest
 
 from assets_procedural.build import BODY_FILE, NUM_VERTICES
 from assets_procedural.detail.lay_on import lay_on_details
+from assets_procedural.hand.build import HANDS_FILE
 from assets_procedural.layout import BORDERS, MIRROR_JOINT, PARENTS
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
 from assets_procedural.mesh.parts import MATERIAL_NAMES
@@ -31,9 +32,12 @@ import sys
 from pathlib import Path
 import numpy as np
 from assets_procedural.build import build_body, write_body
+from assets_procedural.hand.build import build_hands
 from assets_procedural.mesh.meshing import SymmetricMesh
 with np.load(sys.argv[1]) as mesh:
-    write_body(Path(sys.argv[2]), build_body(fitted=SymmetricMesh(**mesh)).arrays)
+    built = build_body(fitted=SymmetricMesh(**mesh))
+write_body(Path(sys.argv[2]), built.arrays)
+write_body(Path(sys.argv[3]), build_hands(built))
 """
 """Builds the body on a mesh of the skin that is there, since the mesh takes most of a build's time."""
 
@@ -135,8 +139,8 @@ def test_the_runtime_loads_the_file() -> None:
     assert body.parents == PARENTS
 
 
-def assert_is_the_committed_file(out: Path) -> None:
-    with np.load(BODY_FILE) as data, np.load(out) as rebuilt:
+def assert_is_the_committed_file(out: Path, committed: Path) -> None:
+    with np.load(committed) as data, np.load(out) as rebuilt:
         assert set(data.files) == set(rebuilt.files)
         for key, value in rebuilt.items():
             if value.dtype.kind == "f":
@@ -163,10 +167,11 @@ def test_last_bits_of_the_primitives_do_not_change_the_mesh(body: BakedBody, dis
 
 @pytest.mark.slow
 def test_rebuilding_from_the_committed_numbers_gives_the_committed_file(tmp_path: Path) -> None:
-    out = tmp_path / "rebuilt.npz"
-    command = [sys.executable, "-m", "assets_procedural", "--out", str(out)]
+    out, hands = tmp_path / "rebuilt.npz", tmp_path / "hands.npz"
+    command = [sys.executable, "-m", "assets_procedural", "--out", str(out), "--hands", str(hands)]
     subprocess.run(command, cwd=ROOT, env=environment_with_kernel(KERNELS[0]), check=True, capture_output=True)
-    assert_is_the_committed_file(out)
+    assert_is_the_committed_file(out, BODY_FILE)
+    assert_is_the_committed_file(hands, HANDS_FILE)
 
 
 @pytest.mark.slow
@@ -174,8 +179,9 @@ def test_rebuilding_from_the_committed_numbers_gives_the_committed_file(tmp_path
 def test_every_kernel_makes_the_committed_file_of_the_mesh(
     kernel: str, disturbed: SymmetricMesh, tmp_path: Path
 ) -> None:
-    mesh, out = tmp_path / "mesh.npz", tmp_path / "rebuilt.npz"
+    mesh, out, hands = tmp_path / "mesh.npz", tmp_path / "rebuilt.npz", tmp_path / "hands.npz"
     np.savez(mesh, vertices=disturbed.vertices, faces=disturbed.faces, mirror=disturbed.mirror)
-    command = [sys.executable, "-c", FROM_A_MESH, str(mesh), str(out)]
+    command = [sys.executable, "-c", FROM_A_MESH, str(mesh), str(out), str(hands)]
     subprocess.run(command, cwd=ROOT, env=environment_with_kernel(kernel), check=True, capture_output=True)
-    assert_is_the_committed_file(out)
+    assert_is_the_committed_file(out, BODY_FILE)
+    assert_is_the_committed_file(hands, HANDS_FILE)

@@ -20,7 +20,7 @@ def steps(user: Any) -> Any:
     """Play it."""
     empty()
     yield from user.open_from_the_start(PACKAGE)
-    yield from user.open_tab("MoCap")
+    yield from user.open_acquisition(PACKAGE)
     yield from user.narrow(283)
     yield from live_panel(user)
     yield from a_take(user)

@@ -17,9 +17,9 @@ def steps(user: Any) -> Any:
     """Play it."""
     empty()
     yield from user.open_from_the_start(PACKAGE)
-    yield from user.open_tab("MoCap")
+    yield from user.open_acquisition(PACKAGE)
     yield from user.narrow(200)
-    yield from user.pages("narrow")
+    yield from user.shot("narrow")
     yield from user.narrow(283)
     settings = mocap().studio
     settings.rig, settings.count = "RING", 4

@@ -21,6 +21,23 @@ _MARGIN_PX = 12
 """From the sidebar's edge to where no list or field takes the wheel for itself."""
 _LAG = 8
 """Moves of the mouse by which a slow screen may lag behind."""
+STAGES = {
+    "CAPTURE": (
+        "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
+        "demo_capture", "capture_from_videos", "video_step", "tell_point", "pick_point", "people", ".reading.",
+        "show_names", "show_residuals", "leave_camera",
+    ),
+    "SOLVE CAPTURE": ("mocap.solve()",),
+    "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
+    "EDIT": (
+        "show_take", "delete_take", "thin_take", "push_down", "mark_take", "pin_pose", "resolve_range",
+        "show_confidence", "open_report", "feet_to_floor", "mark_gaps", "switch_limbs", "floor_offset",
+    ),
+    "DELIVER": (
+        "select_body", "export_take", "export_markers", "format='", "map_rig", "mocap.retarget", "set_map_pose",
+    ),
+}  # fmt: skip
+"""Where a button stands, by a part of what it does; several stages where each has it."""
 _TO_THE_TOP, _PAGE, _PAGES = -90, 8, 14
 """Turns of the wheel to the top and for a page, and pages at most."""
 
@@ -44,7 +61,30 @@ class User(Hands):
                         return manager.clipboard
         return ""
 
+    def open_stage(self, stage: str) -> Steps:
+        """Open one of the sidebar's stages; ``pages`` and ``find`` see the panels of the open one alone."""
+        mocap = bpy.context.scene.mocap
+        if mocap.stage == stage:
+            return
+        names = [item.identifier for item in mocap.bl_rna.properties["stage"].enum_items]
+        across = (names.index(stage) + 0.5) / len(names)
+        x, y = yield from self._found("mocap.stage", across)
+        yield from self.click(x, y)
+        yield 0.3
+        mocap.stage = stage  # two rows of buttons where it is narrow
+        self.viewport.tag_redraw()
+        yield 0.3
+        self.note(f"opened the stage {stage}")
+
     def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:
+        """Open the stage that the words belong to and find a button that holds them."""
+        stage = next((stage for stage, known in STAGES.items() if any(word in words for word in known)), None)
+        in_stages = self.region("UI").active_panel_category == "MoCap"
+        if stage is not None and in_stages and bpy.context.scene.mocap.stage not in stage.split():
+            yield from self.open_stage(stage.split()[0])
+        return (yield from self._found(words, across))
+
+    def _found(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:
         """Hover over the sidebar, near the last find first and scrolling if need be, until a button holds the words."""
         region = self.region("UI")
         x = int(region.x + across * (region.width - 24))
@@ -97,13 +137,17 @@ class User(Hands):
         self.note(f"typed {text} into {words}")
 
     def pages(self, name: str) -> Steps:
-        """Have screenshots taken of the whole sidebar, page by page."""
+        """Have screenshots taken of the whole sidebar, stage by stage and page by page."""
+        opened = bpy.context.scene.mocap.stage
+        for stage in ("CAPTURE", "SOLVE", "EDIT", "DELIVER"):
+            yield from self.open_stage(stage)
+            yield from self._scroll(_TO_THE_TOP)
+            for page in range(_PAGES):
+                yield from self.shot(f"{name}_{stage.lower()}_{page + 1}")
+                if not (yield from self._scroll(_PAGE)):
+                    break
         yield from self._scroll(_TO_THE_TOP)
-        for page in range(_PAGES):
-            yield from self.shot(f"{name}_{page + 1}")
-            if not (yield from self._scroll(_PAGE)):
-                break
-        yield from self._scroll(_TO_THE_TOP)
+        yield from self.open_stage(opened)
 
     def open_from_the_start(self, package: str, *names: str) -> Steps:
         """Have panels open that were not drawn yet: those that are named, all where none is."""
@@ -118,12 +162,20 @@ class User(Hands):
         yield 0.3
         self.note(f"open from the start: {', '.join(names) or 'all panels'}")
 
+    def open_acquisition(self, package: str) -> Steps:
+        """Ask for the tab of acquisition in the preferences, and open it."""
+        bpy.context.preferences.addons[package].preferences.acquisition = True
+        yield 0.3
+        yield from self.open_tab("Acquire")
+
     def open_panel(self, name: str, *, at_the_end: bool = False) -> Steps:
         """Open a closed panel by a click on its header; which header it is shows when the panel is drawn.
 
         Headers are tried from what was clicked last downwards or, if so told, from the sidebar's end upwards.
         """
         panel, drawn = getattr(bpy.types, name), []
+        if hasattr(panel, "stage"):
+            yield from self.open_stage(panel.stage)
         draw = panel.draw
 
         def noticed(shown: bpy.types.Panel, context: bpy.types.Context) -> None:

@@ -106,6 +106,29 @@ def test_markers_on_a_chair_are_no_person(session, walk):
     assert "look like a person" in lines[0]["why"]
 
 
+def beside(count: int) -> np.ndarray:
+    """Return points of a prop beside a person."""
+    return np.random.default_rng(0).uniform(-0.2, 0.2, (count, 3)) + (0.9, 0.0, 1.0)
+
+
+@pytest.mark.parametrize(("count", "state"), [(9, "tracking"), (10, "unsure")])
+def test_ten_points_that_nothing_explains_make_a_pose_unsure_and_are_counted(session, walk, count, state):
+    extra = np.tile(beside(count), (len(walk), 1, 1))
+    last = list(session.run(frames(np.concatenate([walk, extra], axis=1), session, walk)))[-1]
+    assert last["state"] == state and last["off_mm"] < 10
+    assert last.get("why", "") == ("10 points are unexplained" if count == 10 else "")
+
+
+def test_a_leg_that_is_off_makes_a_pose_unsure_and_is_named_with_its_distance(session, walk):
+    leg = [i for i, name in enumerate(MARKERS) if name in ("LSHN", "LANK", "LANM", "LHEE", "LMT1", "LMT5", "LTOE")]
+    torn = walk.copy()
+    torn[:, leg] += (0.0, 0.0, -0.5)
+    last = list(session.run(frames(torn, session, torn)))[-1]
+    assert last["state"] == "unsure" and last["off_mm"] < 80
+    off = float(last["why"].removeprefix("the left leg is ").removesuffix(" mm off"))
+    assert 80 < off < 600
+
+
 def test_many_points_and_two_people_do_not_end_it(session, walk):
     rng = np.random.default_rng(0)
     crowd = [np.concatenate([walk[i], rng.uniform(-4, 4, (347, 3))]) for i in range(15)]
@@ -193,7 +216,10 @@ def test_warming_up_leaves_nothing_behind(session, walk):
     session.warm_up()
     assert session.fit.pose is None and session.to_metres is None and not len(session.tracks.position)
     said = [
-        [{k: v for k, v in line.items() if k != "latency_ms"} for line in one.run(frames(walk, one, walk))]
+        [
+            {k: v for k, v in line.items() if k not in ("latency_ms", "lag_ms")}
+            for line in one.run(frames(walk, one, walk))
+        ]
         for one in (session, other)
     ]
     assert said[0] == said[1] and len(said[0]) > FRAMES

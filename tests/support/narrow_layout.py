@@ -158,6 +158,13 @@ class NarrowLayout:
         else:
             self._add(shown, 2 * words + extra if shown else 2 * _ICON)
 
+    def prop_enum(self, data: Any, name: str, value: str, text: str | None = None, **said: Any) -> None:
+        prop = data.bl_rna.properties[name]
+        shown = prop.enum_items[value].name if text is None else text
+        if prop.translation_context != CONTEXT:
+            self._look_at_context(shown, said)
+        self._add(shown, text_width(shown) + _PADDING)
+
     def prop_menu_enum(self, data: Any, name: str, text: str | None = None, **_: Any) -> None:
         shown = data.bl_rna.properties[name].name if text is None else text
         self._add(shown, text_width(shown) + _PADDING + _ICON)

@@ -14,7 +14,7 @@ class Layout:
 
     def __getattr__(self, name: str) -> Any:
         def draw(*args: Any, **given: Any) -> Any:
-            if name in ("row", "column", "box", "split"):
+            if name in ("row", "column", "box", "split", "grid_flow"):
                 return self
             said = given.get("text", "") if name != "prop" else f"{type(args[0]).__name__}.{args[1]}"
             self.drawn.append(f"{name}:{said}")

@@ -89,12 +89,12 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         return {"FINISHED"}
 
     def _received(self, context: bpy.types.Context, result: dict[str, Any]) -> None:
-        from .import_results import frame_capture, set_up_said, take_capture, takes_over
+        from .import_results import present_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
         stage = take_capture(context.scene, result, Path(result["source"]))
         context.scene.mocap.capture.source = stored(Path(result["source"]))
-        frame_capture(context, stage)
+        present_capture(context, stage)
         problems = len(result["problems"])
         look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
         cameras = len(stage.cameras)
@@ -135,11 +135,11 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Set the stage."""
-        from .import_results import frame_capture, take_capture
+        from .import_results import present_capture, take_capture
 
         stage = take_capture(context.scene, result)
         context.scene.mocap.capture.source = stored(result["capture"])
-        frame_capture(context, stage)
+        present_capture(context, stage)
         return {"FINISHED"}
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
@@ -12,9 +13,10 @@ import numpy as np
 from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
+from ..._exchange.diagnostics import Diagnostic, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
-from ...animation.takes import PERSON, SolvedAgain, SolveFiles, person_of
+from ...animation.takes import ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...conventions.file_paths import file_of, stored
@@ -107,8 +109,9 @@ def _former(capture: bpy.types.PropertyGroup, stage: CaptureStage) -> list[bpy.t
     return [*(item and item.object for item in cameras), *overlays, capture.floor]
 
 
-def frame_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
-    """Turn the viewport to where the cameras look or, without any, to the markers."""
+def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
+    """Go on to solving, and turn the viewport to where the cameras look or, without any, to the markers."""
+    context.scene.mocap.stage = "SOLVE"
     space = context.space_data
     if space is None or space.type != "VIEW_3D":
         return
@@ -140,6 +143,7 @@ def take_motion(
     files: SolveFiles,
     of: bpy.types.PropertyGroup | None = None,
     again: SolvedAgain | None = None,
+    result: dict[str, Any] | None = None,
 ) -> bpy.types.Action:
     """Add the solved motion to the scene, to the body of the person it is of.
 
@@ -148,6 +152,7 @@ def take_motion(
         files: what the solve wrote.
         of: one of the scene's captures; None for the one panels are about.
         again: which frames of which take were solved again; all others stay as edited. None for a whole take.
+        result: the solve's result event, whose error and warnings the take keeps; None where it is not known.
 
     Raises:
         MocapError: the motion or the body cannot be read, or do not belong together.
@@ -173,10 +178,27 @@ def take_motion(
     files.write(action)
     if whom:
         action[PERSON] = whom
+    if result is not None:
+        action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_of(result)))
     review.armature = armature
+    settings.stage = "EDIT"
     colour_markers(scene)
     bring_home()
     return action
+
+
+def error_text(result: dict[str, Any]) -> str:
+    """Return how far a solve is from what was measured, for people; "" where it does not say."""
+    if result.get("marker_median_mm") is not None:
+        return f"{result['marker_median_mm']:.1f} mm"
+    if result.get("reprojection_median_px") is not None:
+        return f"{result['reprojection_median_px']:.1f} px"
+    return ""
+
+
+def warnings_of(result: dict[str, Any]) -> Sequence[Diagnostic]:
+    """Return the warnings of a solve's result event."""
+    return warnings_in(read_diagnostics(result.get("diagnostics")))
 
 
 def add_motion(
@@ -212,6 +234,7 @@ def add_motion(
     if whom := person_of(motion.provenance):
         take.action[PERSON] = whom
     adopt(context.scene)
+    context.scene.mocap.stage = "EDIT"
     if settings.set_scene:
         for obj in context.selected_objects:
             obj.select_set(False)

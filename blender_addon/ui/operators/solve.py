@@ -35,7 +35,7 @@ class _Solves(SolverOperator):
         """Bake the motion as a new action."""
         from .import_results import take_motion
 
-        action = take_motion(context, self._files, again=self._again)
+        action = take_motion(context, self._files, again=self._again, result=result)
         doubtful = result["unseen_frames"] + result["unsure_frames"]
         look = f"; look at {counted(doubtful, 'frame')}" if doubtful else ""
         self.report({"INFO"}, f"Solved '{action.name}' in {result['solve_s']:.1f} s{look}")

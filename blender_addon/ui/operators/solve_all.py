@@ -59,7 +59,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
         """Bake each motion."""
         takes = result.get("takes", [result])
         for take in takes:
-            self._bake(context, Path(take["motion"]))
+            self._bake(context, Path(take["motion"]), take)
         failed = result.get("failed", [])
         if failed:
             said = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
@@ -75,10 +75,10 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
             self._bake(context, motion)
         return f"{len(done)} of {counted(len(self._files), 'take')} finished and arrived." if done else ""
 
-    def _bake(self, context: bpy.types.Context, motion: Path) -> None:
+    def _bake(self, context: bpy.types.Context, motion: Path, result: dict[str, Any] | None = None) -> None:
         from .import_results import take_motion
 
         files = self._files[motion]
         captures = context.scene.mocap.captures
         capture = next((item for item in captures if file_of(item.file) == files.capture), None)
-        take_motion(context, files, capture)
+        take_motion(context, files, capture, result=result)

@@ -21,21 +21,66 @@ class MOCAP_OT_show_take(NeedsBody, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Play it."""
-        from ...animation.takes import show_take, takes_of
+        from ...animation.takes import show_take
         from ...conventions.timing import show_frame
 
         scene, settings = context.scene, context.scene.mocap
-        whose = settings.capture.person.key if settings.capture.person else ""
-        action = next(
-            (a for a in takes_of(settings.capture.measured, whose, settings.capture.original) if a.name == self.name),
-            None,
-        )
-        if action is None:
-            raise TakeMissing(f"There is no take '{self.name}' for this body.")
-        show_take(settings.review.armature, action)
+        show_take(settings.review.armature, _take_named(settings, self.name))
         colour_markers(scene)
         show_frame(scene)
         return {"FINISHED"}
+
+
+class MOCAP_OT_delete_take(NeedsBody, bpy.types.Operator):
+    """Deletes a take."""
+
+    bl_idname = "mocap.delete_take"
+    bl_label = "Delete Take"
+    bl_description = "Delete this take from the file; what the solver wrote stays on the disk"
+    edits_body = True
+
+    name: bpy.props.StringProperty(options={"HIDDEN"})
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask first."""
+        return context.window_manager.invoke_confirm(self, event)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Play another take of the body, if this one plays, and delete it."""
+        from ...animation.takes import show_take
+        from ...conventions.timing import show_frame
+
+        settings = context.scene.mocap
+        take, review = _take_named(settings, self.name), settings.review
+        if not take.is_editable:
+            raise TakeMissing(f"The take '{self.name}' is linked from another file and is deleted there.")
+        others = [other for other in _takes(settings) if other != take]
+        if review.take == take and others:
+            show_take(review.armature, others[-1])
+        bpy.data.actions.remove(take)
+        colour_markers(context.scene)
+        show_frame(context.scene)
+        return {"FINISHED"}
+
+
+def _takes(settings: bpy.types.PropertyGroup) -> list[bpy.types.Action]:
+    """Return the takes of the capture, of the person who is looked at."""
+    from ...animation.takes import takes_of
+
+    capture = settings.capture
+    return takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
+
+
+def _take_named(settings: bpy.types.PropertyGroup, name: str) -> bpy.types.Action:
+    """Return one of the takes.
+
+    Raises:
+        TakeMissing: none has the name.
+    """
+    action = next((take for take in _takes(settings) if take.name == name), None)
+    if action is None:
+        raise TakeMissing(f"There is no take '{name}' for this body.")
+    return action
 
 
 class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
@@ -173,4 +218,11 @@ def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
     ]
 
 
-CLASSES = (MOCAP_OT_follow_rate, MOCAP_OT_show_take, MOCAP_OT_thin_take, MOCAP_OT_push_down, MOCAP_OT_mark_take)
+CLASSES = (
+    MOCAP_OT_follow_rate,
+    MOCAP_OT_show_take,
+    MOCAP_OT_delete_take,
+    MOCAP_OT_thin_take,
+    MOCAP_OT_push_down,
+    MOCAP_OT_mark_take,
+)

@@ -78,7 +78,7 @@ class VideosOperator(SolverOperator):
             videos.take_steps(str(road))
 
     def _staged(self, context: bpy.types.Context, read: dict[str, Any], source: Path) -> str:
-        from .import_results import frame_capture, take_capture
+        from .import_results import present_capture, take_capture
 
         settings = context.scene.mocap
         for capture in settings.captures:
@@ -86,7 +86,7 @@ class VideosOperator(SolverOperator):
                 capture.file = stored(read["capture"])  # it may have followed the .blend file
         stage = take_capture(context.scene, read, source)
         settings.capture.source = stored(source)
-        frame_capture(context, stage)
+        present_capture(context, stage)
         return settings.capture.name
 
 

@@ -13,23 +13,24 @@ from ..operators.cameras import (
 )
 from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
 from ..settings_layout import is_narrow
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import StagePanel, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
 _VERBS = ("refine-cameras", "check-cameras")
 
 
-class VIEW3D_PT_mocap_cameras(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_cameras(StagePanel, bpy.types.Panel):
     """The capture's cameras."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_cameras"
     bl_label = "Cameras"
     bl_order = 1
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs cameras."""
-        return bool(context.scene.mocap.capture.cameras)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there are cameras."""
+        return bool(settings.capture.cameras)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw one row a camera."""
@@ -70,7 +71,6 @@ def _draw_refinement(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
     """Draw the calibration's correction, its progress, and what it brought."""
     if draw_progress(layout, _VERBS):
         return
-    draw_failure(layout, context, _VERBS)
     capture = context.scene.mocap.capture
     layout.operator(MOCAP_OT_check_cameras.bl_idname, icon="CHECKMARK")
     for doubt in capture.doubts.splitlines():

@@ -9,17 +9,19 @@ from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_ca
 from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
+from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import WORLD_ROWS
 from ..settings_layout import draw_setting, settings_layout
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import StagePanel, draw_next, draw_progress, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
 
-class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_capture(StagePanel, bpy.types.Panel):
     """Reading a capture."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_capture"
     bl_label = "Capture"
     bl_order = 0
@@ -29,7 +31,6 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
         layout, capture = self.layout, context.scene.mocap.capture
         if draw_progress(layout, _VERBS):
             return
-        draw_failure(layout, context, _VERBS)
         if not capture.file:
             draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
         column = layout.column(align=True)
@@ -46,9 +47,10 @@ class VIEW3D_PT_mocap_capture(MocapPanel, bpy.types.Panel):
             column.operator(MOCAP_OT_demo_capture.bl_idname, text="With Markers").kind = "MARKERS"
 
 
-class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_reading(StagePanel, bpy.types.Panel):
     """How the next capture is read."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_reading"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Reading Options"
@@ -78,20 +80,22 @@ class VIEW3D_PT_mocap_reading(MocapPanel, bpy.types.Panel):
         if settings.capture.source:
             again = layout.operator(MOCAP_OT_import_capture.bl_idname, text="Read Again", icon="FILE_REFRESH")
             again.filepath = settings.capture.source
+        draw_acquisition(layout, context)
 
 
-class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_problems(StagePanel, bpy.types.Panel):
     """What is wrong with the capture."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_problems"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Problems"
     bl_order = 0
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs problems."""
-        return any(message.is_problem for message in context.scene.mocap.capture.messages)
+    def has_subject(cls, settings: MocapSettings) -> bool:
+        """Return whether there are problems."""
+        return any(message.is_problem for message in settings.capture.messages)
 
     def draw_header(self, context: bpy.types.Context) -> None:
         """Draw the warning."""
@@ -105,9 +109,10 @@ class VIEW3D_PT_mocap_problems(MocapPanel, bpy.types.Panel):
                 wrapped(self.layout, context, message.text, "DOT")
 
 
-class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_notes(StagePanel, bpy.types.Panel):
     """What the reader assumed; about markers their own panel says it."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_notes"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Notes"
@@ -115,10 +120,9 @@ class VIEW3D_PT_mocap_notes(MocapPanel, bpy.types.Panel):
     bl_order = 1
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture that is not of markers."""
-        capture = context.scene.mocap.capture
-        return bool(capture.file) and not capture.marker_items
+    def has_subject(cls, settings: MocapSettings) -> bool:
+        """Return whether there is a capture that is not of markers."""
+        return bool(settings.capture.file) and not settings.capture.marker_items
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the notes."""

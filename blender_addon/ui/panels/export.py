@@ -9,7 +9,7 @@ from ..operators.export_markers import MOCAP_OT_export_markers
 from ..operators.export_take import MOCAP_OT_export_take
 from ..operators.review import MOCAP_OT_select_body
 from ..translation import CONTEXT
-from .parts import BodyPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import BodyPanel, draw_next, draw_progress, wrapped
 
 _VERBS = ("export-markers",)
 
@@ -17,9 +17,10 @@ _VERBS = ("export-markers",)
 class VIEW3D_PT_mocap_export(BodyPanel, bpy.types.Panel):
     """Writing the take for other programs."""
 
+    stage = "DELIVER"
     bl_idname = "VIEW3D_PT_mocap_export"
     bl_label = "Export"
-    bl_order = 4
+    bl_order = 5
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the formats, or how to get ready for them."""
@@ -40,7 +41,6 @@ def _draw_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     """Draw the formats of markers, cleaned and solved."""
     if draw_progress(layout, _VERBS):
         return
-    draw_failure(layout, context, _VERBS)
     column = layout.column(align=True)
     for contents, text in (("cleaned", "Cleaned Markers"), ("solved", "Solved Markers")):
         row = column.row(align=True)

@@ -8,24 +8,25 @@ from ...body.controls.limbs import LIMBS, ROOT, has_limbs
 from ..operators.limbs import MOCAP_OT_switch_limbs
 from ..settings_layout import is_narrow
 from ..translation import CONTEXT
-from .parts import MocapPanel, wrapped
+from .parts import StagePanel, wrapped
 
 _SLIDER, _NARROW_SLIDER = 0.75, 0.82
 """Share of a line that a limb's slider has, also where the sidebar is narrow; the button beside it has the rest."""
 
 
-class VIEW3D_PT_mocap_limbs(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_limbs(StagePanel, bpy.types.Panel):
     """The controls of the solved body."""
 
+    stage = "EDIT"
     bl_idname = "VIEW3D_PT_mocap_limbs"
     bl_parent_id = "VIEW3D_PT_mocap_review"
     bl_label = "FK and IK"
     bl_order = 4
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a body with controls."""
-        return has_limbs(context.scene.mocap.review.armature)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a body with controls."""
+        return has_limbs(settings.review.armature)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw a switch a limb and, beside it, the way there with the motion kept."""

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
 from ..translation import CONTEXT
-from .parts import MocapPanel, wrapped
+from .parts import AcquisitionPanel, wrapped
+
+if TYPE_CHECKING:
+    from ...solving.live import LivePose
 
 _STATES = {
     "tracking": ("Tracking", "CHECKMARK"), "unsure": ("Unsure", "QUESTION"), "waiting": ("Waiting", "TIME"),
@@ -17,12 +21,12 @@ _STATES = {
 }  # fmt: skip
 
 
-class VIEW3D_PT_mocap_live(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
     """Markers as they come."""
 
     bl_idname = "VIEW3D_PT_mocap_live"
     bl_label = "Live"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -54,6 +58,8 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if pose is not None:
         off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
         layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+        for text in timing_lines(pose):
+            layout.label(text=text, icon="TIME", translate=False)
         for name, share in pose.coverage.items():
             layout.progress(factor=share, text=f"{name} {share:.0%}", translate=False)
         if pose.why:
@@ -61,3 +67,10 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     if run.said:
         wrapped(layout, context, run.said, "INFO")
     layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
+
+
+def timing_lines(pose: LivePose) -> list[str]:
+    """Return what is shown of a pose's timing: rate and latency, lag, and frames that were dropped."""
+    lines = [] if math.isnan(pose.rate_hz) else [f"{pose.rate_hz:.0f} poses/s, {pose.latency_ms:.0f} ms each"]
+    lines += [] if math.isnan(pose.lag_ms) else [f"{max(pose.lag_ms, 0.0):.0f} ms behind"]
+    return [*lines, *([f"{pose.dropped} frames dropped"] if pose.dropped else [])]

@@ -7,7 +7,7 @@ import bpy
 from ...conventions.counting import counted
 from ..operators.tell_points import MOCAP_OT_pick_point, MOCAP_OT_tell_point, MOCAP_OT_untell_point
 from ..properties import MocapCapture
-from .parts import MocapPanel, wrapped
+from .parts import StagePanel, wrapped
 
 _ICONS = {
     "known": "CHECKMARK", "unknown": "QUESTION", "computed": "EMPTY_AXIS", "doubled": "DUPLICATE", "unlabelled": "DOT",
@@ -36,18 +36,19 @@ class MOCAP_UL_markers(bpy.types.UIList):
             gaps.label(text=f"{counted(item.gaps, 'gap')}, {item.missing_percent:.1f} %", translate=False)
 
 
-class VIEW3D_PT_mocap_markers(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_markers(StagePanel, bpy.types.Panel):
     """The capture's markers."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_markers"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Markers"
     bl_order = 1
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs markers."""
-        return bool(context.scene.mocap.capture.marker_items)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there are markers."""
+        return bool(settings.capture.marker_items)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw what was recognised, the markers, and how they are shown."""
@@ -64,9 +65,10 @@ class VIEW3D_PT_mocap_markers(MocapPanel, bpy.types.Panel):
         colours.prop(capture, "show_residuals", icon="COLOR")
 
 
-class VIEW3D_PT_mocap_labels(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_labels(StagePanel, bpy.types.Panel):
     """The capture's markers, one by one."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_labels"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Labels"
@@ -74,9 +76,9 @@ class VIEW3D_PT_mocap_labels(MocapPanel, bpy.types.Panel):
     bl_order = 2
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs markers."""
-        return bool(context.scene.mocap.capture.marker_items)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there are markers."""
+        return bool(settings.capture.marker_items)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the list."""

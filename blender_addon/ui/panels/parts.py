@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 import textwrap
+from typing import ClassVar
 
 import blf
 import bpy
 
 from ..._exchange.errors import sentence
+from ..locations import waits_for_saving
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import MOCAP_OT_dismiss, current
+from ..preferences import shows_acquisition
 from ..translation import CONTEXT
 
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
@@ -26,31 +29,52 @@ class MocapPanel:
     bl_category = "MoCap"
 
 
-class CapturePanel(MocapPanel):
-    """A panel about the capture."""
+class AcquisitionPanel(MocapPanel):
+    """A panel about devices and rendered captures, in a tab of its own that the preferences switch on."""
+
+    bl_category = "Acquire"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        return bool(context.scene.mocap.capture.file)
+        """Needs the preference."""
+        return shows_acquisition(context)
 
 
-class BodyPanel(MocapPanel):
+class StagePanel(MocapPanel):
+    """A panel of one stage of the work."""
+
+    stage: ClassVar[str]
+    """Of ``properties.STAGES``."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs the stage to be open, and what the panel is about."""
+        return context.scene.mocap.stage == cls.stage and cls.has_subject(context.scene.mocap)
+
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is what the panel is about."""
+        return True
+
+
+class BodyPanel(StagePanel):
     """A panel about the solved body."""
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved body."""
-        return context.scene.mocap.review.armature is not None
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a solved body."""
+        return settings.review.armature is not None
 
 
-class TakePanel(MocapPanel):
+class TakePanel(StagePanel):
     """A panel about the take that the body plays."""
 
+    stage = "EDIT"
+
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        return context.scene.mocap.review.take is not None
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a solved take."""
+        return settings.review.take is not None
 
 
 def wrapped(
@@ -106,7 +130,13 @@ def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
 
 
 def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: tuple[str, ...]) -> None:
-    """Draw what went wrong in the last run, if it did one of these verbs."""
+    """Draw what went wrong in the last run, if it did one of these verbs.
+
+    Args:
+        layout: where it is drawn.
+        context: of the sidebar.
+        verbs: of the solver's command line.
+    """
     run = current.last_for(context.scene, verbs)
     if run is None or run.error is None:
         return
@@ -117,6 +147,13 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     if not cancelled:
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
     box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
+
+
+def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw where the takes of a file that is not saved wait."""
+    if folder := waits_for_saving(context.scene):
+        text = f"This file is not saved. Its takes wait in {folder}; saving moves them beside the file."
+        wrapped(layout, context, text, "INFO")
 
 
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:

@@ -6,7 +6,7 @@ import bpy
 
 from ..operators.solve_all import MOCAP_OT_solve_all
 from ..properties import MocapCapture
-from .parts import MocapPanel
+from .parts import StagePanel
 
 
 class MOCAP_UL_people(bpy.types.UIList):
@@ -33,18 +33,19 @@ class MOCAP_UL_people(bpy.types.UIList):
         row.label(text=f"{item.views:.1f}", icon="CAMERA_DATA", translate=False)
 
 
-class VIEW3D_PT_mocap_people(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_people(StagePanel, bpy.types.Panel):
     """Who is seen."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_people"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "People"
     bl_order = 2
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs several people."""
-        return bool(context.scene.mocap.capture.people)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there are several people."""
+        return bool(settings.capture.people)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the list."""

@@ -11,9 +11,10 @@ from .parts import BodyPanel, draw_next
 class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
     """Laying the motion on a character's rig."""
 
+    stage = "DELIVER"
     bl_idname = "VIEW3D_PT_mocap_retarget"
     bl_label = "Retarget"
-    bl_order = 5
+    bl_order = 6
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -35,16 +36,17 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
 class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
     """Which bone plays which role."""
 
+    stage = "DELIVER"
     bl_idname = "VIEW3D_PT_mocap_rig_table"
     bl_parent_id = VIEW3D_PT_mocap_retarget.bl_idname
     bl_label = "Bones"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a rig that was mapped."""
-        settings = context.scene.mocap.retarget
-        return super().poll(context) and settings.target is not None and bool(settings.map_text)
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there are a solved body and a rig that was mapped."""
+        retarget = settings.retarget
+        return super().has_subject(settings) and retarget.target is not None and bool(retarget.map_text)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, to be corrected, and the map pose."""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
 from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_mark_gaps
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
@@ -14,7 +15,13 @@ from ..operators.review import (
 )
 from ..operators.solve import MOCAP_OT_resolve_range, MOCAP_OT_solve
 from ..operators.solver_operator import current
-from ..operators.takes import MOCAP_OT_mark_take, MOCAP_OT_push_down, MOCAP_OT_show_take, MOCAP_OT_thin_take
+from ..operators.takes import (
+    MOCAP_OT_delete_take,
+    MOCAP_OT_mark_take,
+    MOCAP_OT_push_down,
+    MOCAP_OT_show_take,
+    MOCAP_OT_thin_take,
+)
 from ..properties import MocapCapture, MocapReview
 from ..settings_layout import is_slim
 from ..translation import CONTEXT
@@ -24,9 +31,10 @@ from .parts import BodyPanel, TakePanel, wrapped
 class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
     """Looking at the current take."""
 
+    stage = "EDIT"
     bl_idname = "VIEW3D_PT_mocap_review"
     bl_label = "Review"
-    bl_order = 3
+    bl_order = 4
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw takes, confidence and the report."""
@@ -124,14 +132,25 @@ def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.typ
     from ...animation.takes import takes_of
 
     takes = takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
-    if len(takes) < 2 and take is not None:
-        layout.label(text=take.name, icon="ACTION", translate=False)
-        return
     column = layout.column(align=True)
     for action in takes:
-        column.operator(
-            MOCAP_OT_show_take.bl_idname, text=action.name, icon="ACTION", depress=action == take, translate=False
-        ).name = action.name
+        row = column.row(align=True)
+        if action == take:
+            row.prop(action, "name", text="", icon="ACTION")
+        else:
+            row.operator(MOCAP_OT_show_take.bl_idname, text=action.name, translate=False).name = action.name
+        row.operator(MOCAP_OT_delete_take.bl_idname, text="", icon="TRASH").name = action.name
+    if take is not None:
+        column.label(text=_kept(take), icon="KEYFRAME", translate=False)
+
+
+def _kept(take: bpy.types.Action) -> str:
+    """Return how many keys a take has and how far its solve is from what was measured."""
+    from ...animation.curves import action_curves
+    from ...animation.takes import ERROR
+
+    most = max((len(curve.keyframe_points) for curve in action_curves(take)), default=0)
+    return ", ".join(part for part in (counted(most, "key"), str(take.get(ERROR, ""))) if part)
 
 
 def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:

@@ -10,17 +10,17 @@ from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_
 from ..rig_properties import PARTS, MocapRig
 from ..translation import CONTEXT
 from .live import draw_run
-from .parts import MocapPanel, draw_failure, draw_progress, wrapped
+from .parts import AcquisitionPanel, draw_failure, draw_progress, wrapped
 
 _VERBS = ("oaks", "calibrate-wand")
 
 
-class VIEW3D_PT_mocap_rig(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_rig(AcquisitionPanel, bpy.types.Panel):
     """Infrared and depth sensors that see markers."""
 
     bl_idname = "VIEW3D_PT_mocap_rig"
     bl_label = "Rig"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -1,40 +1,106 @@
-"""On top of all panels: the Solve button or, while something runs, its progress and Cancel."""
+"""On top of all panels: the four stages, what runs or went wrong, the take at a glance, and Solve."""
 
 from __future__ import annotations
 
 import bpy
 
+from ...conventions.counting import counted
+from ..operators.review import MOCAP_OT_next_bad_range
 from ..operators.solver_operator import MOCAP_OT_cancel, current
-from .frame_rate import draw_rate, is_laid_otherwise
-from .parts import MocapPanel, draw_solve, fits, wrapped
+from ..project_files import following
+from ..properties import STAGES, MocapSettings
+from ..settings_layout import is_narrow
+from .frame_rate import draw_rate
+from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_solve, fits, wrapped
+
+VERBS = (
+    "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
+)  # fmt: skip
+"""Of the solver's command line: those of this tab, whose failures are drawn here whichever stage is open."""
 
 
 class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
-    """What is solved with one click, or is under way."""
+    """Where the work stands."""
 
     bl_idname = "VIEW3D_PT_mocap_run"
-    bl_label = "Solve or Cancel"
+    bl_label = "Stages"
+    bl_options = {"HIDE_HEADER"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = -1
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the stages, then how far the run is and its Cancel, or status and the button that solves."""
+        layout, settings = self.layout, context.scene.mocap
+        columns = 2 if is_narrow(context) else len(STAGES)
+        grid = layout.grid_flow(row_major=True, columns=columns, even_columns=True, align=True)
+        for name, *_ in STAGES:
+            grid.prop_enum(settings, "stage", name)
+        if current.run is not None:
+            _draw_run(layout, context)
+            return
+        draw_rate(layout, context)
+        if following.failure:
+            wrapped(layout, context, following.failure, "ERROR", alert=True)
+        draw_failure(layout, context, VERBS)
+        _draw_status(layout, context, settings)
+        if settings.capture.file and settings.stage in ("CAPTURE", "SOLVE"):
+            draw_solve(layout, context)
+
+
+class VIEW3D_PT_mocap_acquisition_run(AcquisitionPanel, bpy.types.Panel):
+    """What runs, on top of the tab of acquisition."""
+
+    bl_idname = "VIEW3D_PT_mocap_acquisition_run"
+    bl_label = "Run"
     bl_options = {"HIDE_HEADER"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = -1
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a run, a capture that can be solved, or something that plays at a wrong speed."""
-        return current.busy or bool(context.scene.mocap.capture.file) or is_laid_otherwise(context.scene)
+        """Needs a run."""
+        return super().poll(context) and current.busy
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the button, or how far the run is and the button that ends it."""
-        run = current.run
-        if run is None:
-            draw_rate(self.layout, context)
-            if context.scene.mocap.capture.file:
-                draw_solve(self.layout, context)
-            return
-        column = self.layout.column(align=True)
-        on_the_bar = fits(context, run.headline)
-        column.progress(factor=run.share, text=run.headline if on_the_bar else f"{run.share:.0%}", translate=False)
-        if not on_the_bar:
-            wrapped(column, context, run.headline)
-        row = column.row(align=True)
-        row.enabled = not run.process.cancelling
-        row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")
+        """Draw how far it is, and the button that ends it."""
+        if current.run is not None:
+            _draw_run(self.layout, context)
+
+
+def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    run = current.run
+    assert run is not None  # drawn only while it runs
+    column = layout.column(align=True)
+    on_the_bar = fits(context, run.headline)
+    column.progress(factor=run.share, text=run.headline if on_the_bar else f"{run.share:.0%}", translate=False)
+    if not on_the_bar:
+        wrapped(column, context, run.headline)
+    row = column.row(align=True)
+    row.enabled = not run.process.cancelling
+    row.operator(MOCAP_OT_cancel.bl_idname, icon="CANCEL")
+
+
+def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
+    """Draw the take with its error, how many ranges deserve a look, and how many problems and warnings there are."""
+    from ...animation.takes import ERROR, WARNINGS
+    from ...review.ranges import doubtful_ranges
+
+    capture, take = settings.capture, settings.review.take
+    column = layout.column(align=True)
+    if take is not None:
+        error = f", {take[ERROR]}" if take.get(ERROR) else ""
+        wrapped(column, context, f"{take.name}{error}", "ACTION")
+        if ranges := doubtful_ranges(take, settings.review.below):
+            column.operator(
+                MOCAP_OT_next_bad_range.bl_idname,
+                text=f"{counted(len(ranges), 'range')} to review",
+                icon="TRIA_RIGHT",
+                translate=False,
+            ).backwards = False
+    problems = sum(message.is_problem for message in capture.messages)
+    warnings = len(str(take.get(WARNINGS, "")).splitlines()) if take is not None else 0
+    for count, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
+        if count:
+            row = column.row(align=True)
+            row.alert = True
+            row.label(text=counted(count, word), icon="ERROR", translate=False)
+            if settings.stage != stage:
+                row.prop_enum(settings, "stage", stage, text="Show")

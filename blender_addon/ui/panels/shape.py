@@ -7,12 +7,13 @@ import bpy
 from ...body.sliders import body_mesh, effect_of, sliders
 from ..settings_layout import is_slim
 from ..translation import CONTEXT
-from .parts import MocapPanel
+from .parts import StagePanel
 
 
-class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_shape(StagePanel, bpy.types.Panel):
     """The shape of the solved body."""
 
+    stage = "EDIT"
     bl_idname = "VIEW3D_PT_mocap_shape"
     bl_parent_id = "VIEW3D_PT_mocap_review"
     bl_label = "Body Shape"
@@ -20,9 +21,9 @@ class VIEW3D_PT_mocap_shape(MocapPanel, bpy.types.Panel):
     bl_order = 2
 
     @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a body with sliders."""
-        armature = context.scene.mocap.review.armature
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a body with sliders."""
+        armature = settings.review.armature
         return armature is not None and body_mesh(armature) is not None
 
     def draw(self, context: bpy.types.Context) -> None:

@@ -14,17 +14,17 @@ from ..operators.studio import (
     MOCAP_OT_show_places,
 )
 from ..settings_layout import draw_setting, settings_layout
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import AcquisitionPanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("studio",)
 
 
-class VIEW3D_PT_mocap_studio(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_studio(AcquisitionPanel, bpy.types.Panel):
     """The rig and its faults, and how the last run went."""
 
     bl_idname = "VIEW3D_PT_mocap_studio"
     bl_label = "Studio"
-    bl_order = 6
+    bl_order = 7
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -46,7 +46,7 @@ class VIEW3D_PT_mocap_studio(MocapPanel, bpy.types.Panel):
             draw_next(layout, context, "Shots that are done stay: Make Data Set goes on where it was.")
 
 
-class VIEW3D_PT_mocap_benchmark(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_benchmark(AcquisitionPanel, bpy.types.Panel):
     """What the rig would reach."""
 
     bl_idname = "VIEW3D_PT_mocap_benchmark"
@@ -73,7 +73,7 @@ class VIEW3D_PT_mocap_benchmark(MocapPanel, bpy.types.Panel):
         layout.operator(MOCAP_OT_clear_benchmarks.bl_idname, icon="X")
 
 
-class VIEW3D_PT_mocap_data_set(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_data_set(AcquisitionPanel, bpy.types.Panel):
     """Making a data set."""
 
     bl_idname = "VIEW3D_PT_mocap_data_set"

@@ -18,16 +18,17 @@ from ..preferences import detector_python, detector_text
 from ..previews import previews
 from ..translation import CONTEXT
 from ..video_properties import STEPS, MocapVideoStep
-from .parts import MocapPanel, draw_failure, draw_next, draw_progress, wrapped
+from .parts import StagePanel, draw_failure, draw_next, draw_progress, wrapped
 
 _VERBS = ("from-videos",)
 _SIZE = 11.0
 """Of a picture, in buttons' heights."""
 
 
-class VIEW3D_PT_mocap_videos(MocapPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_videos(StagePanel, bpy.types.Panel):
     """The way from videos to a capture."""
 
+    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_videos"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "From Videos"
@@ -37,8 +38,7 @@ class VIEW3D_PT_mocap_videos(MocapPanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the steps that are done or to be done; while they run, those that are done."""
         layout, videos = self.layout, context.scene.mocap.videos
-        if not draw_progress(layout, _VERBS):
-            draw_failure(layout, context, _VERBS)
+        draw_progress(layout, _VERBS)
         _draw_detector(layout, context)
         if not videos.folder:
             draw_next(layout, context, "Drop a video of the take on the viewport, or choose its folder.")

@@ -56,6 +56,8 @@ class LiveFrame:
     """(53, 3) metres: where the body has the markers."""
     off_m: float
     """Median distance of the seen markers; NaN where none is."""
+    markers_off_m: np.ndarray
+    """(53,) metres between each seen marker and where the body has it; NaN where it is not seen."""
 
 
 class LiveFit:
@@ -118,8 +120,8 @@ class LiveFit:
         if learn:
             frame = frame.retract(self._learn_shape(term, posed, frame.local)[None])
         self.pose, self._velocity = frame, np.zeros_like(moved) if starting else moved / dt
-        off = np.linalg.norm(posed.points[0] - target, axis=-1)[seen]
-        return LiveFrame(frame, posed.points[0], float(np.median(off)) if len(off) else float("nan"))
+        off = np.where(seen, np.linalg.norm(posed.points[0] - target, axis=-1), np.nan)
+        return LiveFrame(frame, posed.points[0], float(np.median(off[seen])) if seen.any() else float("nan"), off)
 
     def _follow(
         self, last: PosedFrames, term: LearnedPositionTerm, dt: float, count: int, *, still: bool

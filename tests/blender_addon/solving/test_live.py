@@ -11,6 +11,7 @@ import pytest
 
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.live import LiveRun, read_pose_line
+from blender_addon.ui.panels.live import timing_lines
 
 POSE = {
     "frame": 3, "t": 0.1, "state": "tracking", "root": [0.1, 0.2, 0.3], "pose": [0.0] * 63, "trans": [1, 2, 3],
@@ -72,6 +73,15 @@ def test_a_run_that_was_stopped_before_it_began_has_not_failed(tmp_path):
 def test_a_line_without_a_pose_says_why():
     pose = read_pose_line('{"state": "frozen", "why": "the same again", "points": 41}')
     assert pose is not None and pose.rotvec is None and pose.why == "the same again" and math.isnan(pose.off_mm)
+
+
+def test_the_timing_of_a_line_is_kept_and_shown_and_nonsense_is_none():
+    timing = {"rate_hz": 58.4, "latency_ms": 7.2, "lag_ms": 12.0, "dropped": 31}
+    pose = read_pose_line(json.dumps({**POSE, **timing}))
+    assert (pose.rate_hz, pose.latency_ms, pose.lag_ms, pose.dropped) == (58.4, 7.2, 12.0, 31)
+    assert timing_lines(pose) == ["58 poses/s, 7 ms each", "12 ms behind", "31 frames dropped"]
+    odd = read_pose_line(json.dumps({**POSE, "rate_hz": "fast", "lag_ms": None, "dropped": [math.inf]}))
+    assert odd is not None and timing_lines(odd) == []
 
 
 def test_events_tell_shape_and_faults(tmp_path):

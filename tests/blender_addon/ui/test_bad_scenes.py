@@ -21,14 +21,14 @@ from blender_addon.export.write import export_take
 from blender_addon.scene.add_take import add_take
 from blender_addon.ui.operators.import_results import take_motion
 from tests.support.narrow_layout import draw_panel
+from tests.support.shown_panels import panels_of_all_stages
 
 _NTSC = 24000 / 1001
 
 
 def draw_all() -> int:
     """Draw every panel that is to be seen, and return how many there are."""
-    panels = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith("blender_addon")]
-    shown = [cls for cls in panels if not hasattr(cls, "poll") or cls.poll(bpy.context)]
+    shown = panels_of_all_stages()
     for cls in shown:
         draw_panel(cls, 300)
     return len(shown)

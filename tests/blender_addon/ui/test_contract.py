@@ -57,15 +57,21 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
         assert undo == (cls.__name__ not in keeps), cls.__name__
 
 
-def test_panels_stand_in_one_tab_in_the_order_of_the_work(registered):
+def test_panels_stand_in_the_order_of_the_work_and_acquisition_in_a_tab_of_its_own(registered):
     panels = classes_of(bpy.types.Panel)
-    assert {panel.bl_category for panel in panels} == {"MoCap"}
+    acquisition = {"Run", "Live", "Rig", "Studio", "Benchmark", "Data Set"}
+    assert {panel.bl_label for panel in panels if panel.bl_category == "Acquire"} == acquisition
+    assert {panel.bl_category for panel in panels} == {"MoCap", "Acquire"}
+    stages = {panel.stage for panel in panels if panel.bl_category == "MoCap" and hasattr(panel, "stage")}
+    assert stages == {name for name, *_ in properties.STAGES}
     top = sorted((panel for panel in panels if not hasattr(panel, "bl_parent_id")), key=lambda panel: panel.bl_order)
     assert [panel.bl_label for panel in top] == [
-        "Solve or Cancel",
+        "Stages",
+        "Run",
         "Capture",
         "Cameras",
         "Solve",
+        "Result",
         "Review",
         "Export",
         "Retarget",

@@ -13,6 +13,7 @@ from blender_addon.ui.adoption import on_update
 from blender_addon.ui.former_pointers import release_pointers
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from tests.support.narrow_layout import draw_panel
+from tests.support.shown_panels import panels_of_all_stages
 
 
 def delete(*objects: bpy.types.Object) -> None:
@@ -30,13 +31,8 @@ def select(*objects: bpy.types.Object) -> None:
     bpy.context.view_layer.objects.active = objects[0]
 
 
-def shown_panels() -> list[type[bpy.types.Panel]]:
-    panels = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith("blender_addon")]
-    return [cls for cls in panels if not hasattr(cls, "poll") or cls.poll(bpy.context)]
-
-
 def draw_all() -> int:
-    shown = shown_panels()
+    shown = panels_of_all_stages()
     for cls in shown:
         draw_panel(cls, 300)
     return len(shown)
@@ -200,7 +196,7 @@ def test_a_body_of_another_file_gets_its_panels(library: Path, tmp_path: Path, w
     mocap = scene.mocap
     body = mocap.review.armature
     assert body is not None and mocap.review.take is not None and len(mocap.captures) == 1
-    assert {"Review", "FK and IK", "Export", "Retarget"} <= {cls.bl_label for cls in shown_panels()}
+    assert {"Review", "FK and IK", "Export", "Retarget"} <= {cls.bl_label for cls in panels_of_all_stages()}
     assert draw_all() > 6
     assert bpy.ops.mocap.switch_limbs.poll() is not link, "linked bodies are not edited"
     assert bpy.ops.mocap.select_body() == {"FINISHED"}

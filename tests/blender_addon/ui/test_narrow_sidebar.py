@@ -9,23 +9,18 @@ import pytest
 
 from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import draw_panel, text_width
+from tests.support.shown_panels import panels_of_all_stages
 
 _NARROW, _DEFAULT = 200, 283
 """Pixels; the default is Blender's."""
 _WIDTHS = (_NARROW, 265, _DEFAULT)
 
 
-def panels() -> list[type]:
-    """Return our panels that are to be seen now."""
-    found = [cls for cls in bpy.types.Panel.__subclasses__() if cls.__module__.startswith("blender_addon")]
-    return [cls for cls in found if not hasattr(cls, "poll") or cls.poll(bpy.context)]
-
-
 def cut_off() -> list[str]:
     """Return what no panel has room for."""
     found = []
     for width in _WIDTHS:
-        for panel in panels():
+        for panel in panels_of_all_stages():
             found += [
                 f"{panel.__name__} at {width}: {text!r} needs {need} of {there} px"
                 for need, there, text in draw_panel(panel, width).cut
@@ -35,7 +30,9 @@ def cut_off() -> list[str]:
 
 def taken_for_blenders() -> list[str]:
     """Return the words that Blender would translate as if they were its own."""
-    return [f"{panel.__name__}: {text!r}" for panel in panels() for text in draw_panel(panel, _NARROW).loose]
+    return [
+        f"{panel.__name__}: {text!r}" for panel in panels_of_all_stages() for text in draw_panel(panel, _NARROW).loose
+    ]
 
 
 def test_the_measure_finds_what_is_too_long(mocap) -> None:
@@ -48,7 +45,7 @@ def test_an_empty_scene(mocap) -> None:
 
 
 def test_a_solved_capture(mocap, solved_take) -> None:
-    assert len(panels()) > 14
+    assert len(panels_of_all_stages()) > 14
     assert "\n".join(cut_off()) == ""
     mocap.solve.preset, mocap.videos.detector = "CUSTOM", "model"
     mocap.studio.rig, mocap.studio.motion, mocap.studio.film = "RING", "FILE", {"rgb"}
@@ -77,7 +74,7 @@ def test_what_a_solve_said(mocap, solved_take, monkeypatch) -> None:
     }  # fmt: skip
     monkeypatch.setattr(current, "last", SimpleNamespace(verb="solve", error=None, result=result))
     monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
-    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_solve, _NARROW).drawn)
+    drawn = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, _NARROW).drawn)
     assert "1 frame to look at" in drawn and "12 frames bridged" in drawn
     assert not cut_off() and not taken_for_blenders()
 

@@ -11,8 +11,7 @@ import pytest
 
 from blender_addon.ui.operators.import_results import take_capture
 from blender_addon.ui.operators.solver_operator import current
-from blender_addon.ui.panels import capture as capture_panels
-from blender_addon.ui.panels import frame_rate, run, solve
+from blender_addon.ui.panels import frame_rate, result, run
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 
@@ -33,7 +32,7 @@ def spoiled(mocap, tmp_path: Path) -> Path:
 
 
 def is_reported(path: Path) -> bool:
-    return any(path.name in text for text in drawn(capture_panels.VIEW3D_PT_mocap_capture))
+    return any(path.name in text for text in drawn(run.VIEW3D_PT_mocap_run))
 
 
 def test_an_error_of_another_file_is_not_shown(mocap, spoiled, tmp_path: Path) -> None:
@@ -56,11 +55,11 @@ def test_a_result_is_shown_for_its_own_capture_alone(mocap, solved_take, solved,
     )
     current.last = cast(Any, run)
     current.about = bpy.context.scene.name, mocap.capture.file
-    assert any("3 frames to look at" in text for text in drawn(solve.VIEW3D_PT_mocap_solve))
+    assert any("3 frames to look at" in text for text in drawn(result.VIEW3D_PT_mocap_result))
     copy = tmp_path / "capture.npz"
     copy.write_bytes((solved.folder / "capture.npz").read_bytes())
     take_capture(bpy.context.scene, {**solved.read, "capture": str(copy), "name": "second"})
-    assert not any("frames to look at" in text for text in drawn(solve.VIEW3D_PT_mocap_solve))
+    assert not result.VIEW3D_PT_mocap_result.poll(bpy.context)
 
 
 def test_another_frame_rate_is_said_on_top_in_headers_and_where_it_is_set(mocap, solved_take, scene) -> None:

@@ -47,13 +47,11 @@ def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_t
 
 def test_the_run_under_way_is_on_top_with_its_cancel(mocap, monkeypatch) -> None:
     assert bpy.types.VIEW3D_PT_mocap_run.bl_order < bpy.types.VIEW3D_PT_mocap_capture.bl_order
-    assert not run.VIEW3D_PT_mocap_run.poll(bpy.context)
     under_way = SimpleNamespace(
         share=0.4, headline="Global bundle, 3 s left", verb="solve", process=SimpleNamespace(cancelling=False)
     )
     monkeypatch.setattr(current, "run", under_way)
     layout = Layout()
-    assert run.VIEW3D_PT_mocap_run.poll(bpy.context)
     run.VIEW3D_PT_mocap_run.draw(SimpleNamespace(layout=layout), NarrowContext(400))
     assert "progress:Global bundle, 3 s left" in layout.drawn and any(d.startswith("operator:") for d in layout.drawn)
 

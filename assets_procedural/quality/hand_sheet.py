@@ -1,0 +1,101 @@
+"""Hands to look at, from both sides: ``python -m assets_procedural.quality.hand_sheet --out FILE.png``."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from assets_procedural.arrays import Array
+from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
+from assets_procedural.quality.raster import View, render, tile, write_png
+from solver_backend.body.body import Body
+from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_on_body import finger_rotations, rest_angles
+from solver_backend.body.hands import load_body_with_hands
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
+
+Degrees = Mapping[str, float]
+_FINGERS = ("index", "middle", "ring", "pinky")
+
+
+def _all(mcp: float, pip: float, dip: float, fingers: tuple[str, ...] = _FINGERS) -> dict[str, float]:
+    bends = {"mcp": mcp, "pip": pip, "dip": dip}
+    return {f"{finger}_{joint}_flexion": bend for finger in fingers for joint, bend in bends.items()}
+
+
+def _spread(index: float, middle: float, ring: float, pinky: float) -> dict[str, float]:
+    return {f"{finger}_mcp_spread": v for finger, v in zip(_FINGERS, (index, middle, ring, pinky), strict=True)}
+
+
+def _thumb(flexion: float, spread: float, twist: float, mcp: float, ip: float) -> dict[str, float]:
+    return {"thumb_cmc_flexion": flexion, "thumb_cmc_spread": spread, "thumb_cmc_twist": twist,
+            "thumb_mcp_flexion": mcp, "thumb_ip_flexion": ip}  # fmt: skip
+
+
+_FOLDED = _thumb(35, 10, 0, 45, 60)
+HANDS: dict[str, Degrees] = {
+    "rest": {},
+    "flat": _all(0, 0, 0) | _spread(-8, -2, 5, 10) | _thumb(0, 5, 0, 0, 0),
+    "spread": _all(-5, 0, 0) | _spread(16, 2, -10, -22) | _thumb(-25, 45, 0, -5, -10),
+    "fist": _all(85, 95, 60) | _spread(-4, 0, 2, 4) | _FOLDED,
+    "point": _all(0, 5, 0) | _all(85, 95, 60, _FINGERS[1:]) | _spread(-4, 0, 2, 4) | _FOLDED,
+    "pinch": _all(45, 50, 25, ("index",)) | _all(25, 35, 15, _FINGERS[1:]) | _thumb(12, 45, 20, 15, 25),
+}
+"""Angles in degrees by name; what is left out is as at rest."""
+_SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
+"""Yaw and pitch of the views: back, palm, thumb's side, from the fingertips, little finger's side."""
+
+
+def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
+    """Return (V, 3) metres of the mean shape with both hands posed.
+
+    Args:
+        body: of the layout ``SMPL_HANDS``.
+        degrees: see ``HANDS``.
+        correctives: False leaves them out.
+    """
+    angles = rest_angles(body)[None].copy()
+    for name, value in degrees.items():
+        angles[..., ANGLES.index(name)] = np.radians(value)
+    still = np.tile(np.eye(3), (1, SMPL.num_solved, 1, 1))
+    local = np.concatenate([still, finger_rotations(body, angles)], axis=1)
+    return pose_mesh(body, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3)), correctives=correctives)[0]
+
+
+def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: str = "left") -> Array:
+    """Return the sheet: a row a pose.
+
+    Args:
+        body: of the layout ``SMPL_HANDS``.
+        material: (T,) of the faces.
+        correctives: False leaves them out.
+        side: whose hand.
+    """
+    centre = tuple(body.joints_template[SMPL_HANDS.joints.index(f"{side}_middle1")] + [0.0, -0.02, 0.01])
+    hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
+    near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0
+    faces, colours, pictures = body.faces[near], MATERIAL_COLOURS[material[near]], []
+    for degrees in HANDS.values():
+        skin = pose_hands(body, degrees, correctives=correctives)
+        for yaw, pitch in _SIDES:
+            view = View(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
+            pictures.append(render(skin, faces, colours, view))
+    return tile(pictures, len(_SIDES))
+
+
+def main() -> None:
+    """Draw the sheet of the body that ships."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--plain", action="store_true", help="without correctives")
+    arguments = parser.parse_args()
+    sheet = draw_hands(load_body_with_hands(), read_baked().material, correctives=not arguments.plain)
+    write_png(arguments.out, sheet)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,89 @@
+"""Result: how the last solve went and, of the take that plays, every warning."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+
+from ..._exchange.diagnostics import notes_in, read_diagnostics, sentence, warnings_in
+from ...conventions.counting import counted
+from ..operators.solve import MOCAP_OT_show_log
+from ..operators.solver_operator import current
+from .parts import StagePanel, wrapped
+
+_VERBS = ("solve",)
+
+
+class VIEW3D_PT_mocap_result(StagePanel, bpy.types.Panel):
+    """How the solve went."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_result"
+    bl_label = "Result"
+    bl_order = 3
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solve of this capture, or a take with warnings."""
+        return super().poll(context) and (_solved(context) is not None or bool(_kept_warnings(context)))
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the outcome or, where the solve was of another session, the warnings that the take keeps."""
+        if _solved(context) is not None:
+            _draw_outcome(self.layout, context)
+            return
+        for text in _kept_warnings(context):
+            wrapped(self.layout, context, text, "ERROR", alert=True)
+
+
+def _solved(context: bpy.types.Context) -> dict[str, Any] | None:
+    run = current.last_for(context.scene, _VERBS)
+    return None if run is None or run.error is not None else run.result
+
+
+def _kept_warnings(context: bpy.types.Context) -> list[str]:
+    from ...animation.takes import WARNINGS
+
+    take = context.scene.mocap.review.take
+    return [] if take is None else str(take.get(WARNINGS, "")).splitlines()
+
+
+def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    run = current.last_for(context.scene, _VERBS)
+    if run is None or run.result is None or run.error is not None:
+        return
+    result = run.result
+    box = layout.box()
+    if "takes" in result:
+        box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK", translate=False)
+        for item in result["failed"]:
+            wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
+        for take in result["takes"]:
+            _draw_found(box, context, take, f"{take['name']}: ")
+        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+        return
+    box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
+    column = box.column(align=True)
+    if result.get("reprojection_median_px") is not None:
+        wrapped(column, context, f"{result['reprojection_median_px']:.1f} px from the detections (median)", "DOT")
+    if result.get("marker_median_mm") is not None:
+        wrapped(column, context, f"{result['marker_median_mm']:.1f} mm from the markers (median)", "DOT")
+    if result["unsure_frames"]:
+        wrapped(column, context, f"{counted(result['unsure_frames'], 'frame')} to look at", "INFO")
+    if result["unseen_frames"]:
+        wrapped(column, context, f"{counted(result['unseen_frames'], 'frame')} bridged", "INFO")
+    _draw_found(box, context, result)
+    box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+
+
+def _draw_found(
+    layout: bpy.types.UILayout, context: bpy.types.Context, result: dict[str, Any], whose: str = ""
+) -> None:
+    """Draw what was found about a solve, warnings first: the list of the console and the report."""
+    found = read_diagnostics(result.get("diagnostics"))
+    column = layout.column(align=True)
+    for item in warnings_in(found):
+        wrapped(column, context, whose + sentence(item), "ERROR", alert=True)
+    for item in notes_in(found):
+        wrapped(column, context, whose + sentence(item), "DOT")

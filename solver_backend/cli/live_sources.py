@@ -1,0 +1,139 @@
+"""What a live run can be of: points of a take or of standard input that are fitted, or a motion that is replayed."""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import os
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid, NoDetections
+from solver_backend.exchange.motion_file import is_motion
+from solver_backend.exchange.progress import Progress
+
+if TYPE_CHECKING:
+    from solver_backend.live.recording import LiveRecorder
+    from solver_backend.live.sending import Proportions
+    from solver_backend.live.session import LiveSession
+    from solver_backend.types import MarkerCloud
+
+
+@dataclass(frozen=True)
+class LiveSource:
+    """Where the lines of a live run come from."""
+
+    lines: Iterator[dict[str, Any]]
+    proportions: Proportions
+    recorder: LiveRecorder | None = None
+    summary: Callable[[], dict[str, Any]] = field(default=dict)
+    """Returns what is known of the source at the end."""
+
+
+def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
+    """Return the source that the command line names, ready to begin.
+
+    Raises:
+        CommandLineInvalid: options do not go with it.
+        MocapError: it cannot be read, or what is recorded cannot be written.
+    """
+    if args.source == "-" and args.repeat:
+        raise CommandLineInvalid("--repeat replays a file, and the source is standard input.", where="--repeat")
+    if args.source != "-" and Path(args.source).suffix.lower() == ".bvh":
+        hint = "Bring it onto our body first: motion CLIP.bvh --out MOTION.npz."
+        raise MotionInvalid("Not supported: a live run replays motions of our bodies.", where=args.source, hint=hint)
+    if args.source != "-" and is_motion(Path(args.source)):
+        return _motion(args)
+    return _points(args, progress)
+
+
+def _motion(args: argparse.Namespace) -> LiveSource:
+    if args.record is not None or args.subject is not None:
+        option = "--record" if args.record is not None else "--subject"
+        raise CommandLineInvalid(f"{option} goes with points, and {args.source} is a motion.", where=option)
+    from solver_backend.cli.motion_reading import any_motion
+    from solver_backend.live.motion_replay import replayed_poses, rest_joints
+
+    motion = any_motion(Path(args.source), "neutral")
+    rest = rest_joints(motion)
+    lines = replayed_poses(motion, paced=not args.fast, repeat=args.repeat)
+    return LiveSource(lines, lambda: (motion.body_layout, rest))
+
+
+def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
+    """Return points of a take, or of lines, with a fit that makes poses of them."""
+    from solver_backend.live.frames import from_lines, replayed
+    from solver_backend.live.keeping_up import KeepUp, read_ahead
+    from solver_backend.live.person import person_fit
+    from solver_backend.live.recording import LiveRecorder
+    from solver_backend.live.session import LiveSession
+
+    network, fit = person_fit(args.subject)
+    if args.source == "-":
+        session, fps = LiveSession(network, fit, unit=args.unit, up_axis=args.up_axis), args.fps
+        # A descriptor of its own: what waits for a line must not hold up the end of the process.
+        frames = from_lines(os.fdopen(os.dup(sys.stdin.fileno()), "rb"), args.fps or 120.0)
+        frames = frames if args.fast else read_ahead(frames)
+    else:
+        cloud = _cloud(args, progress)
+        session, fps = LiveSession(network, fit, unit="m", up_axis="z"), cloud.fps
+        frames = replayed(cloud, paced=not args.fast, repeat=args.repeat)
+    recorder, keep_up = None, KeepUp()
+    if args.record is not None:
+        recorder = LiveRecorder(args.record, fps, lambda: session.to_metres, overwrite=bool(args.overwrite))
+        frames = recorder.watched(frames)
+    make_ready(session)
+    lines = session.run(frames if args.fast else keep_up.in_time(frames))
+    return LiveSource(
+        _with_points(session, lines, keep_up, shown=args.with_points), lambda: proportions_of(session), recorder,
+        lambda: {"dropped": keep_up.dropped},
+    )  # fmt: skip
+
+
+def _with_points(
+    session: LiveSession, lines: Iterator[dict[str, Any]], keep_up: Any, *, shown: bool
+) -> Iterator[dict[str, Any]]:
+    """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
+    from solver_backend.live.keeping_up import LATE_S
+
+    named = False
+    for line in lines:
+        if "frame" not in line:
+            yield line
+            continue
+        if keep_up.dropped and not named:
+            named = True
+            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind: frames are dropped until they are in time."
+            yield {"event": "frames_dropped", "t": line["t"], "message": message}
+        points = session.shown if shown else None
+        cloud = {} if points is None else {"cloud": points.round(4).tolist()}
+        yield {**line, "dropped": keep_up.dropped, **cloud}
+
+
+def proportions_of(session: LiveSession) -> Any:
+    """Return the layout and rest joints of the person of a session as they are known by now."""
+    subject = session.fit.subject
+    return subject.body.layout, subject.body.rest_joints(subject.betas)
+
+
+def make_ready(session: LiveSession) -> None:
+    """Let no frame be late by what can be done before the first."""
+    session.warm_up()
+    # What is there by now stays; walking through it again and again would make frames late.
+    gc.collect()
+    gc.freeze()
+
+
+def _cloud(args: argparse.Namespace, progress: Progress) -> MarkerCloud:
+    from solver_backend.cli.reading import loaded
+
+    args.capture = Path(args.source)
+    capture = loaded(args, progress)
+    if capture.markers is None:
+        raise NoDetections(
+            "The capture has no markers to replay.", where=capture.name, hint="Choose a C3D, TRC or motion."
+        )
+    return capture.markers

@@ -1,0 +1,170 @@
+"""Open Sound Control 1.0: messages and bundles as bytes, and back (Wright 2002, opensoundcontrol.org/spec-1_0)."""
+
+from __future__ import annotations
+
+import struct
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+Value = int | float | str | bytes | bool | None
+
+IMMEDIATELY = 1
+"""Time tag of a bundle that is due at once."""
+LONGEST = 65507
+"""Bytes of a UDP datagram's content over IPv4."""
+_BUNDLE = b"#bundle\0"
+_DEEPEST = 8
+"""Bundles inside each other that are read; nobody sends more than two."""
+
+
+class PacketInvalid(ValueError):
+    """A packet is not Open Sound Control."""
+
+
+@dataclass(frozen=True)
+class OscMessage:
+    """An address and its arguments."""
+
+    address: str
+    values: tuple[Value, ...]
+
+
+def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
+    """Return a message: address, type tags and arguments, each padded to 4 bytes, big-endian.
+
+    Args:
+        address: begins with ``/``.
+        values: int (32 bits), float (32 bits), str, bytes, bool or None.
+
+    Raises:
+        ValueError: a text holds a null character, or an int does not fit.
+    """
+    tags, content = ",", b""
+    for value in values:
+        if value is None or isinstance(value, bool):
+            tags += "N" if value is None else "T" if value else "F"
+        elif isinstance(value, int):
+            tags, content = tags + "i", content + _packed(">i", value)
+        elif isinstance(value, float):
+            tags, content = tags + "f", content + struct.pack(">f", value)
+        elif isinstance(value, str):
+            tags, content = tags + "s", content + _text(value)
+        else:
+            tags, content = tags + "b", content + struct.pack(">i", len(value)) + _padded(value)
+    return _text(address) + _text(tags) + content
+
+
+def encode_bundle(elements: Sequence[bytes], time_tag: int = IMMEDIATELY) -> bytes:
+    """Return a bundle of encoded messages or bundles.
+
+    Args:
+        elements: the encoded ones.
+        time_tag: NTP time, 32 bits of seconds and 32 of their fraction.
+    """
+    parts = [struct.pack(">i", len(element)) + element for element in elements]
+    return b"".join([_BUNDLE, struct.pack(">Q", time_tag), *parts])
+
+
+def decode_packet(packet: bytes) -> list[OscMessage]:
+    """Return the messages of a packet in their order; time tags are ignored.
+
+    Raises:
+        PacketInvalid: it is cut, or no Open Sound Control.
+    """
+    found: list[OscMessage] = []
+    waiting = [(packet, 0)]
+    while waiting:
+        element, depth = waiting.pop()
+        if not element.startswith(_BUNDLE):
+            found.append(_message(element))
+            continue
+        if depth == _DEEPEST:
+            raise PacketInvalid(f"bundles are more than {_DEEPEST} deep")
+        waiting += [(part, depth + 1) for part in reversed(_elements(element))]
+    return found
+
+
+def _elements(bundle: bytes) -> list[bytes]:
+    if len(bundle) < 16:
+        raise PacketInvalid("a bundle is cut in its head")
+    elements, at = [], 16
+    while at < len(bundle):
+        (size,) = _unpacked(">i", bundle, at)
+        if size <= 0 or size % 4 or at + 4 + size > len(bundle):
+            raise PacketInvalid(f"an element of {size} bytes does not fit its bundle")
+        elements.append(bundle[at + 4 : at + 4 + size])
+        at += 4 + size
+    return elements
+
+
+def _message(element: bytes) -> OscMessage:
+    address, at = _read_text(element, 0)
+    if not address.startswith("/"):
+        raise PacketInvalid("an address does not begin with /")
+    if at == len(element):  # old senders leave out the tags where there are no arguments
+        return OscMessage(address, ())
+    tags, at = _read_text(element, at)
+    if not tags.startswith(","):
+        raise PacketInvalid(f"{address} has no type tags")
+    values: list[Value] = []
+    for tag in tags[1:]:
+        value, at = _argument(tag, element, at)
+        values.append(value)
+    return OscMessage(address, tuple(values))
+
+
+def _argument(tag: str, element: bytes, at: int) -> tuple[Value, int]:
+    """Return an argument and where the next begins."""
+    if tag in _NUMBERS:
+        layout = _NUMBERS[tag]
+        return _unpacked(layout, element, at)[0], at + struct.calcsize(layout)
+    if tag in _CONSTANTS:
+        return _CONSTANTS[tag], at
+    if tag in "sS":
+        return _read_text(element, at)
+    if tag == "b":
+        (size,) = _unpacked(">i", element, at)
+        end = at + 4 + size
+        if size < 0 or end > len(element):
+            raise PacketInvalid(f"a blob of {size} bytes does not fit its message")
+        return element[at + 4 : end], end + -size % 4
+    raise PacketInvalid(f"the type tag {tag!r} is unknown")
+
+
+_NUMBERS = {"i": ">i", "f": ">f", "h": ">q", "d": ">d", "t": ">Q", "c": ">I", "r": ">I", "m": ">I"}
+_CONSTANTS: dict[str, Value] = {"T": True, "F": False, "N": None, "I": float("inf")}
+
+
+def _read_text(element: bytes, at: int) -> tuple[str, int]:
+    end = element.find(b"\0", at)
+    if end < 0:
+        raise PacketInvalid("a text has no end")
+    after = end + 4 - (end - at) % 4
+    if after > len(element):
+        raise PacketInvalid("a text is cut in its padding")
+    return element[at:end].decode("utf-8", "replace"), after
+
+
+def _unpacked(layout: str, element: bytes, at: int) -> tuple[Any, ...]:
+    try:
+        return struct.unpack_from(layout, element, at)
+    except struct.error as error:
+        raise PacketInvalid("a number is cut") from error
+
+
+def _packed(layout: str, value: int) -> bytes:
+    try:
+        return struct.pack(layout, value)
+    except struct.error as error:
+        raise ValueError(f"{value} does not fit 32 bits") from error
+
+
+def _text(text: str) -> bytes:
+    if "\0" in text:
+        raise ValueError("a text of Open Sound Control has no null character")
+    return _padded(text.encode() + b"\0")
+
+
+def _padded(content: bytes) -> bytes:
+    return content + bytes(-len(content) % 4)

@@ -1,0 +1,64 @@
+"""The committed hands: fingers keep their thickness and hands their volume in every gesture, and sides mirror."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from assets_procedural.quality.hand_sheet import HANDS, pose_hands
+from assets_procedural.skeleton.skinning import volume
+from solver_backend.body.hand_angles import ANGLES, JOINT_OF
+from solver_backend.body.hand_on_body import hand_points
+from solver_backend.body.hands import HANDS_FILE, load_body_with_hands
+from solver_backend.exchange.body_layout import SMPL_HANDS
+
+LEFT = [SMPL_HANDS.joints.index("left_wrist"), *SMPL_HANDS.group("left_hand")]
+BENDS = [name for name in ANGLES if name.endswith("flexion") and name != "thumb_cmc_flexion"]
+
+
+@pytest.fixture(scope="module")
+def body():
+    return load_body_with_hands()
+
+
+def hand_volume(body, skin):
+    """Return the volume of the left hand, cubic metres, but for a part that no finger moves."""
+    faces = body.faces[(body.weights[:, LEFT].sum(axis=1) > 0)[body.faces].all(axis=1)]
+    return volume(skin - body.joints_template[LEFT[0]], faces)
+
+
+@pytest.mark.parametrize("gesture", HANDS)
+def test_a_hand_keeps_its_volume_in_every_gesture(body, gesture):
+    at_rest = hand_volume(body, body.v_template)
+    changed = hand_volume(body, pose_hands(body, HANDS[gesture])) / at_rest - 1.0
+    assert abs(changed) < 0.015
+    if gesture == "fist":
+        assert hand_volume(body, pose_hands(body, HANDS[gesture], correctives=False)) / at_rest - 1.0 < -0.05
+
+
+@pytest.mark.parametrize("bend", BENDS)
+def test_a_bent_knuckle_is_as_thick_as_a_straight_one(body, bend):
+    skin = pose_hands(body, {bend: 85.0})
+    finger, joint = bend.split("_")[0], int(JOINT_OF[ANGLES.index(bend)])
+    centre = body.joints_template[SMPL_HANDS.joints.index(f"left_{finger}{joint + 1}")]
+    nearest = [np.linalg.norm(vertices - centre, axis=1).min() for vertices in (skin, body.v_template)]
+    assert nearest[0] > 0.93 * nearest[1]
+
+
+def test_a_bend_moves_its_own_finger_and_hardly_its_neighbours(body):
+    skin, points = pose_hands(body, {"middle_mcp_flexion": 85.0, "middle_pip_flexion": 90.0}), hand_points(body, 0)
+    moved = np.linalg.norm(skin - body.v_template, axis=1)
+    for finger, first in (("index", 5), ("ring", 13), ("pinky", 17)):
+        own = [SMPL_HANDS.joints.index(f"left_{finger}{k}") for k in (1, 2, 3)]
+        bone = points[first + 1] - points[first]
+        # The web between fingers reaches half way to the next joint.
+        beyond = (body.v_template - points[first]) @ bone > 0.75 * bone @ bone
+        beyond &= body.weights[:, own].sum(axis=1) > 0.5
+        assert beyond.sum() > 30 and moved[beyond].max() < 0.002, finger
+
+
+def test_the_right_hand_is_the_left_ones_mirror_image_in_a_fist(body):
+    skin = pose_hands(body, HANDS["fist"])
+    with np.load(HANDS_FILE.with_name("body_neutral.npz")) as data:
+        mirror = data["mirror"].astype(int)
+    np.testing.assert_allclose(skin[mirror] * [-1.0, 1.0, 1.0], skin, atol=2e-5)

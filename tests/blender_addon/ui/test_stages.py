@@ -1,0 +1,118 @@
+"""The sidebar's four stages: which panels are shown, when the next opens, and what stands on top of all."""
+
+from __future__ import annotations
+
+from types import SimpleNamespace
+from typing import Any, cast
+
+import bpy
+import pytest
+
+from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
+from blender_addon.ui.operators.solver_operator import current
+from tests.support.narrow_layout import draw_panel
+from tests.support.shown_panels import shown_panels
+
+WIDE = 400
+
+
+def on_top() -> str:
+    """Return what the top panel draws, in one line."""
+    return " | ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, WIDE).drawn)
+
+
+def labels() -> set[str]:
+    return {cls.bl_label for cls in shown_panels() if cls.bl_category == "MoCap"}
+
+
+def test_a_new_scene_shows_how_to_begin_alone(mocap) -> None:
+    assert mocap.stage == "CAPTURE"
+    assert labels() == {"Stages", "Capture", "From Videos", "Reading Options"}
+
+
+def test_the_next_stage_opens_when_one_has_succeeded(mocap, solved) -> None:
+    stage = take_capture(bpy.context.scene, solved.read)
+    present_capture(bpy.context, stage)
+    assert mocap.stage == "SOLVE" and labels() == {"Stages", "Solve", "Advanced"} and "Solve" in on_top()
+    take_motion(bpy.context, solved.files)
+    assert mocap.stage == "EDIT" and {"Review", "Fix a Range", "Body Shape", "FK and IK"} <= labels()
+    assert not {"Capture", "Cameras", "Solve", "Export"} & labels()
+    mocap.stage = "DELIVER"
+    assert {"Export", "Retarget"} <= labels() and "Review" not in labels()
+
+
+def test_one_button_solves(mocap, solved_take) -> None:
+    buttons = []
+    for stage in ("CAPTURE", "SOLVE"):
+        mocap.stage = stage
+        drawn = [text for cls in shown_panels() for text in draw_panel(cls, WIDE).drawn]
+        buttons.append(drawn.count("Solve"))
+    assert buttons == [2, 2], "the stage and the button"
+
+
+def test_a_failure_is_seen_whichever_stage_is_open(mocap, solved_take, monkeypatch) -> None:
+    error = {"code": "x", "message": "The camera cam_03 sees nobody.", "hint": "Leave it out."}
+    run = SimpleNamespace(verb="solve", error=error, result=None)
+    monkeypatch.setattr(current, "last", run)
+    monkeypatch.setattr(current, "about", (bpy.context.scene.name, mocap.capture.file))
+    for stage in ("CAPTURE", "SOLVE", "EDIT", "DELIVER"):
+        mocap.stage = stage
+        assert "cam_03" in on_top()
+
+
+def test_the_take_keeps_its_error_and_its_warnings(mocap, solved, scene) -> None:
+    """They stay with the take, also when the run that made it is long forgotten."""
+    take_capture(scene, solved.read)
+    found = diagnostic("views_disagree_with_result", percent=61.0)
+    result = {"reprojection_median_px": 2.14, "diagnostics": [found.as_dict()]}
+    take = take_motion(bpy.context, solved.files, result=result)
+    assert "2.1 px" in on_top() and "1 warning" in on_top() and "Show" not in on_top()
+    assert current.last is None
+    text = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, WIDE).drawn)
+    assert "61 % of the detections" in str(take["warnings"]) and "61 %" in text
+    mocap.stage = "DELIVER"
+    assert "1 warning" in on_top() and "Show" in on_top()
+
+
+def test_problems_of_the_capture_are_one_line_with_a_way_there(mocap, solved_take) -> None:
+    for text in ("Camera cam_03 is turned.", "Camera cam_04 is late."):
+        message = mocap.capture.messages.add()
+        message.text, message.is_problem = text, True
+    count = sum(message.is_problem for message in mocap.capture.messages)
+    assert f"{count} problems" in on_top() and "Show" in on_top()
+    mocap.stage = "CAPTURE"
+    assert "Show" not in on_top() and "Problems" in labels()
+
+
+def test_ranges_to_review_are_a_button_on_top(mocap, solved_take) -> None:
+    mocap.review.below = 0.0
+    assert "to review" not in on_top()
+    mocap.review.below = 1.0
+    assert "1 range to review" in on_top()
+
+
+def test_takes_are_shown_renamed_and_deleted(mocap, solved_take, solved) -> None:
+    first = solved_take.name
+    second = take_motion(bpy.context, solved.files)
+    assert mocap.review.take == second
+    second.name = "Kick"
+    assert bpy.ops.mocap.delete_take(name="Kick") == {"FINISHED"}
+    assert mocap.review.take is not None and mocap.review.take.name == first
+    assert "Kick" not in bpy.data.actions and solved.files.motion.is_file()
+    assert bpy.ops.mocap.delete_take(name=first) == {"FINISHED"}
+    assert mocap.review.take is None and mocap.review.armature is not None
+    for cls in shown_panels():
+        draw_panel(cls, WIDE)
+    with pytest.raises(RuntimeError, match="no take"):
+        bpy.ops.mocap.delete_take(name=first)
+
+
+def test_acquisition_is_a_tab_that_is_asked_for(mocap, monkeypatch) -> None:
+    from blender_addon.ui import preferences
+
+    wanted = SimpleNamespace(acquisition=False)
+    monkeypatch.setattr(preferences, "_preferences", lambda context: cast(Any, wanted))
+    assert not [cls for cls in shown_panels() if cls.bl_category == "Acquire"]
+    wanted.acquisition = True
+    assert {"Live", "Rig", "Studio"} <= {cls.bl_label for cls in shown_panels() if cls.bl_category == "Acquire"}
