@@ -84,6 +84,10 @@ def lift_take(
     return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)
 
 
+UP_RAD = 0.17
+"""Error of the lifter's up over a take, per axis: 10 degrees, alike in most of its frames."""
+FLOOR_M, FEET_ALIKE_S = 0.1, 0.5
+"""Error of a lower sole's height by its own distance, metres; so long neighbouring frames err alike."""
 SOLE_M, ANKLE_M = 0.02, 0.08
 """Heights of a standing foot's heel or toe, and of its ankle."""
 _FEET = {
@@ -100,8 +104,53 @@ def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) ->
         names: of the L points.
         seen: (F, L) bool.
     """
+    soles = lower_soles(points, names, seen, np.array([0.0, 0.0, 1.0]))
+    return float(np.median(soles[:, 2])) if len(soles) else None
+
+
+def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the (n, 3) lower sole of each frame in which a foot is seen.
+
+    Args:
+        points: (F, L, 3) metres.
+        names: of the L points.
+        seen: (F, L) bool.
+        up: (3,) unit direction against gravity.
+    """
     columns = [k for k, name in enumerate(names) if name in _FEET]
-    sole = np.array([_FEET[names[k]] for k in columns])
-    height = np.where(seen[:, columns], points[:, columns, 2] - sole, np.nan) if columns else np.zeros((0, 1))
-    height = height[np.isfinite(height).any(axis=1)]
-    return float(np.median(np.nanmin(height, axis=1))) if len(height) else None
+    if not columns:
+        return np.zeros((0, 3))
+    soles = points[:, columns] - np.array([_FEET[names[k]] for k in columns])[:, None] * up
+    height = np.where(seen[:, columns], soles @ up, np.inf)
+    known = np.isfinite(height).any(axis=1) & np.isfinite(soles).all(axis=(1, 2))
+    return soles[known, np.argmin(height[known], axis=1)]
+
+
+def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return (3,) up in the camera's axes: the lifter's, tilted so that feet stay at one height where people walk.
+
+    ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, of which n are
+    independent.
+
+    Args:
+        take: lifted.
+        points: (F, L, 3) placed points in the camera's axes.
+        names: of the L points.
+    """
+    up, seen = take.up, take.confidence > 0
+    for _ in range(3):
+        soles = lower_soles(points, names, seen, up)
+        if len(soles) < 2:
+            return up
+        about = soles - np.median(soles, axis=0)
+        side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+        tangents = np.stack([side, np.cross(up, side)]) / np.linalg.norm(side)
+        A, h = about @ tangents.T, about @ up
+        weight = max(1.0, len(soles) / (FEET_ALIKE_S * take.fps)) / (len(soles) * FLOOR_M**2)
+        off = take.up @ tangents.T
+        tilt = np.linalg.solve(
+            weight * A.T @ A + np.eye(2) / UP_RAD**2, off / UP_RAD**2 - weight * A.T @ h
+        )  # fmt: skip
+        up = up + tilt @ tangents
+        up /= np.linalg.norm(up)
+    return up

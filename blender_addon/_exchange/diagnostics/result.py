@@ -15,6 +15,16 @@ RESULT: dict[str, DiagnosticEntry] = {
         "A picture holds neither how far away a person is nor how far a limb points towards the camera.",
         "Look at the motion from the side, pin poses that are wrong, or add a second camera.",
     ),
+    "focal_length_guessed": warning(
+        "Camera {camera}: the focal length is guessed, distances may be off by {share:.0f} %",
+        "The video has no calibration, and no lens was given.",
+        "Give the lens with --lenses, or calibrate the camera.",
+    ),
+    "up_from_person": warning(
+        "Camera {camera}: up and floor are estimated from the person, the motion may lean by 10°",
+        "One camera without a calibrated floor sees neither.",
+        "Calibrate where the camera stands, or turn the body in the scene.",
+    ),
     "limb_depth_open": warning(
         "The depth of the {part} is open",
         "From this side, poses that differ in depth look alike.",

@@ -46,6 +46,8 @@ class OneView:
     """The same of the focal length, by which distances alone are wrong."""
     size_source: str
     """What the size is from."""
+    up_from_person: bool
+    """Up and floor of the world were found from the person."""
     sight: np.ndarray
     """(F, 3) unit direction from the camera to the person."""
     sight_sigma_m: np.ndarray

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.exchange.world_settings import OFF, ON, WorldSettings
-from solver_backend.priors.lifted_take import lift_take, lowest_feet
+from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
@@ -66,9 +66,10 @@ def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0
     body = load_body()
     landmarks = keypoint_landmarks(body, keypoints.joint_set)
     lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
-    up = lifted.up
+    points = lifted.placed(body, landmarks, np.zeros(10))[0]
+    up = up_by_floor(lifted, points, landmarks.names)
     R = _level_axes(up)
-    points = lifted.placed(body, landmarks, np.zeros(10))[0] @ R
+    points = points @ R
     lowest = lowest_feet(points, landmarks.names, lifted.confidence > 0)
     size = stature_m / body.stature_m if stature_m else 1.0
     height = -size * lowest if lowest is not None else 0.0
