@@ -81,7 +81,8 @@ def measure_one_view(
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
     deep = take.view.sigma_m[:, recorded, 1]
     one = OneView(
-        cameras.names[view], centre, size.sigma, capture.focal_sigma, size.source, capture.floor_from_person, sight, deep
+        cameras.names[view], centre, size.sigma, capture.focal_sigma, size.source, capture.floor_from_person, sight,
+        deep,
     )  # fmt: skip
     return Measurements(
         landmarks=landmarks,
