@@ -1,4 +1,4 @@
-"""What a live run can be of: points of a take or of standard input that are fitted, or a motion that is replayed."""
+"""What a live run can be of: points that are fitted, a motion that is replayed, or poses of another program."""
 
 from __future__ import annotations
 
@@ -14,8 +14,10 @@ from typing import TYPE_CHECKING, Any
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.vmc.address import SCHEME, read_address
 
 if TYPE_CHECKING:
+    from solver_backend.live.pose_recording import PoseRecorder
     from solver_backend.live.recording import LiveRecorder
     from solver_backend.live.sending import Proportions
     from solver_backend.live.session import LiveSession
@@ -28,7 +30,7 @@ class LiveSource:
 
     lines: Iterator[dict[str, Any]]
     proportions: Proportions
-    recorder: LiveRecorder | None = None
+    recorder: LiveRecorder | PoseRecorder | None = None
     summary: Callable[[], dict[str, Any]] = field(default=dict)
     """Returns what is known of the source at the end."""
 
@@ -40,6 +42,8 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
         CommandLineInvalid: options do not go with it.
         MocapError: it cannot be read, or what is recorded cannot be written.
     """
+    if args.source.startswith(SCHEME):
+        return _poses(args)
     if args.source == "-" and args.repeat:
         raise CommandLineInvalid("--repeat replays a file, and the source is standard input.", where="--repeat")
     if args.source != "-" and Path(args.source).suffix.lower() == ".bvh":
@@ -61,6 +65,29 @@ def _motion(args: argparse.Namespace) -> LiveSource:
     rest = rest_joints(motion)
     lines = replayed_poses(motion, paced=not args.fast, repeat=args.repeat)
     return LiveSource(lines, lambda: (motion.body_layout, rest))
+
+
+def _poses(args: argparse.Namespace) -> LiveSource:
+    """Return the poses that come to a port."""
+    if args.repeat or args.fast:
+        raise CommandLineInvalid("--fast and --repeat replay a file, and the source is another program.")
+    if args.record is not None and args.record.suffix.lower() != ".npz":
+        raise CommandLineInvalid(
+            "Poses are recorded as a motion.", where=str(args.record), hint="Name a file that ends in .npz."
+        )
+    from solver_backend.body.body import load_body
+    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.live.pose_recording import PoseRecorder
+    from solver_backend.live.vmc_frames import FrameAssembly
+    from solver_backend.live.vmc_source import BonesOnBody, listen, pose_lines
+
+    address, assembly = read_address(args.source), FrameAssembly()
+    onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
+    recorder = None
+    if args.record is not None:
+        recorder = PoseRecorder(args.record, args.source, onto.person, overwrite=bool(args.overwrite))
+    lines = pose_lines(listen(address, assembly), onto, recorder)
+    return LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:

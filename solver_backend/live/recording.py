@@ -126,8 +126,17 @@ def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, o
     return bool(extent.most)
 
 
-def recover(path: Path) -> Path | None:
+def finish_points(recording: Path, path: Path) -> bool:
+    """Write a recording of points with what it knows of their world; see ``finish_recording``."""
+    return finish_recording(recording, path, None)
+
+
+def recover(path: Path, finish: Callable[[Path, Path], bool] = finish_points) -> Path | None:
     """Finish what a run that was killed has left of the recording to a file; return where it is, None for nothing.
+
+    Args:
+        path: the file.
+        finish: writes a recording to a file and returns whether anything was in it.
 
     Raises:
         OutputNotWritable: another process is recording, or the disk is full; nothing is lost.
@@ -148,4 +157,4 @@ def recover(path: Path) -> Path | None:
         raise OutputNotWritable(
             f"An earlier recording cannot be finished: {error.strerror or error}.", where=str(left)
         ) from error
-    return whole if finish_recording(aside, whole, None) else None
+    return whole if finish(aside, whole) else None

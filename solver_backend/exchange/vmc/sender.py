@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import socket
 import time
+from contextlib import ExitStack
 
 from ..errors import CommandLineInvalid
 from .address import VmcAddress
@@ -26,10 +27,12 @@ class PacketSender:
         self._away_since: float | None = None
         try:
             family, kind, protocol, _, where = socket.getaddrinfo(address.host, address.port, type=socket.SOCK_DGRAM)[0]
-            self._socket = socket.socket(family, kind, protocol)
-            self._socket.setblocking(False)
-            # A connected socket learns of refusals, and takes no packets of others.
-            self._socket.connect(where)
+            with ExitStack() as on_failure:
+                self._socket = on_failure.enter_context(socket.socket(family, kind, protocol))
+                self._socket.setblocking(False)
+                # A connected socket learns of refusals, and takes no packets of others.
+                self._socket.connect(where)
+                on_failure.pop_all()
         except (OSError, UnicodeError) as error:
             reason = getattr(error, "strerror", None) or error
             raise CommandLineInvalid(
