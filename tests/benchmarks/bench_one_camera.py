@@ -17,16 +17,8 @@ import numpy as np
 from solver_backend.fitters.pipeline import solve
 from solver_backend.metrics import foot_skating_cm_per_frame
 from tests.benchmarks.metric import Metric
-from tests.benchmarks.one_view_takes import (
-    TOES,
-    OneViewTake,
-    acceleration,
-    coverage,
-    filmed_takes,
-    lifted_pa_mm,
-    limb_errors,
-    real_takes,
-)
+from tests.benchmarks.one_view_takes import OneViewTake, filmed_takes, lifted_pa_mm, real_takes
+from tests.support.limb_errors import TOES, acceleration, coverage, limb_errors
 
 
 def run() -> list[Metric]:

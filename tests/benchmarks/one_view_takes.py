@@ -10,24 +10,17 @@ import numpy as np
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.fitters.pipeline import solve
-from solver_backend.geometry.symmetric import unpacked
 from solver_backend.io.load import load_capture
 from solver_backend.priors.lifted_take import lift_take
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.types import Capture, Motion
+from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped
+from tests.support.limb_errors import LIMBS, pa_mm
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
-LIMBS = tuple(
-    SMPL_JOINTS.index(f"{side}_{part}")
-    for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in ("left", "right")
-)  # fmt: skip
-TOES = [SMPL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]
-HIPS = [LIMBS[6], LIMBS[7]]
 HELD_OUT = (
     ("03", "asfamc/03_02", 20), ("03", "asfamc/03_04", 60), ("13", "mb2/13_29", 600), ("13", "mb2/13_29", 1500),
     ("49", "asfamc/49_02", 60), ("49", "asfamc/49_06", 60), ("49", "asfamc/49_11", 60), ("135", "asfamc/135_02", 200),
@@ -38,8 +31,6 @@ The lifter is trained on nobody of them."""
 TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
 """The same, to choose constants by."""
 FRAMES = 120
-CHI2_95 = 7.815
-"""Of three degrees of freedom."""
 
 
 @dataclass(frozen=True)
@@ -88,24 +79,6 @@ def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int 
             yield OneViewTake(subject, capture.views([view]), capture.truth["joints"])
 
 
-def pa_mm(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return (F, N) distances in mm after the best similarity of each frame (Umeyama 1991)."""
-    a, b = (points - points.mean(axis=1, keepdims=True) for points in (found, truth))
-    u, s, vt = np.linalg.svd(np.swapaxes(a, 1, 2) @ b)
-    sign = np.sign(np.linalg.det(u @ vt))
-    u[:, :, 2] *= sign[:, None]
-    s[:, 2] *= sign
-    scale = s.sum(axis=1) / (a**2).sum(axis=(1, 2))
-    return 1000 * np.linalg.norm(scale[:, None, None] * (a @ (u @ vt)) - b, axis=-1)
-
-
-def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Return mean distances of 12 limb joints in mm: after the best similarity, and about the middle of the hips."""
-    about = [points[:, LIMBS] - points[:, HIPS].mean(axis=1, keepdims=True) for points in (joints, truth)]
-    hip = 1000 * np.linalg.norm(about[0] - about[1], axis=-1)
-    return float(pa_mm(joints[:, LIMBS], truth[:, LIMBS]).mean()), float(hip.mean())
-
-
 def lifted_pa_mm(take: OneViewTake) -> float:
     """Return the error of the lifter alone, mm after the best similarity of each frame."""
     cameras, keypoints = take.capture.require_views()
@@ -113,17 +86,3 @@ def lifted_pa_mm(take: OneViewTake) -> float:
     lifted = lift_take(cameras, keypoints, body, prior_on_body(load_sposer(), body.layout), cameras.R[0, :, 2])
     posed = forward_kinematics(body, np.zeros(10), lifted.view.root, lifted.local, np.zeros((len(lifted.local), 3)))
     return float(pa_mm(np.asarray(posed.joints)[:, LIMBS], take.joints[:, LIMBS]).mean())
-
-
-def coverage(motion: Motion, truth: np.ndarray) -> float:
-    """Return the share of limb joints inside their 95 % ellipsoids, percent."""
-    assert motion.joint_covariance is not None
-    off = (motion.joints - truth)[:, LIMBS]
-    covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
-    deviation = np.einsum("fja,fja->fj", off, np.linalg.solve(covariance, off[..., None])[..., 0])
-    return 100 * float((deviation < CHI2_95).mean())
-
-
-def acceleration(joints: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F - 2, 12, 3) accelerations of the limb joints, m/s²."""
-    return np.diff(joints[:, LIMBS], 2, axis=0) * fps**2
