@@ -77,7 +77,8 @@ def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
     kind = "_markers" if motion.markers is not None else ""
     unseen, unsure = ((motion.flags & bit) > 0 for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     if unseen.any():
-        yield diagnostic(f"frames_unseen{'_one_view' if one_view else kind}", frames=true_runs(unseen))
+        code = "frames_unseen_one_view" if one_view else f"frames_unseen{kind}"
+        yield diagnostic(code, frames=true_runs(unseen))
     if unsure.any():
         few = "few_" if unsure.mean() <= UNSURE_SHARE else ""
         yield diagnostic(f"{few}frames_unsure{kind}", frames=true_runs(unsure), percent=100 * unsure.mean())
@@ -103,11 +104,13 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
     assert capture.cameras is not None and capture.keypoints is not None
     agreement = residuals.agreement_percent(1)
     names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
-    least, kind = (1, "_one_view") if capture.is_one_view else (2, "")
+    least, code = (2, "keypoints_seldom_seen")
+    if capture.is_one_view:
+        least, code = 1, "keypoints_seldom_seen_one_view"
     often = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= least).mean(axis=0)
     rare = [f"{names[k]} ({often[k]:.0f} %)" for k in np.argsort(often, kind="stable") if often[k] < SELDOM_PERCENT]
     if rare:
-        yield diagnostic(f"keypoints_seldom_seen{kind}", shares=rare)
+        yield diagnostic(code, shares=rare)
     outliers = 100.0 - np.nan_to_num(agreement, nan=100.0)
     poor = sorted((-float(outliers[c, k]), c, k) for c, k in np.argwhere(outliers > OUTLIER_PERCENT))
     if poor:

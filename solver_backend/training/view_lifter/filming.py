@@ -56,7 +56,7 @@ NO_TOES = 0.2
 
 
 @dataclass(frozen=True)
-class Footage:
+class FilmedWindows:
     """B windows: what is seen, and what is true in the middle."""
 
     points: torch.Tensor
@@ -72,12 +72,12 @@ class Footage:
     true_up: torch.Tensor
     """(B, 3)."""
 
-    def to(self, device: torch.device) -> Footage:
+    def to(self, device: torch.device) -> FilmedWindows:
         """Return the windows on a device."""
-        return Footage(*(getattr(self, part.name).to(device) for part in fields(self)))
+        return FilmedWindows(*(getattr(self, part.name).to(device) for part in fields(self)))
 
 
-def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> Footage:
+def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
     """Return the windows about (B,) frames, seen by as many random cameras."""
     count = len(centres)
     frames = centres[:, None] + torch.arange(WINDOW) - MIDDLE
@@ -107,7 +107,7 @@ def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generat
         exp_so3(torch.deg2rad(UP_DEG * torch.randn(count, 3, generator=generator))), up[..., None]
     )[..., 0]  # fmt: skip
     known = torch.rand(count, 1, generator=generator) < KNOWN_UP
-    return Footage(
+    return FilmedWindows(
         image, confidence, torch.where(known, shaken, torch.zeros_like(up)), local, torch.matmul(turn, root), up
     )  # fmt: skip
 

@@ -16,7 +16,7 @@ from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
 from solver_backend.training.engine.dense_layers import dense_stack
 from solver_backend.training.engine.devices import device_of
-from solver_backend.training.view_lifter.filming import Footage, film
+from solver_backend.training.view_lifter.filming import FilmedWindows, film
 from solver_backend.training.view_lifter.recordings import Recordings
 
 _VALIDATION_WINDOWS = 2000
@@ -59,13 +59,13 @@ class ViewLifterTask:
         """1544 to 89."""
         return self._network
 
-    def draw(self, generator: torch.Generator) -> Footage:
+    def draw(self, generator: torch.Generator) -> FilmedWindows:
         """Draw windows."""
         centres = self._recordings.centres
         chosen = centres[torch.randint(len(centres), (self._batch,), generator=generator)]
         return film(self._recordings, chosen, generator)
 
-    def loss(self, batch: Footage, generator: torch.Generator) -> torch.Tensor:
+    def loss(self, batch: FilmedWindows, generator: torch.Generator) -> torch.Tensor:
         """Return metres of misplaced points, of the direction up, and the errors' density."""
         footage, chosen = batch.to(device_of(self._network)), self._settings
         lifted = _lifted(self._network, footage)
@@ -100,17 +100,17 @@ class ViewLifterTask:
     def _joints(self, z: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
         return torch.matmul(rotation_points(self._prior.decode(z)), root.mT)
 
-    def _off(self, lifted: LiftedView, footage: Footage) -> torch.Tensor:
+    def _off(self, lifted: LiftedView, footage: FilmedWindows) -> torch.Tensor:
         """Return (B, 90, 3) errors of points about the middle of the joints, in the camera's axes."""
         off = self._joints(lifted.z, lifted.root) - _posed(footage)
         return off - off[:, :_JOINTS].mean(dim=1, keepdim=True)
 
 
-def _posed(footage: Footage) -> torch.Tensor:
+def _posed(footage: FilmedWindows) -> torch.Tensor:
     return torch.matmul(rotation_points(footage.local), footage.root.mT)
 
 
-def _lifted(network: nn.Module, footage: Footage) -> LiftedView:
+def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:
     view = look_at(footage.points, footage.confidence)
     return interpreted(network(features(footage.points, footage.confidence, footage.up, view)), view)
 
