@@ -99,6 +99,11 @@ class BodyLayout:
             raise BodyInvalid(f"{self.name} has no {', '.join(missing)}, which {other.name} has.", where=self.name)
         return tuple(self.joints.index(name) for name in names)
 
+    def shared_with(self, other: BodyLayout) -> tuple[list[int], list[int]]:
+        """Return the joints that both have by name, as columns of this layout and of the other."""
+        both = [name for name in self.joints if name in other.joints]
+        return [self.joints.index(name) for name in both], [other.joints.index(name) for name in both]
+
     def require_same_joints(self, other: BodyLayout, where: str) -> None:
         """Check that a motion of this layout can stand where one of another is expected.
 

@@ -12,7 +12,7 @@ from ..export.formats import FORMATS
 from .exit_codes import EPILOG
 
 _FORMATS = tuple(FORMATS)
-SOLVERS_VERBS = ("solve", "calibrate", "export-markers")
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
 """Verbs whose options are the solver's own."""
 
 
@@ -42,6 +42,7 @@ def parser(program: str) -> argparse.ArgumentParser:
     _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
     retargeted = verb("retarget", "body writing common", "retarget a solved motion to another character's rig")
     _add_retarget_options(retargeted)
+    _add_motion_options(verb("motion", "python common", "bring a clip of another program onto our body"))
     _add_body_options(verb("body", "body common", "write the posable body as an asset"))
     _add_batch_options(
         verb("batch", "body out python common", "solve, bake and export every capture of a folder; resumes")
@@ -102,11 +103,18 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
 
 def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     add = retarget.add_argument
-    add("source", type=Path, metavar="MOTION.npz|FILE.blend", help="motion file, or Blender file with a baked body")
-    add("--target", type=Path, required=True, metavar="RIG.blend", help="Blender file with the rig; it is not changed")
+    add("source", type=Path, metavar="SOURCE", help="motion file, or a moving armature (.blend, .fbx, .glb, .bvh)")
+    add(
+        "--target",
+        type=Path,
+        required=True,
+        metavar="RIG",
+        help="the rig (.blend, .fbx, .glb, .vrm); it is not changed",
+    )
     add("--object", default="", metavar="NAME", help="which armature of the target")
     add("--out", type=_blend_file, metavar="OUT.blend", help="file to write; beside the motion, … _retargeted.blend")
-    add("--armature", default="", metavar="NAME", help="which body of a Blender file is the actor")
+    add("--armature", default="", metavar="NAME", help="which armature of the source is the actor")
+    add("--action", default="", metavar="NAME", help="which action of the source it plays; the one that it shows")
     chosen = retarget.add_mutually_exclusive_group()
     chosen.add_argument("--preset", default="", help="preset of the rig's kind; the one that fits")
     chosen.add_argument("--map", type=Path, metavar="MAP.json", help="map of the rig's bones, instead of a preset")
@@ -117,6 +125,14 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
     way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")
     add("--frame-start", type=int, default=1, metavar="N", help="scene frame of the first frame; 1")
+
+
+def _add_motion_options(motion: argparse.ArgumentParser) -> None:
+    add = motion.add_argument
+    add("clip", type=Path, metavar="CLIP", help="FBX, glTF, VRM, Blender file, BVH, MVNX, C3D segments or AMASS")
+    add("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
+    add("--armature", default="", metavar="NAME", help="which armature of the clip, where several move")
+    add("--action", default="", metavar="NAME", help="which of its actions; the one that it shows")
 
 
 def _add_body_options(body: argparse.ArgumentParser) -> None:

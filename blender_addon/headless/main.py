@@ -27,6 +27,7 @@ from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
+from .motion import MotionRequest, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import RetargetRequest, run_retarget
@@ -145,10 +146,19 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]
     _require_blender()
     request = RetargetRequest(
         options.source, options.target, options.out or _beside(options.source), options.object, options.armature,
-        options.preset, options.map, options.save_map, options.limbs, options.in_place, options.root_motion,
-        options.body, options.scale, options.frame_start, options.overwrite,
+        options.action, options.preset, options.map, options.save_map, options.limbs, options.in_place,
+        options.root_motion, options.body, options.scale, options.frame_start, options.overwrite,
     )  # fmt: skip
     return run_retarget(request, progress)
+
+
+def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    request = MotionRequest(
+        options.clip, options.out, options.armature, options.action, tuple(options.rest), options.python
+    )
+    result = run_motion(request, progress)
+    return {**result, "outputs": [result["motion"]], "notes": list(result.get("notes", []))}
 
 
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -194,7 +204,7 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "body": _body, "batch": _batch, "studio": _studio,
+    "export": _export, "retarget": _retarget, "motion": _motion, "body": _body, "batch": _batch, "studio": _studio,
 }  # fmt: skip
 
 

@@ -8,13 +8,13 @@ from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from .._exchange.errors import FileDamaged, FileMissing, OutputExists
+from .._exchange.errors import FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
-from ..errors import ActorMissing, TargetUnsuitable
+from ..errors import TargetUnsuitable
 
 if TYPE_CHECKING:
     import bpy
@@ -28,15 +28,17 @@ class RetargetRequest:
     """What to retarget to what."""
 
     source: Path
-    """Motion file, or Blender file with a baked body."""
+    """Motion file, or a file with an armature that moves: Blender, FBX, glTF, BVH."""
     target: Path
-    """Blender file with the rig; it is not changed."""
+    """File with the rig: Blender, FBX, glTF, VRM; it is not changed."""
     out: Path
     """Blender file to write."""
     object_name: str = ""
     """Which armature of the target; needed where there are several."""
     armature: str = ""
-    """Which body of a Blender file is the actor; needed where there are several."""
+    """Which armature of the source is the actor; needed where there are several."""
+    action: str = ""
+    """Which of its actions it plays; "" for the one that it shows."""
     preset: str = ""
     """Name of a preset; "" for the one that fits."""
     map_file: Path | None = None
@@ -81,7 +83,7 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
     if request.out.exists() and request.out.samefile(request.target):
         raise OutputExists("The target's own file would be replaced.", where=str(request.out), hint="Name another.")
     progress("reading the actor", 0, 1)
-    actor = _actor(request)
+    actor, doubts = _actor(request)
     settings = RetargetSettings(
         request.limbs, TransferSettings(request.in_place, request.root_motion, scale=request.scale)
     )
@@ -100,7 +102,7 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
     return {
         "event": "result",
         "outputs": [str(path) for path in (request.out, request.save_map) if path is not None],
-        "notes": list(done.notes),
+        "notes": [*doubts, *done.notes],
         "frames": actor.num_frames,
         "fps": actor.fps,
         "map": done.rig_map.label,
@@ -112,30 +114,37 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]
     }
 
 
-def _actor(request: RetargetRequest) -> Actor:
+def _actor(request: RetargetRequest) -> tuple[Actor, tuple[str, ...]]:
+    """Return the motion that the source holds, and notes on it."""
     from ..retarget.actor_rig import is_actor, read_actor
+    from ..retarget.clips import chosen_actor, play_action
     from ..retarget.motion.figures import actor_of_motion
+    from ..retarget.recognition import map_rig
+    from ..retarget.rig_actor import read_rig_actor
+    from ..retarget.scene_files import open_scene
+    from ..retarget.user_presets import user_presets_folder
 
-    if request.source.suffix.lower() != ".blend":
+    if request.source.suffix.lower() in (".npz", ""):
         motion = read_motion(request.source)
         body = read_body(request.body or body_path_of(motion.provenance))
         require_body(motion, body)
-        return actor_of_motion(motion, body)
-    scene = _opened(request.source)
-    bodies = {o.name: o for o in scene.objects if is_actor(o) and o.animation_data is not None}
-    chosen = [request.armature] if request.armature else list(bodies)
-    if len(chosen) != 1 or chosen[0] not in bodies:
-        wanted = f"There is no body '{request.armature}' with a motion." if request.armature else "One body is wanted."
-        hint = f"Name one with --armature: {', '.join(bodies) or 'the file has none'}."
-        raise ActorMissing(wanted, where=str(request.source), hint=hint)
-    return read_actor(bodies[chosen[0]], scene)[0]
+        return actor_of_motion(motion, body), ()
+    scene = open_scene(request.source)
+    rig = chosen_actor(scene, request.armature, str(request.source))
+    if request.action:
+        play_action(rig, request.action)
+    if is_actor(rig):
+        return read_actor(rig, scene)[0], ()
+    actor, _, notes = read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
+    return actor, notes
 
 
 def _open_target(request: RetargetRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:
     """Open the target's file and return the one armature that is meant."""
     from ..retarget.actor_rig import is_actor
+    from ..retarget.scene_files import open_scene
 
-    scene = _opened(request.target)
+    scene = open_scene(request.target)
     rigs = [o for o in scene.objects if o.type == "ARMATURE" and (request.object_name or not is_actor(o))]
     found = [o for o in rigs if request.object_name in ("", o.name)]
     if len(found) == 1:
@@ -162,13 +171,3 @@ def _map(request: RetargetRequest, rig: bpy.types.Object) -> RigMap:
     if request.preset:
         return named_preset(request.preset, names, user_presets_folder())
     return map_rig(rig, user_presets_folder())
-
-
-def _opened(path: Path) -> bpy.types.Scene:
-    import bpy
-
-    try:
-        bpy.ops.wm.open_mainfile(filepath=str(path.resolve()), load_ui=False, use_scripts=False)
-    except RuntimeError as error:
-        raise FileDamaged(f"Blender cannot open the file: {str(error).strip()}", where=str(path)) from error
-    return bpy.context.scene

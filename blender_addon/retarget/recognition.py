@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 
@@ -14,6 +15,8 @@ from .maps.vrm import roles_of_vrm
 
 _VRM = "vrm_addon_extension"
 """Custom property in which the VRM add-on keeps a file's humanoid."""
+_STATED = "stated_humanoid"
+"""Custom property in which we keep it: bone by VRM's name, as JSON."""
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
@@ -31,8 +34,17 @@ def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigM
     return choose_map(Skeleton(heads, parents), user_folder)
 
 
+def state_humanoid(armature: bpy.types.Object, bones: Mapping[str, str]) -> None:
+    """Keep with an armature the bone by VRM's name of it that its file states."""
+    if any(bone in armature.data.bones for bone in bones.values()):
+        armature.data[_STATED] = json.dumps(dict(bones))
+
+
 def _stated_bones(armature: bpy.types.Object) -> dict[str, str]:
-    """Return the bone by name of VRM's humanoid, from what the VRM add-on keeps; it need not be enabled."""
+    """Return the bone by name of VRM's humanoid, from the file or what the VRM add-on keeps; it need not be enabled."""
+    kept = armature.data.get(_STATED)
+    if isinstance(kept, str):
+        return json.loads(kept)
     kept = armature.data.get(_VRM)
     if not hasattr(kept, "get"):
         return {}

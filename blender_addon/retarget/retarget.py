@@ -74,7 +74,8 @@ def retarget(
         TargetUnsuitable: see ``read_target`` and ``scale_of``, or hands and feet do not come near where they belong.
         MapInvalid: see ``read_target``. Nothing is changed then.
     """
-    rig = read_target(armature, scene, rig_map, settings.limbs)
+    fingers = {role for hand in actor.hands for role in hand.roles}
+    rig = read_target(armature, scene, rig_map, settings.limbs, fingers)
     A = map_pose(rig.target, actor.rest, rig_map.map_pose)
     used = RigMap(rig_map.label, rig_map.bones, rig_map.switches, map_pose_values(rig.target, A))
     done = transfer(actor, rig.target, A, settings.transfer)
@@ -91,6 +92,8 @@ def retarget(
     action = bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]
+    if settings.transfer.root_motion and not settings.transfer.in_place and rig.target.index("root") < 0:
+        notes.append("The rig has no root bone of its own: the hips carry the travel.")
     if deviation_mm > _TOLERATED_MM * max(scale, 1.0):
         notes.append(
             f"Hands or feet are up to {deviation_mm:.0f} mm from where they belong: "

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import bpy
@@ -32,7 +33,9 @@ class TargetRig:
     """What of the map cannot be played, one sentence each."""
 
 
-def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str) -> TargetRig:
+def read_target(
+    armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, limbs: str, fingers: Collection[str] = ()
+) -> TargetRig:
     """Read a rig by its map; the rig stays as it is.
 
     Args:
@@ -40,6 +43,7 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
         scene: the scene it is in.
         rig_map: with the names of its bones.
         limbs: ``fk`` or ``ik``, what its switches are set to.
+        fingers: roles of the bones of fingers that the motion has; others are left as they are.
 
     Raises:
         TargetUnsuitable: it is no armature, is stretched or flat, goes in a ring, or a control that matters is locked.
@@ -47,11 +51,14 @@ def read_target(armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: Rig
     """
     _check_object(armature)
     notes: list[str] = []
-    bones = _usable_bones(armature, rig_map, notes)
+    bones = _with_carrier(armature, _usable_bones(armature, rig_map, notes), notes)
     switches = tuple(s for s in rig_map.switches if s.key in armature.pose.bones[s.bone])
     values = {(s.bone, s.key): getattr(s, limbs) for s in switches}
-    posed = [bone for role, bone in bones.items() if not is_of_a_finger(role)]
+    posed = [bone for role, bone in bones.items() if not is_of_a_finger(role) or role in fingers]
     hanging = hanging_of(armature, scene, posed, values)
+    if stiff := [bone for role, bone in bones.items() if is_of_a_finger(role) and bone in hanging.held]:
+        notes.append(f"Fingers that constraints or drivers hold are left alone: {', '.join(stiff)}.")
+        hanging = hanging_of(armature, scene, [bone for bone in posed if bone not in stiff], values)
     role_of = {bone: role for role, bone in bones.items()}
     roles = tuple(role_of[name] for name in hanging.names)
     _check_controls(armature, hanging, role_of, notes)
@@ -115,6 +122,18 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
     if locked:
         notes.append(f"Locked, and left alone: {', '.join(locked.values())}.")
     return {role: bone for role, bone in bones.items() if role not in locked}
+
+
+def _with_carrier(armature: bpy.types.Object, bones: dict[str, str], notes: list[str]) -> dict[str, str]:
+    """Return the bones with a carrier where the pelvis is connected to its parent and has no location of its own."""
+    pelvis = armature.data.bones[bones["pelvis"]]
+    if "carrier" in bones or not (pelvis.use_connect and pelvis.parent):
+        return bones
+    carrier = next((bone for bone in pelvis.parent_recursive if not (bone.use_connect and bone.parent)), None)
+    if carrier is None or carrier.name in (bone for role, bone in bones.items() if role != "root"):
+        return bones
+    notes.append(f"{pelvis.name} is connected to its parent: {carrier.name} carries the body.")
+    return {"carrier": carrier.name} | {role: bone for role, bone in bones.items() if bone != carrier.name}
 
 
 def _is_locked(bone: bpy.types.PoseBone, role: str) -> bool:

@@ -149,12 +149,12 @@ def read_pose_line(line: str) -> LivePose | None:
     off, dropped = _numbers(values.get("off_mm"), 1), _number(values.get("dropped"))
     rotvec = transl = None
     if "pose" in values:
-        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], 3 * SMPL.num_solved)
+        root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], None)
         transl = _numbers(values.get("trans"), 3)
-        if root is None or pose is None or transl is None:
+        if root is None or pose is None or len(pose) < 3 * SMPL.num_solved or transl is None:
             return None
-        rotvec = np.zeros((SMPL.num_joints, 3))
-        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)
+        rotvec = np.zeros((SMPL.num_joints, 3))  # of replayed motions come hands, too
+        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)[: SMPL.num_solved]
     return LivePose(
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
@@ -191,17 +191,17 @@ def _numbers(values: Any, count: int | None) -> np.ndarray | None:
 
 
 def start_live(
-    source: Path, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
+    source: Path | str, python: Path | None, folder: Path, *, subject: Path | None = None, record: Path | None = None,
     options: Sequence[str] = (),
 ) -> LiveRun:  # fmt: skip
-    """Start a live run of a recording, replayed at its own rate.
+    """Start a live run of a recording or a motion, replayed at its own rate, or of another program's poses.
 
     Args:
-        source: the recording.
+        source: the file, or the address that poses come to.
         python: interpreter to use; None for Blender's own.
         folder: working folder.
         subject: calibrated person.
-        record: where the points are recorded.
+        record: where the points or poses are recorded.
         options: further arguments of the verb.
 
     Raises:

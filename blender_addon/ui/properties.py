@@ -6,11 +6,13 @@ from typing import Any
 
 import bpy
 
+from .._exchange.vmc.address import VmcAddress
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
 from .retarget_properties import MocapRetarget
 from .rig_properties import RIG_CLASSES, MocapRig
+from .sending_properties import SendingProperties
 from .setting_properties import (
     CHOSEN_BY_PRESETS,
     DEFAULTS,
@@ -65,6 +67,12 @@ SCENE_SETUP_ITEMS = (
     ("NEW", "New Scenes Alone", "Set up a scene that is as new; keep what is set in every other"),
     ("KEEP", "The Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
     ("TAKE", "The Recording's", "Take over the recording's frame rate, length, resolution and first camera"),
+)
+
+
+_LIVE_ITEMS = (
+    ("FILE", "Recording", "A recording of markers, or a motion, replayed at its own rate"),
+    ("VMC", "Another Program", "Poses that another program sends by the VMC protocol, such as VSeeFace or Warudo"),
 )
 
 
@@ -145,19 +153,25 @@ class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
         return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
 
 
-class MocapLive(bpy.types.PropertyGroup):
+class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     """What a live run is started with."""
 
+    kind: bpy.props.EnumProperty(name="Source", description="Where points or poses come from", items=_LIVE_ITEMS)
     source: bpy.props.StringProperty(
         name="Recording", subtype="FILE_PATH", options=RELATIVE,
-        description="Recording of markers to replay at its own rate (C3D, TRC, CSV, TSV); empty for the capture's own",
+        description="Recording of markers (C3D, TRC, CSV, TSV) or motion (.npz) to replay at its own rate; empty for "
+        "the capture's own markers",
+    )  # fmt: skip
+    listen: bpy.props.StringProperty(
+        name="Listen At", default=str(VmcAddress()),
+        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too",
     )  # fmt: skip
     subject: bpy.props.StringProperty(
         name="Subject", subtype="FILE_PATH", options=RELATIVE,
-        description="Calibrated person who wears the markers; empty to learn the shape while they move",
+        description="Calibrated person; empty to learn the shape while they move",
     )  # fmt: skip
     record: bpy.props.BoolProperty(
-        name="Record", description="Keep the points as a take, to be solved afterwards", default=True
+        name="Record", description="Keep the points as a take to be solved, or the poses as a motion", default=True
     )
 
 

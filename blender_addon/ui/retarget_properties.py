@@ -6,7 +6,11 @@ import bpy
 
 
 def _is_other_armature(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
-    return obj.type == "ARMATURE" and obj != self.id_data.mocap.review.armature
+    return obj.type == "ARMATURE" and obj not in (self.id_data.mocap.review.armature, self.actor)
+
+
+def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
+    return obj.type == "ARMATURE" and obj != self.target
 
 
 def _forget_table(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
@@ -23,6 +27,10 @@ class MocapRole(bpy.types.PropertyGroup):
 class MocapRetarget(bpy.types.PropertyGroup):
     """How to retarget."""
 
+    actor: bpy.props.PointerProperty(
+        type=bpy.types.Object, name="Actor", description="Armature that has the motion; empty for the solved body",
+        poll=_is_other_than_target,
+    )  # fmt: skip
     target: bpy.props.PointerProperty(
         type=bpy.types.Object, name="Target", description="Armature of the character that gets the motion",
         poll=_is_other_armature, update=_forget_table,

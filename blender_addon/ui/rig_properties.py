@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .locations import RELATIVE
+from .sending_properties import SendingProperties
 
 _KIND_ITEMS = (
     ("FOLDER", "Recording", "A folder that sensors were recorded to, or a shot of the studio, played at its own rate"),
@@ -25,7 +26,7 @@ GAMMA_S = 5.0
 """Seconds that the Γ is filmed for."""
 
 
-class MocapRig(bpy.types.PropertyGroup):
+class MocapRig(SendingProperties, bpy.types.PropertyGroup):
     """Sensors, their calibration, and what was recorded with them."""
 
     kind: bpy.props.EnumProperty(name="Sensors", description="Where pictures come from", items=_KIND_ITEMS)

@@ -98,6 +98,21 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
     return turns[:, FINGER_OF, JOINT_OF, KIND_OF]
 
 
+def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:
+    """Return (n, A) the angles of joints' rotations; the inverse of ``joint_rotations``.
+
+    Args:
+        turns: (n, 5, 3, 3, 3) in the frame of the segment before.
+        side: 0 left, 1 right.
+    """
+    x, sign = turns[..., 0], side_sign(side)
+    found = np.stack([
+        np.arctan2(-x[..., 1], x[..., 0]), np.arcsin(np.clip(-x[..., 2], -1.0, 1.0)) * sign,
+        np.arctan2(turns[..., 2, 1], turns[..., 2, 2]) * sign,
+    ], axis=-1)  # fmt: skip
+    return found[:, FINGER_OF, JOINT_OF, KIND_OF]
+
+
 def _unit(vectors: np.ndarray) -> np.ndarray:
     return vectors / np.maximum(np.linalg.norm(vectors, axis=-1, keepdims=True), 1e-12)
 

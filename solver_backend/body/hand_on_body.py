@@ -33,6 +33,29 @@ def hand_skeletons(body: Body) -> tuple[HandSkeleton, HandSkeleton]:
     return left, right
 
 
+def hand_of_shape(body: Body, betas: Float[np.ndarray, " 10"], side: int) -> HandSkeleton:
+    """Return a hand of a person of this shape.
+
+    Args:
+        body: of the layout ``SMPL_HANDS``.
+        betas: (10,).
+        side: 0 left, 1 right.
+    """
+    return HandSkeleton.of_points(hand_points(body, side, betas), side)
+
+
+def by_joint(values: np.ndarray) -> np.ndarray:
+    """Return (F, 15, ...) values of a hand's joints in SMPL-H's order from (F, 5, 3, ...) by finger of ``FINGERS``."""
+    ordered = np.empty((len(values), JOINTS_OF_A_HAND, *values.shape[3:]), values.dtype)
+    ordered[:, np.array(COLUMNS)] = values
+    return ordered
+
+
+def by_finger(values: np.ndarray) -> np.ndarray:
+    """Return (F, 5, 3, ...) values by finger of ``FINGERS`` from (F, 15, ...) of a hand's joints in SMPL-H's order."""
+    return values[:, np.array(COLUMNS)]
+
+
 def finger_rotations(body: Body, angles: Float[np.ndarray, "frames 2 a"]) -> Float[np.ndarray, "frames 30 3 3"]:
     """Return (F, 30, 3, 3) local rotations of the finger joints, in SMPL-H's order.
 
@@ -51,16 +74,20 @@ def rest_angles(body: Body) -> Float[np.ndarray, "2 a"]:
     return np.stack([skeleton.rest_angles for skeleton in hand_skeletons(body)])
 
 
-def hand_points(body: Body, side: int) -> Float[np.ndarray, "21 3"]:
+def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = None) -> Float[np.ndarray, "21 3"]:
     """Return (21, 3) of ``HAND_POINTS`` at rest, metres in the body's frame.
 
     Args:
         body: of the layout ``SMPL_HANDS``.
         side: 0 left, 1 right.
+        betas: (10,) shape; the mean's if None.
     """
     rows, tips = _joints(side), tip_vertices(body)[side]
-    chains = np.concatenate([body.joints_template[rows[1:]].reshape(5, 3, 3), body.v_template[tips][:, None]], axis=1)
-    return np.concatenate([body.joints_template[rows[:1]], chains.reshape(-1, 3)])
+    joints, ends = body.joints_template[rows], body.v_template[tips]
+    if betas is not None:
+        joints, ends = joints + body.joints_shapedirs[rows] @ betas, ends + body.shapedirs[tips] @ betas
+    chains = np.concatenate([joints[1:].reshape(5, 3, 3), ends[:, None]], axis=1)
+    return np.concatenate([joints[:1], chains.reshape(-1, 3)])
 
 
 def hand_landmarks(body: Body, side: int) -> Landmarks:

@@ -16,6 +16,7 @@ from solver_backend.body.hand_angles import (
     joint_rotations,
     measure_angles,
     palm_frames,
+    rotation_angles,
     side_sign,
 )
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
@@ -136,6 +137,16 @@ class HandSkeleton:
         local = G.copy()
         local[:, :, 1:] = np.swapaxes(G[:, :, :-1], -1, -2) @ G[:, :, 1:]
         return local
+
+    def angles_of(self, local: Float[np.ndarray, "n 5 3 3 3"]) -> Float[np.ndarray, "n a"]:
+        """Return (F, A) the angles nearest to rotations as ``local_rotations`` has them; the inverse of it."""
+        G = [local[:, :, 0]]
+        for joint in (1, 2):
+            G.append(G[-1] @ local[:, :, joint])
+        frames = np.stack(G, axis=2) @ self.rest
+        palm = np.broadcast_to(self.palm[:, None], (len(local), 5, 1, 3, 3))
+        before = np.concatenate([palm, frames[:, :, :2]], axis=2)
+        return rotation_angles(np.swapaxes(before, -1, -2) @ frames, self.side)
 
 
 def site_frames(posed: PosedHand, sites: HandSites) -> Float[np.ndarray, "n sites 3 3"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -15,12 +16,13 @@ from solver_backend.io.motions.amass import AmassClip, motion_of
 from solver_backend.types import Motion
 
 
-def any_motion(path: Path, choice: str) -> Motion:
+def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     """Return a motion file's motion; of an AMASS file the poses on the chosen body, shape coefficients as they are.
 
     Args:
         path: motion file.
         choice: name or path of the body.
+        keep_shape: use the shape coefficients of an AMASS file, which belong to the body that it was fitted with.
 
     Raises:
         MotionInvalid: it is neither.
@@ -31,6 +33,8 @@ def any_motion(path: Path, choice: str) -> Motion:
         return motion
     if not isinstance(motion, AmassClip):
         raise MotionInvalid("The file is no motion of a body.", where=str(path), hint="Choose a motion .npz or AMASS.")
+    if not keep_shape:
+        motion = replace(motion, betas=np.zeros_like(motion.betas))
     body = load_chosen_body(choice)
 
     def joints_of(betas: np.ndarray, root: np.ndarray, pose: np.ndarray, transl: np.ndarray) -> np.ndarray:

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.rigs.rest_frames import bent_at_rest
 
 if TYPE_CHECKING:
     from solver_backend.fitters.motion_import.import_motion import ImportedMotion
@@ -36,9 +36,11 @@ def add_motion_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpa
         common: options of all verbs.
     """
     motion = verbs.add_parser(
-        "motion", parents=[writing, common], help="bring a motion of another program (BVH) onto our body"
+        "motion", parents=[writing, common], help="bring a motion of another program onto our body"
     )
-    motion.add_argument("clip", type=Path, metavar="CLIP.bvh", help="motion of any skeleton of a person")
+    motion.add_argument(
+        "clip", type=Path, metavar="CLIP", help="motion of any skeleton (BVH, MVNX, C3D segments, AMASS)"
+    )
     motion.add_argument("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
     motion.add_argument("--unit", default="", help="length unit of the clip; estimated from the legs if left out")
     motion.add_argument(
@@ -52,21 +54,24 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a foreign skeleton's motion as a motion of our body, with the shape of its bones."""
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
-    if args.clip.suffix.lower() != ".bvh":
-        hint = "Export it as BVH, for example from Blender (File > Export > Motion Capture)."
-        raise MotionInvalid("Not supported: BVH is read.", where=str(args.clip), hint=hint)
     from solver_backend.body.files.choices import load_chosen_body
-    from solver_backend.fitters.motion_import.import_motion import import_motion
-    from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
+    from solver_backend.io.motions.amass import is_amass
     from solver_backend.io.native.motion_file import write_motion
 
+    if is_amass(args.clip):
+        return _amass(args, progress)
+    from solver_backend.fitters.motion_import.import_motion import import_motion
+    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+
     progress("reading the clip", 0, 1)
-    source, roles, notes = read_foreign_bvh(args.clip, args.unit, args.up_axis)
+    source, roles, notes = read_foreign_clip(args.clip, args.unit, args.up_axis)
     progress("fitting the body", 0, 1)
     done = import_motion(source, roles, load_chosen_body(args.body), keep_height=bool(args.keep_height))
     progress("fitting the body", 1, 1)
-    notes = [*notes, *_notes(done)]
-    write_motion(args.out, done.motion, overwrite=overwrite)
+    index = {name: j for j, name in enumerate(source.names)}
+    doubt = bent_at_rest({role: source.rest[index[name]] for role, name in roles.items()})
+    notes = [*notes, *([doubt] if doubt else []), *_notes(done)]
+    write_motion(args.out, done.motion, overwrite=overwrite, name=source.name)
     placed = [off for role, off in done.distances_mm.items() if not role.endswith(_LOOSE)]
     rms = float(np.sqrt(np.mean(np.square(placed))))
     lines = [
@@ -81,6 +86,26 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         "distance_mm": rms, "distances_mm": {role: round(off, 2) for role, off in done.distances_mm.items()},
     }  # fmt: skip
     return Outcome("\n".join(lines), data)
+
+
+def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write AMASS' poses as a motion of our body, of mean shape: its shape coefficients are those of other bodies."""
+    from solver_backend.cli.motion_reading import any_motion
+    from solver_backend.io.native.motion_file import write_motion
+
+    progress("reading the clip", 0, 1)
+    clip = any_motion(args.clip, args.body, keep_shape=False)
+    write_motion(args.out, clip, overwrite=bool(args.overwrite), name=args.clip.stem)
+    notes = ["Joints turn as in the file, on a body of mean shape: AMASS' shapes are those of other bodies."]
+    if clip.num_frames == 1:
+        notes.append("One frame: the clip is a pose.")
+    lines = [
+        f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
+        *(f"  note        {note}" for note in notes), f"  written     {args.out}",
+    ]  # fmt: skip
+    return Outcome("\n".join(lines), {
+        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, "notes": notes,
+    })  # fmt: skip
 
 
 def _notes(done: ImportedMotion) -> list[str]:

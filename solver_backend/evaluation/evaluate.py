@@ -59,11 +59,12 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     if "joints" not in capture.truth or motion.keypoints3d is None:
         raise MotionInvalid("The capture holds no truth to compare with.", where=capture.name)
     cameras, keypoints = capture.require_multiview()
-    joints, points = np.asarray(capture.truth["joints"]), np.asarray(capture.truth["keypoints3d"])
+    points = np.asarray(capture.truth["keypoints3d"])
+    solved, joints, _ = motion.beside_truth(np.asarray(capture.truth["joints"]))
     baseline = triangulate_and_filter(cameras, keypoints)
     return Evaluation(
-        mpjpe_mm(motion.joints, joints),
-        accel_error_m_s2(motion.joints, joints, motion.fps),
+        mpjpe_mm(solved, joints),
+        accel_error_m_s2(solved, joints, motion.fps),
         mpjpe_mm(motion.keypoints3d, points),
         accel_error_m_s2(motion.keypoints3d, points, motion.fps),
         mpjpe_mm(baseline, points),

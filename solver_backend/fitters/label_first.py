@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
-from solver_backend.exchange.errors import FileMissing, NoDetections
+from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.labelling.label_take import LabelledTake, label_take
@@ -24,6 +24,11 @@ LEAST_NAMED, LEAST_PLACES = 0.75, 20
 """Share of the points, and markers, that the network names where it knows the layout. Where labels say nothing it names
 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of clusters
 and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+
+
+LEAST_UNNAMED = 0.5
+"""Share of points without any names that the network names at least where what it names is a person: 70 to 90 % of
+whole bodies among strays (c3d.org's samples 13 and 20); 27 % of a body of 57 markers in clusters, heels 20 cm off."""
 
 
 def needs_labels(cloud: MarkerCloud) -> bool:
@@ -74,6 +79,9 @@ def labelled_capture(
         told: names from a person, by column and frame; they bind the whole stretch.
         network: the one that ships if None.
         always: label it even if it has names (which bind, see ``told_by``).
+
+    Raises:
+        MarkersUnknown: the points have no names, and the network names too few of them.
     """
     cloud = capture.markers
     if cloud is None or capture.keypoints is not None or not (always or needs_labels(cloud)):
@@ -95,6 +103,14 @@ def labelled_capture(
             f"{share:.0f} % of the markers: its names are not used."
         )
         return replace(capture, problems=(*capture.problems, doubt)), None
+    share = float(_named(take).mean()) if take.labels.size else 1.0
+    if not (always or persistent) and share < LEAST_UNNAMED:
+        raise MarkersUnknown(
+            f"The points have no names, and the labelling network, which knows whole bodies, names only "
+            f"{100 * share:.0f} % of them: too few to tell one person.", where=capture.name,
+            hint="Label the take in the program that recorded it; or name it with `label`, correct the labels in "
+            "Blender or with --labels, and solve the labelled file.",
+        )  # fmt: skip
     return replace(
         capture, markers=take.cloud(cloud), notes=(*capture.notes, *said_of(take, persistent=persistent)),
         problems=(*(p for p in capture.problems if "markers are known" not in p), *doubts_of(take)),

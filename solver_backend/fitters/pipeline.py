@@ -16,6 +16,7 @@ from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetecti
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
+from solver_backend.fitters.hands.solve_hands import solve_hands
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
@@ -29,6 +30,7 @@ from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
+from solver_backend.fitters.output.wide_motion import with_fingers_of, with_hands, without_fingers
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.frame_range import solve_range
@@ -92,6 +94,7 @@ def solve_problem(
     solved, convergence = method.recipe(problem, subject, settings, progress, each)
     give_back_freed_memory()
     solved = rest_parts(problem.measurements, solved)
+    solved, hands = solve_hands(problem.measurements, solved, settings, progress)
     prior = method.prior_of(problem)
     record = {
         "solver": VERSION,
@@ -103,6 +106,7 @@ def solve_problem(
         "status": convergence.status,
     }
     motion = build_motion(problem.measurements, solved, scale=settings.robust_scale, provenance=record)
+    motion = motion if hands is None else with_hands(motion, hands)
     give_back_freed_memory()
     return Solution(motion, convergence.status)
 
@@ -137,8 +141,10 @@ def resolve_range(
         MotionInvalid: the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
-    problem = prepare(capture, settings, progress, person=person_of(motion))
-    return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
+    body = without_fingers(motion)
+    problem = prepare(capture, settings, progress, person=person_of(body))
+    found = solve_range(problem, first_subject(problem, settings), body, frame_range, settings, progress)
+    return replace(found, motion=with_fingers_of(found.motion, motion, frame_range, problem.body))
 
 
 def resolve_motion(
@@ -163,9 +169,11 @@ def resolve_motion(
     """
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     frame_range.check(measured.num_frames)
-    points = measure_motion(body, measured, [pin.frame for pin in frame_range.pins], like)
+    points = measure_motion(body, without_fingers(measured), [pin.frame for pin in frame_range.pins], like)
     problem = Problem.of(body, load_sposer(), points)
-    return solve_range(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
+    subject, whole = first_subject(problem, settings), without_fingers(motion)
+    found = solve_range(problem, subject, whole, frame_range, settings, progress)
+    return replace(found, motion=with_fingers_of(found.motion, motion, frame_range, body))
 
 
 def prepare(

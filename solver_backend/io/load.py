@@ -12,6 +12,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, Mot
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS
 from solver_backend.io.detections.unsupported import name_unsupported
+from solver_backend.io.markers.unsupported import name_unsupported_file
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.io.reader import Reader, ReadOptions
@@ -97,6 +98,9 @@ def _reader_of(path: Path, readers: Sequence[Reader[Content]]) -> Reader[Content
 def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRecognised:
     hint = f"Captures are {'; '.join(reader.kind for reader in readers)}."
     if not path.is_dir():
+        if path.is_file() and (known := name_unsupported_file(path)) is not None:
+            what, how = known
+            return CaptureNotRecognised(f"The file is {what}", where=str(path), hint=how)
         what = "is not a capture we can read" if path.exists() else "does not exist"
         return CaptureNotRecognised(f"The path {what}.", where=str(path), hint=hint)
     if trials := trials_below(path):

@@ -112,11 +112,11 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     unsure, unseen = (int(np.count_nonzero(flags & bit)) for bit in (FLAG_UNSURE, FLAG_UNSEEN))
     found = []
-    truth = capture.truth.get("joints")
-    if truth is not None and truth.shape == motion.joints.shape:
-        accel = accel_error_m_s2(motion.joints, truth, motion.fps)
-        note = f"mean of 24 joints; acceleration {number(accel, 2)} m/s²"
-        found.append(Tile("Error against the truth", number(mpjpe_mm(motion.joints, truth)), "mm", note))
+    solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
+    if names:
+        accel = accel_error_m_s2(solved, truth, motion.fps)
+        note = f"mean of {len(names)} joints; acceleration {number(accel, 2)} m/s²"
+        found.append(Tile("Error against the truth", number(mpjpe_mm(solved, truth)), "mm", note))
     if residuals is not None:
         found.append(Tile("Reprojection error", number(residuals.median_px), "px", "median of all detections"))
         agreement = float(residuals.agreement_percent((0, 1, 2)))

@@ -16,6 +16,7 @@ from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.people.sightings import MIN_POINTS
+from solver_backend.report.marker_plausibility import marker_plausibility
 from solver_backend.report.statistics import KeypointResiduals
 from solver_backend.types import Capture, JointSet, Motion
 
@@ -60,6 +61,7 @@ def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals 
         yield from _residual(capture, motion, residuals)
         yield from _views(capture, motion, residuals)
         yield from _tilt(motion)
+    yield from marker_plausibility(motion)
     yield from _floor(motion)
 
 

@@ -15,7 +15,7 @@ from solver_backend.report.markup import facts, heat_table, number, section, tex
 from solver_backend.report.plan import plan
 from solver_backend.report.plots import WIDTH, PlotCurve, Shade, strip_plot, time_plot
 from solver_backend.report.statistics import KeypointResiduals, detected_share, located_share
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, Motion
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
@@ -171,19 +171,19 @@ def _small_plot(title: str, unit: str, lines: list[PlotCurve], motion: Motion) -
 
 def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
     """Errors against the truth of a synthetic capture."""
-    truth = _truth_joints(capture, motion)
-    if truth is None:
+    solved, truth, names = motion.beside_truth(capture.truth.get("joints", np.zeros(0)))
+    if not names:
         return ""
-    error = 1000.0 * distances_m(motion.joints, truth)
+    error = 1000.0 * distances_m(solved, truth)
     key = '<p class="key"><b class="a">— mean</b> &nbsp; — worst joint</p>'
     lines = [PlotCurve(error.max(axis=1), "worst joint", "quiet"), PlotCurve(error.mean(axis=1), "mean")]
     plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True) + key
     per_joint = error.mean(axis=0)
     tint = per_joint[:, None] / max(2.5 * per_joint.mean(), 1e-9)
-    table = heat_table(per_joint[:, None], SMPL_JOINTS, ["mm"], strength=tint, unit="mm")
+    table = heat_table(per_joint[:, None], names, ["mm"], strength=tint, unit="mm")
     summary = f"<pre>{text(chr(10).join(figures))}</pre>" if figures else ""
     joints = f"<details><summary>Each joint</summary>{table}</details>"
-    body = f"{summary}<h3>Error of the 24 joints over time, mm</h3>{plot}{joints}"
+    body = f"{summary}<h3>Error of the {len(names)} joints over time, mm</h3>{plot}{joints}"
     lead = (
         "The capture is synthetic: its motion is known. The yardstick is triangulation and a 6 Hz Butterworth filter."
     )
@@ -191,8 +191,10 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
 
 
 def _truth_joints(capture: Capture, motion: Motion) -> np.ndarray | None:
+    """Return the true joints in the layout of the angles, SMPL's; None where they are not known."""
     truth = capture.truth.get("joints")
-    return None if truth is None or truth.shape != motion.joints.shape else np.asarray(truth, dtype=np.float64)
+    known = truth is not None and motion.beside_truth(truth)[2]
+    return np.asarray(truth, dtype=np.float64) if known else None
 
 
 def uncertainty_section(motion: Motion) -> str:

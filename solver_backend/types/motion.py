@@ -97,6 +97,18 @@ class Motion:
         """Number of frames."""
         return len(self.global_orient)
 
+    def beside_truth(self, truth: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+        """Return the (F, J, 3) joints that a truth knows, the truth's, and their names; no joint where it is none's.
+
+        Args:
+            truth: (F, J, 3) metres of joints of this layout, or of SMPL's.
+        """
+        layout = self.body_layout if truth.shape[1:2] == (self.body_layout.num_joints,) else SMPL
+        if truth.shape != (self.num_frames, layout.num_joints, 3):
+            return self.joints[:, :0], self.joints[:, :0], ()
+        own, theirs = self.body_layout.shared_with(layout)
+        return self.joints[:, own], np.asarray(truth)[:, theirs], tuple(layout.joints[j] for j in theirs)
+
     def require_body(self, body: str, layout: BodyLayout, where: str) -> None:
         """Check that the motion is of a body.
 

@@ -98,3 +98,9 @@ def test_local_rotations_carry_the_points_of_a_body() -> None:
         found.append(place)
     expected = hand.sites(hand.pose(angles), hand.keypoints())[:, 1:].reshape(4, 5, 4, 3)
     np.testing.assert_allclose(np.stack(found, axis=2), expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_angles_come_back_from_a_bodys_rotations(side: int) -> None:
+    hand, angles = HandSkeleton.of_points(open_hand(side), side), random_angles(10)
+    np.testing.assert_allclose(hand.angles_of(hand.local_rotations(angles)), angles, atol=1e-9)

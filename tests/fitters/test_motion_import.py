@@ -95,7 +95,7 @@ def test_the_verb_writes_a_motion(tmp_path: Path, known: KnownMotion, capsys: py
     assert read_motion(out).num_frames == 90
     assert main(["motion", str(path), "--out", str(out)]) == 3
     assert main(["motion", str(tmp_path / "clip.fbx"), "--out", str(tmp_path / "b.npz")]) == 3
-    assert "BVH is read" in capsys.readouterr().err
+    assert "read through Blender" in capsys.readouterr().err
 
 
 def edited(path: Path, before: str, after: str) -> Path:

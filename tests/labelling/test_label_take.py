@@ -37,6 +37,15 @@ def test_a_real_walk_gets_its_labels_back(shared_data):
     assert found.right >= 98.5 and found.wrong <= 0.5
 
 
+def test_a_take_that_the_network_does_not_know_is_refused_with_its_share(shared_data):
+    """57 markers in clusters, prone: a quarter of the points got names, heels 20 cm from the heels."""
+    cloud = read_markers(shared_data / "markers" / "automarkerlabel" / "S01_Pronetokneel01_mksrem.c3d").cloud
+    capture = Capture("prone", markers=MarkerCloud(cloud.positions[:240:8], cloud.fps / 8, None))
+    with pytest.raises(MarkersUnknown, match=r"names only [1-4]\d % of them"):
+        labelled_capture(capture)
+    assert labelled_capture(capture, always=True)[1] is not None
+
+
 def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
     bare = stripped(cloud, 4, missing=5, ghosts=3)

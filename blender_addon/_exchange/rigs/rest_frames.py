@@ -9,13 +9,15 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from .roles import SIDES
+from .roles import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
 """Sine of a hinge's rest angle from which the plane of its bones tells its axis."""
 _LIKELY = 0.5
 """Cosine between that axis and anatomy's from which it is believed."""
+_BENT_REST_DEG = 50.0
+"""Bend of a knee or elbow from which a rest pose is no figure that stands."""
 _SNAP = np.cos(np.radians(12.0))
 """A figure that faces an axis of its skeleton so nearly faces it."""
 
@@ -40,6 +42,27 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     if abs(left[nearest]) > _SNAP:
         left = np.eye(3)[nearest] * np.sign(left[nearest])
     return np.stack([left, np.cross(up, left), up])
+
+
+def bent_at_rest(places: Mapping[str, np.ndarray]) -> str:
+    """Return a sentence on a rest pose that is none, such as the first frame of a clip; "" for a standing figure.
+
+    Args:
+        places: (3,) head at rest by role.
+    """
+    for roles in LIMBS.values():
+        if set(roles) <= places.keys():
+            a, b, c = (places[role] for role in roles)
+            u, v = b - a, c - b
+            cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-12)
+            angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
+            if angle > _BENT_REST_DEG:
+                part = roles[1].replace("_", " ")
+                return (
+                    f"The rest pose is no T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are "
+                    "counted from it and may be off; export the clip with its skin, or from a T-pose."
+                )
+    return ""
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:

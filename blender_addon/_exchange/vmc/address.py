@@ -20,6 +20,11 @@ class VmcAddress:
     host: str = LOOPBACK
     port: int = PORT
 
+    @property
+    def is_local(self) -> bool:
+        """Whether it is this machine's own, which nothing leaves and nobody else reaches."""
+        return self.host in ("localhost", "::1") or self.host.startswith("127.")
+
     def __str__(self) -> str:
         return f"{SCHEME}{f'[{self.host}]' if ':' in self.host else self.host}:{self.port}"
 

@@ -16,8 +16,30 @@ from ...conventions.coordinates import R_ARMATURE_BODY
 
 
 @dataclass(frozen=True)
+class Trunk:
+    """K bones of a trunk, pelvis and chest included, from below up."""
+
+    heights: np.ndarray
+    """(K,) heights of their middles at rest: 0 at the hips, 1 at the neck."""
+    turns: np.ndarray
+    """(K, F, 3, 3) rotations from rest."""
+
+
+@dataclass(frozen=True)
+class Hand:
+    """B bones of the fingers of a hand."""
+
+    roles: tuple[str, ...]
+    """Role of each bone."""
+    directions: np.ndarray
+    """(B, 3) where each points at rest, in the axes of our body's rest."""
+    bends: np.ndarray
+    """(B, F, 3, 3) rotation of each from rest, within the hand's axes: ``D_hand^T D``."""
+
+
+@dataclass(frozen=True)
 class Actor:
-    """A motion of our body."""
+    """A motion of our body, or of another figure as if it had our joints."""
 
     name: str
     rest: np.ndarray
@@ -29,6 +51,10 @@ class Actor:
     fps: float
     contacts: np.ndarray | None = None
     """(F, 2) bool: left and right foot stand."""
+    trunk: Trunk | None = None
+    """The trunk of a figure that has other bones there than our body; None for our body's."""
+    hands: tuple[Hand, ...] = ()
+    """The fingers, of the hands whose fingers the motion has."""
 
     @property
     def num_frames(self) -> int:

@@ -7,7 +7,7 @@ import numpy as np
 from ..._exchange.so3 import matrix_from_rotvec
 
 _STRAIGHTEST = 0.9995
-"""Share of a limb's length that it is stretched to at most."""
+"""Share of a limb's length that it is stretched to at most, unless the actor's is straighter."""
 _CLEAR_BEND = 0.05
 """Sine of the bend at which the plane of the bones and the anatomical axis count alike."""
 
@@ -29,7 +29,7 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
         (F, 3, 3) rotations to apply after those of the upper and of the lower bone.
     """
     a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
-    distance = np.clip(np.linalg.norm(reach, axis=-1), 1.001 * np.abs(a - b), _STRAIGHTEST * (a + b))
+    distance = np.clip(np.linalg.norm(reach, axis=-1), 1.001 * np.abs(a - b), longest_reach(upper, lower))
     n = bend_axis(upper, lower, axis)
     un, vn = _dot(upper, n), _dot(lower, n)
     u, v = upper - un[:, None] * n, lower - vn[:, None] * n
@@ -39,6 +39,12 @@ def bend_to(reach: np.ndarray, upper: np.ndarray, lower: np.ndarray, axis: np.nd
     bend = matrix_from_rotvec((np.arccos(np.clip(cosine, -1.0, 1.0)) - now)[:, None] * n)
     whole = swing(upper + (bend @ lower[..., None])[..., 0], reach)
     return whole, whole @ bend
+
+
+def longest_reach(upper: np.ndarray, lower: np.ndarray) -> np.ndarray:
+    """Return how far a limb reaches at most, as long as the actor's bones lie: (..., 3) each, to (...)."""
+    a, b = np.linalg.norm(upper, axis=-1), np.linalg.norm(lower, axis=-1)
+    return np.maximum(_STRAIGHTEST * (a + b), np.linalg.norm(upper + lower, axis=-1))
 
 
 def bend_axis(upper: np.ndarray, lower: np.ndarray, axis: np.ndarray) -> np.ndarray:
@@ -66,7 +72,7 @@ def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return matrix_from_rotvec(axis * np.where(sine > 1e-9, angle / np.maximum(sine, 1e-9), 0.0))
 
 
-def within_reach(hips: np.ndarray, ankles: np.ndarray, lengths: np.ndarray, rounds: int = 12) -> np.ndarray:
+def within_reach(hips: np.ndarray, ankles: np.ndarray, reaches: np.ndarray, rounds: int = 12) -> np.ndarray:
     """Return the least way (F, 3) by which the body must move for every leg to reach its foot.
 
     Each leg asks the hips into a ball around its foot; alternating projections onto the balls end in both (Bregman
@@ -75,15 +81,15 @@ def within_reach(hips: np.ndarray, ankles: np.ndarray, lengths: np.ndarray, roun
     Args:
         hips: (L, F, 3) where the legs begin.
         ankles: (L, F, 3) where they should end.
-        lengths: (L,) of the legs.
+        reaches: (L, F) how far each leg reaches.
         rounds: how often each leg asks.
     """
     way = np.zeros(hips.shape[1:])
     for _ in range(rounds):
-        for hip, ankle, length in zip(hips, ankles, lengths, strict=True):
+        for hip, ankle, reach in zip(hips, ankles, reaches, strict=True):
             apart = ankle - hip - way
             distance = np.linalg.norm(apart, axis=-1, keepdims=True)
-            way += apart * np.maximum(1.0 - _STRAIGHTEST * length / np.maximum(distance, 1e-9), 0.0)
+            way += apart * np.maximum(1.0 - reach[:, None] / np.maximum(distance, 1e-9), 0.0)
     return way
 
 

@@ -8,14 +8,14 @@ import numpy as np
 
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
-from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
-from .limbs import bend_to, within_reach
+from .fingers import bend_fingers
+from .limbs import bend_to, longest_reach, within_reach
 from .proportions import length, measure_proportions, scale_of
 from .root_path import ground_path
+from .trunk import between, spine_heights, trunk_of, turn_at
 
-_SPINE = (0, 3, 6, 9)
 _NECK, _HEAD, _HIPS = 12, 15, (1, 2)
 
 
@@ -73,7 +73,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     goals = {role: goal + shift for role, goal in goals.items()}
     still = carried_places(target, turns, carrier, np.zeros((actor.num_frames, 3)))
     way = _hips_path(actor, target, scale) + shift - _hips(target, still)
-    way = way + _for_reach(target, still + way * _carried(target, carrier)[:, None, None], goals)
+    way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
     _bend_limbs(actor, target, turns, places, A, goals)
@@ -87,50 +87,20 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
 def _turns(actor: Actor, target: Target, A: np.ndarray) -> np.ndarray:
     """Return the (N, F, 3, 3) rotations of all controls; those that no joint turns stay at rest."""
     turns = np.broadcast_to(np.eye(3), (len(target.names), actor.num_frames, 3, 3)).copy()
+    trunk, heights = actor.trunk or trunk_of(actor), dict(spine_heights(target))
     for c, role in enumerate(target.roles):
         if role == "carrier":
             turns[c] = actor.turns[:, 0]
         elif role.startswith("spine_"):
-            turns[c] = _along_spine(actor, target, c) @ A[c]
+            turns[c] = turn_at(trunk, heights[c]) @ A[c]
         elif role.startswith("neck_"):
             necks = sum(other.startswith("neck_") for other in target.roles)
             share = (int(role.rpartition("_")[2]) - 1) / necks
-            turns[c] = _between(actor.turns[:, _NECK], actor.turns[:, _HEAD], share) @ A[c]
+            turns[c] = between(actor.turns[:, _NECK], actor.turns[:, _HEAD], share) @ A[c]
         elif role in JOINT_OF:
             turns[c] = actor.turns[:, JOINT_OF[role]] @ A[c]
+    bend_fingers(actor, target, A, turns)
     return turns
-
-
-def _along_spine(actor: Actor, target: Target, bone: int) -> np.ndarray:
-    """Return the (F, 3, 3) rotation of the actor's trunk at the height of a spine bone, the topmost the chest's."""
-    spine = [c for c, role in enumerate(target.roles) if role.startswith("spine_")]
-    spine.sort(key=lambda c: int(target.roles[c].rpartition("_")[2]))
-    if bone == spine[-1]:
-        return actor.turns[:, _SPINE[-1]]
-    thighs = [target.index(f"{side}_thigh") for side in SIDES]
-    base = target.heads[thighs].mean(0) if min(thighs) >= 0 else target.heads[target.index("pelvis")]
-    top = max(target.index("neck_1"), target.index("head"))
-    end = target.heads[top] if top >= 0 else _shoulders(target, spine[-1])
-    middle = (target.heads[bone] + target.heads[spine[spine.index(bone) + 1]]) / 2
-    share = (middle - base) @ (end - base) / ((end - base) @ (end - base))
-    hips = actor.rest[list(_HIPS)].mean(0)
-    axis = actor.rest[_NECK] - hips
-    points = actor.rest[[*_SPINE, _NECK]]
-    nodes = ((points[:-1] + points[1:]) / 2 - hips) @ axis / (axis @ axis)
-    upper = int(np.clip(np.searchsorted(nodes, share), 1, len(nodes) - 1))
-    weight = np.clip((share - nodes[upper - 1]) / (nodes[upper] - nodes[upper - 1]), 0.0, 1.0)
-    return _between(actor.turns[:, _SPINE[upper - 1]], actor.turns[:, _SPINE[upper]], float(weight))
-
-
-def _shoulders(target: Target, chest: int) -> np.ndarray:
-    """Return the (3,) middle of the shoulders at rest, of a trunk that has neither neck nor head."""
-    arms = [c for c in (target.index(f"{side}_upper_arm") for side in SIDES) if c >= 0]
-    return target.heads[arms].mean(0) if arms else target.heads[chest] + [0.0, 0.0, 1e-3]
-
-
-def _between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
-    """Return ``R0 exp(w log(R0^T R1))``."""
-    return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
 
 
 def _foot_goals(
@@ -175,7 +145,7 @@ def _carried(target: Target, carrier: int) -> np.ndarray:
     return carried
 
 
-def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray]) -> np.ndarray:
+def _for_reach(target: Target, turns: np.ndarray, places: np.ndarray, goals: dict[str, np.ndarray]) -> np.ndarray:
     legs = {side: [target.index(role) for role in LIMBS[f"{side}_leg"]] for side in SIDES}
     legs = {side: bones for side, bones in legs.items() if min(bones) >= 0}
     if not legs:
@@ -183,8 +153,15 @@ def _for_reach(target: Target, places: np.ndarray, goals: dict[str, np.ndarray])
     return within_reach(
         np.stack([places[bones[0]] for bones in legs.values()]),
         np.stack([goals[f"{side}_foot"] for side in legs]),
-        np.array([length(target.heads[bones]) for bones in legs.values()]),
+        np.stack([longest_reach(*_bones_of(target, turns, bones)) for bones in legs.values()]),
     )
+
+
+def _bones_of(target: Target, turns: np.ndarray, bones: list[int]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the upper and the lower bone (F, 3) of a limb as they are turned."""
+    upper, lower, end = bones
+    heads = target.heads
+    return turns[upper] @ (heads[lower] - heads[upper]), turns[lower] @ (heads[end] - heads[lower])
 
 
 def _hand_goals(actor: Actor, target: Target, places: np.ndarray) -> dict[str, np.ndarray]:
@@ -209,8 +186,7 @@ def _bend_limbs(
             continue
         first, second = bend_to(
             goals[roles[-1]] - places[upper],
-            turns[upper] @ (target.heads[lower] - target.heads[upper]),
-            turns[lower] @ (target.heads[end] - target.heads[lower]),
+            *_bones_of(target, turns, [upper, lower, end]),
             turns[upper] @ A[upper].T @ _hinge_axis(actor, limb),
         )
         turns[upper], turns[lower] = first @ turns[upper], second @ turns[lower]

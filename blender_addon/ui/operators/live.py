@@ -12,6 +12,7 @@ from ...conventions.file_paths import absolute, stored
 from ...conventions.numbered import next_path
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
+from ..sending_properties import allowed_address, sending_options
 from .base import MocapOperator
 
 if TYPE_CHECKING:
@@ -119,24 +120,37 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.live_start"
     bl_label = "Start Live"
-    bl_description = "Replay a recording of markers at its own rate: unnamed points become a moving body as they come"
+    bl_description = "Let a body move as markers or poses come: from a recording at its own rate, or another program"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """One run at a time, in object mode, and something to replay."""
-        return may_begin(cls, context, source_of(context.scene), "Choose a recording of markers, or import one")
+        """One run at a time, in object mode, and something to replay or to listen at."""
+        settings = context.scene.mocap.live
+        source = settings.listen if settings.kind == "VMC" else source_of(context.scene)
+        return may_begin(cls, context, source, "Choose a recording of markers or a motion, or import one")
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the solver's process and make what shows it."""
+        from ..._exchange.motion_file import is_motion
         from ...solving.live import start_live
 
-        settings = context.scene.mocap.live
-        require_there(source_of(context.scene), settings.subject)
-        source = absolute(source_of(context.scene))
-        subject = absolute(settings.subject) if settings.subject else None
-        folder = usable(files_folder(context.scene))
-        record = next_path(folder, "live", ".c3d") if settings.record else None
-        live.begin(start_live(source, chosen_python(context), folder, subject=subject, record=record), context.scene)
+        scene, settings = context.scene, context.scene.mocap.live
+        options, subject = sending_options(settings), settings.subject
+        if settings.kind == "VMC":
+            source, suffix = str(allowed_address(settings.listen)), ".npz"
+            require_there(subject)
+        else:
+            require_there(source_of(scene), subject)
+            source = absolute(source_of(scene))
+            suffix = "" if is_motion(source) else ".c3d"  # a motion that is replayed is there already
+            subject = subject if suffix else ""
+        folder = usable(files_folder(scene))
+        record = next_path(folder, "live", suffix) if settings.record and suffix else None
+        run = start_live(
+            source, chosen_python(context), folder, subject=absolute(subject) if subject else None, record=record,
+            options=options,
+        )  # fmt: skip
+        live.begin(run, scene)
         return {"FINISHED"}
 
 

@@ -1,4 +1,4 @@
-"""Operators that map a character's rig and lay the body's motion on it."""
+"""Operators that map a character's rig and lay the motion of the body, or of another rig, on it."""
 
 from __future__ import annotations
 
@@ -8,13 +8,27 @@ import bpy
 
 from ...conventions.counting import counted
 from ...errors import MapInvalid
-from .base import NeedsBody
+from .base import MocapOperator
 
 if TYPE_CHECKING:
+    from ...conventions.timing import TakeTiming
     from ...retarget.maps.rig_map import RigMap
+    from ...retarget.motion.figures import Actor
 
 
-class MOCAP_OT_map_rig(NeedsBody, bpy.types.Operator):
+class NeedsActor(MocapOperator):
+    """Mixin of operators on an actor: another rig that is chosen, or the solved body."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs an actor."""
+        if actor_object(context.scene) is None:
+            cls.poll_message_set("Solve a capture first, or choose an actor")
+            return False
+        return True
+
+
+class MOCAP_OT_map_rig(NeedsActor, bpy.types.Operator):
     """Fills the table of roles."""
 
     bl_idname = "mocap.map_rig"
@@ -36,7 +50,7 @@ class MOCAP_OT_map_rig(NeedsBody, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_set_map_pose(NeedsBody, bpy.types.Operator):
+class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
     """Keeps the pose the target stands in as its map pose."""
 
     bl_idname = "mocap.set_map_pose"
@@ -61,13 +75,13 @@ class MOCAP_OT_set_map_pose(NeedsBody, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
+class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
     """Lays the body's motion on the target."""
 
     bl_idname = "mocap.retarget"
     bl_label = "Retarget"
     bl_description = (
-        "Lay the motion that the body plays on the target as a new action; what the target played waits on a muted "
+        "Lay the motion that the actor plays on the target as a new action; what the target played waits on a muted "
         "NLA track"
     )
 
@@ -75,18 +89,17 @@ class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
         """Lay it."""
         from ...animation.retiming import mark_laid
         from ...conventions.timing import show_frame
-        from ...retarget.actor_rig import read_actor
         from ...retarget.motion.transfer import TransferSettings
         from ...retarget.retarget import RetargetSettings, retarget
 
         scene, settings = context.scene, context.scene.mocap.retarget
         rig, rig_map = _target(context), _table_map(context)
-        actor, timing = read_actor(scene.mocap.review.armature, scene)
+        actor, timing, doubts = _actor(scene)
         way = TransferSettings(settings.way == "place", settings.way == "root", scale=settings.scale)
         done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
         mark_laid(done.action, actor.fps, actor.num_frames, timing.start, timing.scene_fps)
         show_frame(scene)
-        for note in done.notes:
+        for note in (*doubts, *done.notes):
             self.report({"WARNING"}, note)
         off_mm, name = done.deviation_mm, done.action.name
         measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
@@ -94,8 +107,28 @@ class MOCAP_OT_retarget(NeedsBody, bpy.types.Operator):
         return {"FINISHED"}
 
 
+def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
+    """Return the armature that has the motion: the one that is chosen, else the solved body."""
+    chosen = scene.mocap.retarget.actor
+    return scene.mocap.review.armature if chosen is None or scene.objects.get(chosen.name) != chosen else chosen
+
+
+def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
+    from ...retarget.actor_rig import is_actor, read_actor
+    from ...retarget.recognition import map_rig
+    from ...retarget.rig_actor import read_rig_actor
+    from ...retarget.user_presets import user_presets_folder
+
+    rig = actor_object(scene)
+    if rig is None or is_actor(rig):
+        return *read_actor(rig, scene), ()
+    return read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
+
+
 def _target(context: bpy.types.Context) -> bpy.types.Object:
     rig = context.scene.mocap.retarget.target
+    if rig is not None and rig == actor_object(context.scene):
+        raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")
     if rig is None or context.scene.objects.get(rig.name) != rig:
         hint = "Choose the character's armature in the Retarget panel."
         raise MapInvalid("There is no target in this scene.", hint=hint)

@@ -14,6 +14,7 @@ from ...conventions.numbered import next_path
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
 from ..rig_properties import GAMMA_S, PARTS
+from ..sending_properties import sending_options
 from .base import MocapOperator
 from .live import live, may_begin, require_there
 from .solver_operator import SolverOperator
@@ -73,6 +74,8 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
         require_there(rig.subject, rig.source if rig.kind == "FOLDER" else "")
         folder = usable(files_folder(scene))
         options = {"WAND": ["--wand"], "GAMMA": ["--wand", "--seconds", f"{GAMMA_S:g}"], "TAKE": ["--poses"]}[part]
+        if part == "TAKE":
+            options += sending_options(rig)
         if part == "TAKE" and rig.subject:
             options += ["--subject", str(absolute(rig.subject))]
         if rig.record:

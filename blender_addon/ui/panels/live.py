@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..operators.import_capture import MOCAP_OT_import_capture
+from ..operators.import_motion import MOCAP_OT_import_motion
 from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
+from ..operators.send_take import MOCAP_OT_send_take, playing
 from ..translation import CONTEXT
 from .parts import AcquisitionPanel, wrapped
 
@@ -35,17 +37,41 @@ class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
         if live.busy and not live.of_sensors:
             draw_run(layout, context)
             return
+        layout.prop(settings, "kind", text="")
         column = layout.column(align=True)
-        column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
+        if settings.kind == "VMC":
+            column.prop(settings, "listen", text="", icon="IMPORT")
+        else:
+            column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
         layout.prop(settings, "record")
+        draw_sending(layout, settings)
         layout.operator(MOCAP_OT_live_start.bl_idname, icon="PLAY")
         if live.failure and not live.of_sensors:
             wrapped(layout, context, live.failure, "ERROR", alert=True)
         if live.recorded:
             row = layout.row()
             row.label(text=live.recorded.replace("\\", "/").rpartition("/")[2], icon="FILE_TICK", translate=False)
-            row.operator(MOCAP_OT_import_capture.bl_idname, text="Import").filepath = live.recorded
+            imports = MOCAP_OT_import_motion if live.recorded.endswith(".npz") else MOCAP_OT_import_capture
+            row.operator(imports.bl_idname, text="Import").filepath = live.recorded
+        draw_playing(layout, context)
+
+
+def draw_sending(layout: bpy.types.UILayout, settings: bpy.types.PropertyGroup) -> None:
+    """Draw whether poses are sent, and where."""
+    layout.prop(settings, "send")
+    if settings.send:
+        layout.prop(settings, "send_to", text="", icon="EXPORT")
+
+
+def draw_playing(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
+    """Draw what sends the take that the body plays, hand edits included."""
+    if context.scene.mocap.review.armature is None and not playing.busy:
+        return
+    text, icon = ("Stop Sending", "PAUSE") if playing.busy else ("Send While Playing", "EXPORT")
+    layout.operator(MOCAP_OT_send_take.bl_idname, text=text, text_ctxt=CONTEXT, icon=icon)
+    if playing.said:
+        wrapped(layout, context, playing.said, "INFO")
 
 
 def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -57,7 +83,8 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     layout.label(text="Stopping" if run.process.cancelling else text, text_ctxt=CONTEXT, icon=icon)
     if pose is not None:
         off = "" if math.isnan(pose.off_mm) else f", {pose.off_mm:.0f} mm off"
-        layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
+        if len(pose.points):
+            layout.label(text=f"{len(pose.points)} points{off}", icon="DOT", translate=False)
         for text in timing_lines(pose):
             layout.label(text=text, icon="TIME", translate=False)
         for name, share in pose.coverage.items():

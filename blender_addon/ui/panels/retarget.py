@@ -1,14 +1,14 @@
-"""Retarget: the body's motion on another character."""
+"""Retarget: the motion of the body, or of another rig, on a character."""
 
 from __future__ import annotations
 
 import bpy
 
-from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose
-from .parts import BodyPanel, draw_next
+from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose, actor_object
+from .parts import StagePanel, draw_next
 
 
-class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_retarget(StagePanel, bpy.types.Panel):
     """Laying the motion on a character's rig."""
 
     stage = "DELIVER"
@@ -17,9 +17,18 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
     bl_order = 6
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is an armature that can have a motion."""
+        return bool(bpy.data.armatures)
+
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw target, map and the button."""
+        """Draw actor, target, map and the button."""
         layout, settings = self.layout, context.scene.mocap.retarget
+        layout.prop(settings, "actor")
+        if actor_object(context.scene) is None:
+            draw_next(layout, context, "Choose the armature that has the motion.")
+            return
         layout.prop(settings, "target")
         if settings.target is None:
             draw_next(layout, context, "Choose the character's armature.")
@@ -33,7 +42,7 @@ class VIEW3D_PT_mocap_retarget(BodyPanel, bpy.types.Panel):
         layout.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
 
 
-class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_rig_table(StagePanel, bpy.types.Panel):
     """Which bone plays which role."""
 
     stage = "DELIVER"
@@ -44,9 +53,8 @@ class VIEW3D_PT_mocap_rig_table(BodyPanel, bpy.types.Panel):
 
     @classmethod
     def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there are a solved body and a rig that was mapped."""
-        retarget = settings.retarget
-        return super().has_subject(settings) and retarget.target is not None and bool(retarget.map_text)
+        """Return whether there is a rig that was mapped."""
+        return settings.retarget.target is not None and bool(settings.retarget.map_text)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, to be corrected, and the map pose."""

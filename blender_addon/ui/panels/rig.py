@@ -9,7 +9,7 @@ from ..operators.live import live
 from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_rig_start
 from ..rig_properties import PARTS, MocapRig
 from ..translation import CONTEXT
-from .live import draw_run
+from .live import draw_run, draw_sending
 from .parts import AcquisitionPanel, draw_failure, draw_progress, wrapped
 
 _VERBS = ("oaks", "calibrate-wand")
@@ -70,6 +70,7 @@ def _draw_take(layout: bpy.types.UILayout, rig: MocapRig) -> None:
     column = layout.column(align=True)
     column.prop(rig, "subject", text="", icon="USER", placeholder="Subject")
     layout.prop(rig, "record")
+    draw_sending(layout, rig)
     layout.operator(MOCAP_OT_rig_start.bl_idname, text=PARTS["TAKE"][0], icon="PLAY").part = "TAKE"
     column = layout.column(align=True)
     column.prop(rig, "take", text="", icon="FILE_FOLDER", placeholder="Take")

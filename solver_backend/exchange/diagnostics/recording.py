@@ -11,6 +11,12 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Markers on the skin are named like a skeleton's joints.",
         "Write the markers' places with `layout`, and solve with `--layout`.",
     ),
+    "markers_off_place": warning(
+        "Markers sit far from where their names would put them: {places}. Their names are not used",
+        "The names mean other places, or the markers are on a chair or a tool. The solve finds the bone that each "
+        "moves with, or leaves it out.",
+        "Write how labels are read with `layout`, correct the places, and solve with `--layout`.",
+    ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
         "The detector took left for right for a while, often when the person turns away from the camera.",
@@ -20,6 +26,21 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Camera {camera}: left and right are exchanged",
         "The keypoints of this view have their left and right names exchanged.",
         "Check the names of the keypoints in this view's files.",
+    ),
+    "hands_exchanged": note(
+        "Camera {camera}: the left and the right hand are exchanged",
+        "The detector took one hand for the other; hands are sorted by the wrists they lie at.",
+        "Compare with the footage if fingers look wrong there.",
+    ),
+    "hand_elsewhere": note(
+        "Camera {camera}: a hand lies at neither wrist and is left out",
+        "The detector found somebody else's hand, or a thing that looks like one.",
+        "Look at its footage there if fingers are at rest that the camera sees.",
+    ),
+    "hands_without_fingers": warning(
+        "Hands were detected, and the body has no finger joints",
+        "The body file is SMPL's, or one of its own layout.",
+        "Solve with the body that ships, or with an SMPL-H or SMPL-X file.",
     ),
     "image_mirrored": warning(
         "Camera {camera}: the image is mirrored",

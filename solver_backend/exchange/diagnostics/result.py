@@ -102,6 +102,16 @@ RESULT: dict[str, DiagnosticEntry] = {
         "The calibration does not belong to the recording, or the cameras are not synchronised.",
         "Check the calibration and the synchronisation.",
     ),
+    "markers_far": warning(
+        "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
+        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
+        "Check the labels, and look at the recording in the program that wrote it.",
+    ),
+    "markers_impossible": error(
+        "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
+        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
+        "Check the labels, and look at the recording in the program that wrote it.",
+    ),
     "camera_disagrees": warning(
         "Camera {camera} disagrees with the others: {size:.1f} px against {usual:.1f} px",
         "The camera moved during the take, is not synchronised, or its calibration is off.",

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types import NUM_JOINTS
 
@@ -21,7 +22,7 @@ class Pin:
     global_orient: np.ndarray
     """(3,) axis-angle."""
     body_pose: np.ndarray
-    """(69,) axis-angle."""
+    """(69,) axis-angle, or (153,) with fingers."""
     transl: np.ndarray
     """(3,) metres."""
 
@@ -49,7 +50,10 @@ class FrameRange:
         for number, pin in enumerate(values.get("pins") or ()):
             where = f"resolve, pin {number}"
             _check_keys(pin, {"frame", "global_orient", "body_pose", "transl"}, set(), where)
-            sizes = {"global_orient": 3, "body_pose": 3 * (NUM_JOINTS - 1), "transl": 3}
+            given = pin["body_pose"]
+            wide = isinstance(given, list) and len(given) == 3 * (SMPL_HANDS.num_joints - 1)
+            joints = SMPL_HANDS.num_joints if wide else NUM_JOINTS
+            sizes = {"global_orient": 3, "body_pose": 3 * (joints - 1), "transl": 3}
             pins.append(Pin(_whole(pin, "frame", where), **{k: _vector(pin, k, n, where) for k, n in sizes.items()}))
         return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins))
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -45,6 +44,8 @@ ROBUST_SCALE = 4.0
 SHAPE_LIMIT = 3.5
 """Deviations that a shape coefficient reaches where parts of the body have no markers: markers
 on the rest do not separate all coefficients, and those that they leave open run away."""
+HELD = 1e6
+"""Precision of a coefficient held at its limit: 64 frames of 14 markers give about 4,000."""
 KNOWN = 1e12
 """Precision of a shape that is given."""
 
@@ -82,15 +83,22 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
     objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
     states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
     progress(STAGE, 2, 3)
-    limit = SHAPE_LIMIT if uninformed_parts(problem.body, problem.measurements) else math.inf
-    placement, state = placement_prior(subject, settings, limit), CalibrationState.of(subject, problem.prior, states)
     weight = min(1.0, POSE_FRAMES / len(frames))
-    for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
 
-        def linearise(s: CalibrationState, scale: float = scale) -> tuple[Array, Arrowhead]:
+    def fit(state: CalibrationState, placement: PlacementPrior, scale: float) -> CalibrationState:
+        def linearise(s: CalibrationState) -> tuple[Array, Arrowhead]:
             return calibration_equations(problem.prior, objective, placement, s, scale, weight)
 
-        state = levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
+        return levenberg_marquardt(state, linearise, CalibrationState.retract, steps).state
+
+    placement, state = placement_prior(subject, settings), CalibrationState.of(subject, problem.prior, states)
+    for scale in graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3):
+        state = fit(state, placement, scale)
+    if settings.betas is None and uninformed_parts(problem.body, problem.measurements):
+        # An active set: a wall inside the fit stops its steps short, poses and places included.
+        while (held := held_at_limit(placement, to_numpy(state.subject.betas))) is not None:
+            placement = held
+            state = fit(state, placement, settings.robust_scale)
     progress(STAGE, 3, 3)
     poses = state.poses(problem.prior)
     measured = problem.measurements
@@ -127,10 +135,23 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
     return np.sqrt(variance)
 
 
-def placement_prior(subject: Subject, settings: SolveSettings, shape_limit: float = math.inf) -> PlacementPrior:
+def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior:
     """Return what is known of shape and places: people's spread, and how far each kind of marker strays."""
     like = subject.betas
     shape = np.full(10, 1.0 if settings.betas is None else KNOWN)
     mean = np.zeros(10) if settings.betas is None else np.asarray(settings.betas, dtype=np.float64)
     places = placement_precision(subject.body, subject.landmarks.names)
-    return PlacementPrior(constant(shape, like), constant(mean, like), shape_limit, constant(places, like))
+    return PlacementPrior(constant(shape, like), constant(mean, like), constant(places, like))
+
+
+def held_at_limit(placement: PlacementPrior, betas: np.ndarray) -> PlacementPrior | None:
+    """Return the prior that holds coefficients at ``SHAPE_LIMIT`` which are beyond it; None where no other one is."""
+    precision, mean = to_numpy(placement.shape), to_numpy(placement.shape_mean)
+    beyond = (np.abs(betas) > SHAPE_LIMIT) & (precision < HELD)
+    if not beyond.any():
+        return None
+    precision = np.where(beyond, HELD, precision)
+    mean = np.where(beyond, np.sign(betas) * SHAPE_LIMIT, mean)
+    return replace(
+        placement, shape=constant(precision, placement.shape), shape_mean=constant(mean, placement.shape_mean)
+    )

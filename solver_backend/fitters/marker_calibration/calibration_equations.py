@@ -22,8 +22,6 @@ from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.solver.normal_equations import Arrowhead
 
-LIMIT_PRECISION = 1e6
-"""Of a shape coefficient beyond its limit: more than 64 frames of 14 markers say of one, about 4 each."""
 FLOOR = 1e-2
 """Precision that every unknown of a pose has."""
 
@@ -36,8 +34,6 @@ class PlacementPrior:
     """(10,) precision of the shape around the mean person's, or around a known one."""
     shape_mean: Array
     """(10,)."""
-    shape_limit: float
-    """Deviations beyond which a shape coefficient is held back by ``LIMIT_PRECISION``; infinite for nowhere."""
     places: Array
     """(L, 3, 3) precision of each marker's offset from its rule in the rest frame, 1/m²."""
 
@@ -128,9 +124,6 @@ def _with_placement(
     for i in range(len(places)):
         part = slice(10 + 3 * i, 13 + 3 * i)
         system.shared[part, part] += placement.places[i]
-    beyond = state.subject.betas - xp.clip(state.subject.betas, -placement.shape_limit, placement.shape_limit)
-    system.shared[:10, :10] += LIMIT_PRECISION * xp.astype(beyond != 0.0, beyond.dtype) * identity(10, shape)
-    system.g_shared[:10] += placement.shape * shape + LIMIT_PRECISION * beyond
+    system.g_shared[:10] += placement.shape * shape
     system.g_shared[10:] += xp.reshape(pulled, (-1,))
-    held = xp.sum(placement.shape * shape * shape) + LIMIT_PRECISION * xp.sum(beyond * beyond)
-    return 0.5 * (held + xp.sum(pulled * places)), system
+    return 0.5 * (xp.sum(placement.shape * shape * shape) + xp.sum(pulled * places)), system

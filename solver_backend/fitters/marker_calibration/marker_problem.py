@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import read_label_places
-from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
@@ -19,6 +19,7 @@ from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, S
 from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
+from solver_backend.fitters.marker_calibration.off_place import distances, off_place
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
@@ -34,6 +35,8 @@ from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, Mark
 
 EXCHANGED = "exchanged"
 """What a person's provenance calls pairs of labels that name each other's markers."""
+MISPLACED = "misplaced"
+"""What it calls labels whose names are not used, each with the place that it names and its distance in metres."""
 
 
 def marker_problem(
@@ -61,7 +64,7 @@ def marker_problem(
     if person is None:
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
-        doubts = doubt_joints(cloud, person)
+        doubts = [*doubt_joints(cloud, person), *_misplaced(person)]
     person, columns = matched(person, cloud.labels or ())
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
@@ -144,6 +147,15 @@ def _throughout(cloud: MarkerCloud, *labels: str) -> Diagnostic:
     return diagnostic("markers_exchanged", markers=sorted(labels), frames=frames, remedy=Remedy.REPAIRED)
 
 
+def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
+    """Return that names of markers were not used."""
+    found = person.provenance.get(MISPLACED, ())
+    if not found:
+        return []
+    texts = [f"{label} as {place} ({1000 * off:.0f} mm)" for label, place, off in found]
+    return [diagnostic("markers_off_place", markers=[label for label, *_ in found], places=", ".join(texts))]
+
+
 def calibrated(
     clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings,
     progress: Progress, provenance: dict[str, Any] | None = None,
@@ -170,11 +182,24 @@ def calibrated(
             own = {**own, labels[a]: places[b], labels[b]: places[a]}
         problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     found = calibrate(problem, like, settings, progress)
+    places, misplaced = problem.measurements.landmarks.names, list[tuple[str, str, float]]()
+    # Again after each: a name that is wrong bends the body, and hides others.
+    while far := off_place(places, off := distances(found, problem.measurements.points)):
+        if len(places) - len(far) < LEAST_MARKERS:
+            break
+        labels = known.labels or ()
+        misplaced += [(labels[m], places[m], round(float(off[m]), 3)) for m in far]
+        kept = [m for m in range(len(places)) if m not in far]
+        known = known.columns(kept, tuple(labels[m] for m in kept))
+        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+        places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
     record = {"frames": found.frames.tolist(), **(provenance or {})}
     if exchanged:
         record[EXCHANGED] = [sorted((labels[a], labels[b])) for a, b in exchanged]
+    if misplaced:
+        record[MISPLACED] = [list(item) for item in misplaced]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)
-    return with_attached(person, found, cloud, names.unknown)
+    return with_attached(person, found, cloud, (*names.unknown, *(label for label, *_ in misplaced)))
 
 
 def with_attached(

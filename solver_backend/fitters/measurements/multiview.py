@@ -14,6 +14,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.model_error import fit_sigma_px
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.geometry.arrays import Array
@@ -86,6 +87,7 @@ def measurements_of(
         fps=keypoints.fps,
         report=ReprojectionReport(cameras, keypoints),
         joint_set=keypoints.joint_set,
+        hands=HandViews.of(cameras, keypoints),
         provenance={
             "diagnostics": [item.as_dict() for item in found],
             "sigma_px": [round(float(s), 3) for s in sigma_px],

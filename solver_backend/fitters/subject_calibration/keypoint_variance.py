@@ -9,6 +9,7 @@ from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.arrays import Array
 from solver_backend.residuals.point_term import DataTerm
 
 PRIOR_FRAMES = 60.0
@@ -42,8 +43,11 @@ def reweighted(subject: Subject, frames: PosedFrames, term: DataTerm, scale: flo
         scale: detections beyond this many standard deviations are left out.
         sample: frame numbers of the sample.
     """
-    part = term.select(sample)
-    points = pose(subject, frames).points
+    return reweighted_by_points(pose(subject, frames).points, term.select(sample), term, scale)
+
+
+def reweighted_by_points(points: Array, part: DataTerm, term: DataTerm, scale: float) -> DataTerm:
+    """Return ``reweighted`` of a sample's points (S, L, 3), with the part of the term that is theirs."""
     xp = array_namespace(points)
     found = part.residuals(points)
     inlier = found.inliers(scale)

@@ -33,7 +33,8 @@ def with_window_variances(
         fps: frames per second.
         scale: landmarks beyond this many standard deviations are left out.
         dof: unknowns of a solution for each frame.
-        looked_at: (T,) bool of all frames of the term: those that the points are of, some in every stretch; None: all.
+        looked_at: (T,) bool of all frames of the term: those that the points are of; None: all. A stretch without any
+            is as the landmark is elsewhere.
 
     Reference: Kendall and Gal 2017, eq. 8, whose minimum by a variance this is.
     """
@@ -47,12 +48,14 @@ def with_window_variances(
     mean = square.sum() / max(free.sum(), 1.0)
     by_landmark = (square.sum(0) + TAKE_FRAMES * mean) / (free.sum(0) + TAKE_FRAMES)
     window = (np.arange(len(looked_at)) / max(1.0, WINDOW_S * fps)).astype(int)
-    sums, freedoms = (_by_window(values, window[looked_at]) for values in (square, free))
+    sums, freedoms = (_by_window(values, window[looked_at], window[-1] + 1) for values in (square, free))
     variance = (sums + WINDOW_FRAMES * by_landmark) / (freedoms + WINDOW_FRAMES)
     level = min(float(np.median(by_landmark)), 1.0)
     return term.rescaled(constant(np.clip(variance / max(level, 1e-3), *RANGE)[window][None], points))
 
 
-def _by_window(values: np.ndarray, window: np.ndarray) -> np.ndarray:
-    """Return (W, L) sums of (F, L) values over the frames of each window."""
-    return np.add.reduceat(values, np.flatnonzero(np.diff(window, prepend=-1)), axis=0)
+def _by_window(values: np.ndarray, window: np.ndarray, count: int) -> np.ndarray:
+    """Return (W, L) sums of (F, L) values over the frames of each window; 0 where it has none."""
+    found = np.zeros((count, values.shape[1]))
+    np.add.at(found, window, values)
+    return found

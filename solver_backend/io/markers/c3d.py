@@ -101,6 +101,16 @@ def read_c3d(
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
+def read_segments(path: Path) -> SegmentOrigins | None:
+    """Return origins and rotations of the segments that a file holds, None where it holds none.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, is truncated, or is no C3D.
+    """
+    data = np.frombuffer(read_bytes(path), np.uint8)
+    return read_origins(data, read_parameters(data, path))
+
+
 def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> MarkerSource:
     """Return the joint centres of a file that holds rotations of segments and no points."""
     return MarkerSource(
@@ -115,7 +125,7 @@ def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> Ma
         up_axis=_screen_up(parameters),
         notes=(
             f"The file holds no points but rotations of {len(origins.labels)} segments: their origins are read as "
-            "joint centres, their rotations are not read.",
+            "joint centres. 'motion' reads their rotations, too.",
         ),
     )
 

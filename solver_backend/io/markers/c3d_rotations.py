@@ -22,12 +22,14 @@ _NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}
 
 @dataclass(frozen=True)
 class SegmentOrigins:
-    """Where S segments begin, in F frames."""
+    """Where S segments begin and how they are turned, in F frames."""
 
     positions: np.ndarray
     """(F, S, 3) in the unit of the file's points, NaN where a segment is not seen."""
     labels: tuple[str, ...]
     """One a segment, the side in words."""
+    turns: np.ndarray
+    """(F, S, 3, 3) rotations from each segment's axes to the file's."""
     rate: float | None
     """Frames per second."""
 
@@ -53,7 +55,9 @@ def read_origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | N
     values = values.reshape(frames, count, _WORDS)
     kept = [i for i, label in enumerate(labels[:count]) if not label.lower().startswith("world")]
     positions = np.where(values[:, kept, -1:] >= 0, values[:, kept, 12:15], np.nan)
-    return SegmentOrigins(positions, tuple(_named(labels[i]) for i in kept), parameters.number("ROTATION:RATE"))
+    columns = values[:, kept, :16].reshape(frames, len(kept), 4, 4)[..., :3, :3]
+    names = tuple(_named(labels[i]) for i in kept)
+    return SegmentOrigins(positions, names, np.swapaxes(columns, -1, -2), parameters.number("ROTATION:RATE"))
 
 
 def _named(label: str) -> str:

@@ -25,6 +25,7 @@ from solver_backend.io.markers.text_table import (
     rate_of,
     triples,
 )
+from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 _HEADER_LINES, _ROWS_LOOKED_AT = 20, 100
 """Lines in which the labels must come, and rows that tell how all are written."""
@@ -144,5 +145,7 @@ def _rate(header: dict[str, str], values: np.ndarray) -> tuple[float | None, lis
         return (timed if timed is not None else stated), []
     # Times have few decimals: a step of 4 ms may be written as 0.00 or 0.01.
     if timed is not None and abs(timed - stated) > 0.3 * stated:
-        return stated, [f"The header states {stated:g} Hz, the times {timed:.4g}; {stated:g} is used."]
+        # Who thins a file out writes the times anew and leaves the header; times in another unit give no frame rate.
+        used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
+        return used, [f"The header states {stated:g} Hz, the times {timed:.4g}; {used:.4g} is used."]
     return stated, []

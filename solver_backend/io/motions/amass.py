@@ -136,8 +136,10 @@ def _gender(fields: Fields) -> str:
     return gender if gender in ("male", "female", "neutral") else "unknown"
 
 
-def _recognises(path: Path) -> bool:
-    """Whether an .npz holds poses and does not name a format, as our own files do."""
+def is_amass(path: Path) -> bool:
+    """Return whether a file is an .npz that holds poses and does not name a format, as our own files do."""
+    if path.suffix.lower() != ".npz":
+        return False
     try:
         names = array_names(path)
     except MocapError:
@@ -145,4 +147,4 @@ def _recognises(path: Path) -> bool:
     return "format" not in names and ("poses" in names or "pose_body" in names)
 
 
-READER = Reader("AMASS .npz", _recognises, lambda path, options: read_amass(path, fps=options.fps))
+READER = Reader("AMASS .npz", is_amass, lambda path, options: read_amass(path, fps=options.fps))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,8 +10,12 @@ import numpy as np
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
+from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
+from solver_backend.io.motions.mvnx import read_mvnx
+from solver_backend.io.motions.segments import read_c3d_segments
 from solver_backend.io.recognition.length_unit import METRES, metres_in
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import SkeletonMotion
 
 _UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
@@ -18,6 +23,9 @@ _UNITS = {**METRES, "CMU (0.45 / 8 inch)": 0.0564444, "decimetre": 0.1}
 _LEG_M, _LEAST_LEG_M, _MOST_LEG_M = 0.80, 0.45, 1.15
 """Hip to knee to ankle of a usual, the smallest and the tallest person that is taken for one (ANSUR II: 0.70 to 1.0;
 a child of four has 0.45)."""
+_NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
+"""The least that a person's clip has."""
+_READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 _MOST_M = 1e4
 """Metres from the origin beyond which no take goes."""
 
@@ -49,13 +57,7 @@ def read_foreign_bvh(path: Path, unit: str = "", up_axis: str = "") -> tuple[Ske
     if not up_axis and (up := _up_axis(clip, roles)) != "y":
         notes.append(f"The trunk points along {up.upper()}, which is used as the up axis.")
         clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
-    motion = _motion(clip, skeleton, metres, path.stem)
-    if np.abs(motion.joints).max() > _MOST_M:
-        raise MotionInvalid(
-            f"The clip goes {np.abs(motion.joints).max():.0f} m from its origin.", where=str(path),
-            hint="Offsets and positions are in different units; export it again.",
-        )  # fmt: skip
-    return motion, roles, notes
+    return _checked(_motion(clip, skeleton, metres, path.stem), str(path)), roles, notes
 
 
 def _skeleton(clip: BvhClip) -> Skeleton:
@@ -71,12 +73,70 @@ def _skeleton(clip: BvhClip) -> Skeleton:
     return Skeleton(places, parents)
 
 
+def read_foreign_clip(
+    path: Path, unit: str = "", up_axis: str = ""
+) -> tuple[SkeletonMotion, dict[str, str], list[str]]:
+    """Read a clip of any supported program: BVH, MVNX, segments of C3D, or a skeleton file from Blender.
+
+    Args:
+        path: the file.
+        unit: of length; "" for the file's own or, where it states none, an estimate from the length of the legs.
+        up_axis: ``x``, ``y`` or ``z``; "" to detect it.
+
+    Returns:
+        The motion, its joint by role, and notes on what was detected.
+
+    Raises:
+        MocapError: see ``read_foreign_bvh``, ``read_mvnx``, ``read_c3d_segments`` and ``read_skeleton``, or the format
+            is not read here.
+    """
+    suffix, where = path.suffix.lower(), str(path)
+    if suffix in _THROUGH_BLENDER:
+        hint = f"python -m blender_addon motion {path.name} reads it with Blender's importer."
+        raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
+    if suffix == ".bvh":
+        return read_foreign_bvh(path, unit, up_axis)
+    notes: list[str] = []
+    if suffix == ".mvnx":
+        motion, roles = read_mvnx(path)
+    elif suffix == ".c3d":
+        motion, roles, notes = read_c3d_segments(path)
+    elif suffix == ".npz":
+        file = read_skeleton(path)
+        motion = SkeletonMotion(file.name, file.names, file.parents, file.rest, file.joints, file.turns, file.fps)
+        roles = file.roles
+    else:
+        hint = f"{', '.join(_READ)} are read; export the clip as one of them."
+        raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
+    skeleton = _rest_skeleton(motion)
+    if not set(_NEEDED) <= roles.keys():
+        roles = _roles(skeleton, where)
+    metres, said = _metres(skeleton, roles, unit, where)
+    if up_axis and up_axis != "z":
+        R = rotation_to_z_up(up_axis)
+        motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
+    motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
+    return _checked(motion, where), roles, [*notes, *said]
+
+
+def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:
+    parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
+    return Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
+
+
+def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
+    """Return a motion that stays within reach of its origin."""
+    if (far := np.abs(motion.joints).max()) > _MOST_M:
+        hint = "Offsets and positions are in different units; export it again."
+        raise MotionInvalid(f"The clip goes {far:.0f} m from its origin.", where=where, hint=hint)
+    return motion
+
+
 def _roles(skeleton: Skeleton, where: str) -> dict[str, str]:
     guess = recognise(skeleton)
-    needed = [f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")]
-    if "pelvis" in guess.roles and set(needed) <= guess.roles.keys():
+    if set(_NEEDED) <= guess.roles.keys():
         return guess.roles
-    missing = [role for role in ("pelvis", *needed) if role not in guess.roles]
+    missing = [role for role in _NEEDED if role not in guess.roles]
     said = " ".join(guess.doubts) or "Its joints are not those of a person."
     hint = f"{said} A pelvis and two whole legs are the least."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)

@@ -74,9 +74,9 @@ def test_a_swing_takes_one_direction_to_another_and_adds_no_twist() -> None:
 def test_the_hips_give_way_until_both_legs_reach() -> None:
     hips = np.stack([np.tile([0.1, 0, 1.0], (5, 1)), np.tile([-0.1, 0, 1.0], (5, 1))])
     ankles = hips - [0, 0, 0.9] + RNG.normal(scale=0.1, size=(2, 5, 3))
-    way = within_reach(hips, ankles, np.array([0.8, 0.8]))
+    way = within_reach(hips, ankles, np.full(hips.shape[:2], 0.9995 * 0.8))
     assert np.linalg.norm(ankles - hips - way, axis=-1).max() < 0.803
-    near = within_reach(hips, hips - [0, 0, 0.7], np.array([0.8, 0.8]))
+    near = within_reach(hips, hips - [0, 0, 0.7], np.full(hips.shape[:2], 0.8))
     assert not near.any()
 
 

@@ -50,6 +50,7 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
         "MOCAP_OT_export_take",
         "MOCAP_OT_export_markers",
         "MOCAP_OT_live_stop",
+        "MOCAP_OT_send_take",
         "MOCAP_OT_open_benchmark",
     }
     for cls in classes_of(bpy.types.Operator):
@@ -113,8 +114,10 @@ def test_nothing_is_looked_up_by_an_english_name(path):
 
 
 @pytest.mark.parametrize("path", sorted(ADDON.rglob("*.py")), ids=lambda path: path.relative_to(ADDON).as_posix())
-def test_nothing_reaches_for_the_network(path):
+def test_nothing_but_the_sender_of_poses_reaches_for_the_network(path):
     names = {"urllib", "http", "socket", "requests", "ftplib", "ssl", "asyncio"}
+    if path.relative_to(ADDON).as_posix() == "_exchange/vmc/sender.py":
+        names -= {"socket"}  # the manifest's permission, with its reason
     for node in ast.walk(ast.parse(path.read_text("utf-8"))):
         if isinstance(node, ast.Import):
             assert not names & {alias.name.split(".")[0] for alias in node.names}

@@ -66,3 +66,20 @@ def test_what_is_missing_is_said_and_nothing_is_made(mocap, rig):
     with pytest.raises(RuntimeError, match="There is no target"):
         bpy.ops.mocap.map_rig()
     assert len(bpy.data.actions) == actions
+
+
+def test_another_rig_is_the_actor_without_a_solved_body(mocap, scene):
+    source, target = mixamo_rig("Source"), mixamo_rig("Target", "tall")
+    assert not bpy.ops.mocap.map_rig.poll(), "there is no actor yet"
+    for frame, angle in ((1, 0.0), (20, 0.6)):
+        bone = source.pose.bones[f"{PREFIX}LeftArm"]
+        bone.rotation_mode, bone.rotation_euler = "XYZ", (0.0, 0.0, angle)
+        bone.keyframe_insert("rotation_euler", frame=frame)
+    mocap.retarget.actor, mocap.retarget.target = source, target
+    assert bpy.ops.mocap.map_rig() == {"FINISHED"} and bpy.ops.mocap.retarget() == {"FINISHED"}
+    played = current_action(target)
+    assert played is not None and played.frame_range[1] == pytest.approx(20.0)
+    mocap.retarget.target = source
+    bpy.ops.mocap.map_rig.poll()
+    with pytest.raises(RuntimeError, match="same armature"):
+        bpy.ops.mocap.map_rig()

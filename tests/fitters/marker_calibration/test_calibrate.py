@@ -15,6 +15,7 @@ from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.calibrate import FRAMES, POSE_FRAMES
 from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.pipeline import calibrate_person
+from solver_backend.io.load import load_capture
 from solver_backend.io.native.subject_file import read_subject, write_subject
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 from tests.support.worn_markers import worn_markers
@@ -57,6 +58,30 @@ def test_poses_that_count_less_leave_markers_on_their_places(monkeypatch):
     body = load_body()
     off = np.linalg.norm(body.rest_joints(found.betas) - body.rest_joints(worn.betas), axis=-1)
     assert off[:22].mean() < 0.0012
+
+
+def limited(monkeypatch, capture: Capture, limit: float) -> MarkerSubject:
+    monkeypatch.setattr("solver_backend.fitters.marker_calibration.calibrate.SHAPE_LIMIT", limit)
+    return calibrate_person([capture])
+
+
+def test_a_shape_of_part_of_a_body_is_held_at_its_limit(monkeypatch):
+    take = capture_of(worn_markers([label for label in LABELS if "HD" not in label], 12, step=20).cloud)
+    free = limited(monkeypatch, take, 9.0)
+    limit = 0.6 * float(np.abs(free.betas).max())
+    held = limited(monkeypatch, take, limit)
+    assert np.abs(held.betas).max() == pytest.approx(limit, abs=0.01)
+    assert np.median(held.sigma_m) < 1.1 * np.median(free.sigma_m)
+
+
+def test_a_limit_changes_nothing_where_the_shape_lies_within(monkeypatch, shared_data):
+    """The fit passes the limit on its way: a wall there ended it early, with markers a third farther off."""
+    capture = load_capture(shared_data / "markers" / "opensim" / "constraintTest.trc")
+    assert capture.markers is not None
+    cloud = replace(capture.markers, positions=capture.markers.positions[:400:16], residual=None)
+    free, held = (limited(monkeypatch, replace(capture, markers=cloud), limit) for limit in (9.0, 3.5))
+    np.testing.assert_array_equal(held.betas, free.betas)
+    np.testing.assert_array_equal(held.offsets, free.offsets)
 
 
 def test_a_heel_marker_stays_at_the_heel(person):

@@ -40,6 +40,19 @@ def weights(term: PositionTerm, subject: Subject, frames: PosedFrames, dof: floa
     return found.weight
 
 
+def test_a_stretch_in_which_nobody_is_seen_is_as_the_rest(person: Person) -> None:
+    subject, frames, points = person
+    noisy = points + SIGMA * np.random.default_rng(0).normal(size=points.shape)
+    term, seen = PositionTerm(noisy, np.full(points.shape[:2], SIGMA**-2)), np.ones(FRAMES, dtype=bool)
+    seen[30:60] = False  # the second of four stretches
+    found = with_window_variances(term, pose(subject, frames).points[seen], FPS, 4.0, 0.0, seen)
+    assert isinstance(found, PositionTerm)
+    variance = term.weight / found.weight
+    assert variance.shape == (FRAMES, 53)
+    assert variance[30:60].mean() == pytest.approx(1.0, abs=0.06)
+    np.testing.assert_allclose(variance[30:60], np.broadcast_to(variance[30], (30, 53)))
+
+
 def test_a_landmark_that_errs_in_one_stretch_is_trusted_less_there_alone(person: Person) -> None:
     sigma = np.full((FRAMES, 53), SIGMA)
     sigma[LAST, 7] = 2.0 * SIGMA

@@ -1,0 +1,119 @@
+"""An actor of any rig: what its bones do as what the joints of our tree would do on a person of its proportions."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ..._exchange.rigs.roles import JOINT_OF, SIDES, chain_roles
+from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from ...conventions.skeleton import PARENTS
+from .figures import Actor, Target
+from .fingers import hands_of
+from .trunk import rig_trunk
+
+_SPINE, _NECK, _HEAD = (3, 6, 9), 12, 15
+_HIPS = (1, 2)
+_HANDS = {20: 22, 21: 23}
+"""SMPL's joints of the palms, after the wrists."""
+_STANDING, _STILL = 0.05, 0.37
+"""Height of a standing ball of the foot over its height at rest, and its speed a second, by the length of the leg."""
+
+
+def actor_of_bones(name: str, rest: Target, A: np.ndarray, turns: np.ndarray, places: np.ndarray,
+                   own_rest: np.ndarray, fps: float) -> Actor:  # fmt: skip
+    """Return the motion of a rig's bones as that of an actor.
+
+    With D_c the rotation of a bone since its rest and A_c its map pose, the joint's is ``D_c A_c^T``: what a rig of
+    the same rest pose plays is then D_c again. Joints that the rig lacks lie as our body's do, by the leg's length.
+
+    Args:
+        name: of the motion.
+        rest: N bones at rest.
+        A: (N, 3, 3) from ``map_pose``.
+        turns: (N, F, 3, 3) rotations of the bones since their rest, on the stage.
+        places: (N, F, 3) their heads on the stage.
+        own_rest: (24, 3) joints of our body at rest on the stage.
+        fps: frames per second.
+    """
+    index = {role: c for c, role in enumerate(rest.roles)}
+    own = {role: turns[c] @ A[c].T for role, c in index.items()}
+    G = _joint_turns(own, places.shape[1])
+    known = {JOINT_OF[role]: places[c] for role, c in index.items() if role in JOINT_OF and role != "pelvis"}
+    joints, standing = _joints(known, G, own_rest)
+    if _HIPS[0] in known and _HIPS[1] in known:
+        # The figure stands on the stage as its rest pose does, knees bent or not.
+        feet = [index[f"{side}_foot"] for side in SIDES if f"{side}_foot" in index]
+        at = [JOINT_OF[rest.roles[c]] for c in feet]
+        if feet:
+            standing = standing + [0.0, 0.0, rest.heads[feet, 2].mean() - standing[at, 2].mean()]
+    contacts = _contacts(standing, joints, fps)
+    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, turns), hands_of(rest, A, turns))
+
+
+def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:
+    """Return (F, 24, 3, 3): what the rig has, and between neighbours what it lacks."""
+    G = np.empty((frames, len(PARENTS), 3, 3))
+    line = [own["pelvis"], *(own[role] for role in chain_roles(dict.fromkeys(own, ""), "spine"))]
+    for k, joint in enumerate((0, *_SPINE)):
+        G[:, joint] = _along(line, k / len(_SPINE))
+    G[:, _HEAD] = own.get("head", G[:, _SPINE[-1]])
+    necks = [own[role] for role in chain_roles(dict.fromkeys(own, ""), "neck")]
+    G[:, _NECK] = necks[0] if necks else _along([G[:, _SPINE[-1]], G[:, _HEAD]], 0.5)
+    role_at = {joint: role for role, joint in JOINT_OF.items()}
+    for joint, parent in enumerate(PARENTS):
+        if joint not in (0, *_SPINE, _NECK, _HEAD):
+            G[:, joint] = own.get(role_at.get(joint, ""), G[:, parent])
+    return G
+
+
+def _along(line: list[np.ndarray], share: float) -> np.ndarray:
+    """Return the rotation at a share of a chain of them, by the geodesic between neighbours."""
+    at = share * (len(line) - 1)
+    low = min(int(at + 1e-9), len(line) - 1)
+    if at - low < 1e-9 or low + 1 >= len(line):
+        return line[low]
+    step = rotvec_from_matrix(np.swapaxes(line[low], -1, -2) @ line[low + 1])
+    return line[low] @ matrix_from_rotvec((at - low) * step)
+
+
+def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the joints (F, 24, 3), and where they are (24, 3) when nothing is turned."""
+    size = _size(known, own_rest)
+    start = next(joint for joint in (1, 2, 16, 17, 15, *known) if joint in known)
+    hips = [joint for joint in _HIPS if joint in known] or [start]
+    joints, standing = np.empty((len(G), len(PARENTS), 3)), np.empty((len(PARENTS), 3))
+    way = size * (own_rest[0] - own_rest[hips].mean(0))
+    joints[:, 0] = np.mean([known[joint] for joint in hips], axis=0) + G[:, 0] @ way
+    standing[0] = size * own_rest[0]
+    for joint, parent in enumerate(PARENTS):
+        if parent < 0:
+            continue
+        offset = size * (own_rest[joint] - own_rest[parent])
+        if joint in known:
+            joints[:, joint] = known[joint]
+            inner = np.swapaxes(G[:, parent], -1, -2) @ (joints[:, joint] - joints[:, parent])[..., None]
+            offset = np.median(inner[..., 0], axis=0)
+        else:
+            joints[:, joint] = joints[:, parent] + G[:, parent] @ offset
+        standing[joint] = standing[parent] + offset
+    return joints, standing
+
+
+def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
+    """Return the size of the figure by our body's: of the bones that both have, all lengths together."""
+    theirs = own = 0.0
+    for a, b in ((1, 4), (4, 7), (2, 5), (5, 8), (16, 18), (18, 20), (17, 19), (19, 21)):
+        if a in known and b in known:
+            theirs += float(np.median(np.linalg.norm(known[b] - known[a], axis=-1)))
+            own += float(np.linalg.norm(own_rest[b] - own_rest[a]))
+    return theirs / own if own else 1.0
+
+
+def _contacts(rest: np.ndarray, joints: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F, 2) bool: left and right ball of the foot are down and still."""
+    balls, leg = [10, 11], float(np.linalg.norm(np.diff(rest[[1, 4, 7]], axis=0), axis=1).sum())
+    down = joints[:, balls, 2] < rest[balls, 2] + _STANDING * leg
+    if len(joints) < 2:
+        return down
+    speed = np.linalg.norm(np.gradient(joints[:, balls], axis=0), axis=-1) * fps
+    return down & (speed < _STILL * leg)

@@ -1,0 +1,93 @@
+"""The actor read from any rig as it plays: ours by its joints, others by the map of their bones."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from .._exchange.rigs.rest_frames import bent_at_rest
+from ..body.body_file import default_body_path, read_body
+from ..conventions.coordinates import R_ARMATURE_BODY
+from ..conventions.timing import TakeTiming, scene_frame_rate
+from .maps.rig_map import RigMap
+from .motion.figures import Actor, Target
+from .motion.foreign_actor import actor_of_bones
+from .motion.map_pose import map_pose
+from .played_bones import bone_rotations, played_bones, played_frames
+from .rest_bones import stand_at_rest
+
+_UPRIGHT = np.cos(np.radians(30.0))
+"""Cosine of how far the rest pose may lean in the scene and still stand on its own floor."""
+_ON_FLOOR = 0.06
+"""Height by the leg's length at which soles are on the floor."""
+_LOWEST_SHARE = 2.0
+"""Percentile of the frames' lowest balls of the feet that is the floor."""
+
+
+def read_rig_actor(
+    armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap
+) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
+    """Return what a rig does over the frames of its action, where that lies in the scene, and notes.
+
+    Motion of the object counts, too. A figure that stands on no floor of its own is put on one.
+
+    Args:
+        armature: the rig.
+        scene: the scene it is in.
+        rig_map: its bones by role.
+
+    Raises:
+        ActorMissing: it plays nothing, has no pelvis, is stretched, or its bones are no numbers.
+        MapInvalid: the map does not show left and right.
+    """
+    name, times = played_frames(armature)
+    worlds, poses = played_bones(armature, scene, times, stand_at_rest(armature, rig_map, 1.0).names)
+    metres = scene.unit_settings.scale_length
+    unit_m = metres * float(np.linalg.norm(worlds[0, :3, :3], axis=0).mean())
+    rest = stand_at_rest(armature, rig_map, unit_m)
+    own_rest = _own_rest()
+    A = map_pose(rest, own_rest, rig_map.map_pose)
+    turns, places = _on_stage(worlds, poses, rest, metres)
+    fps = scene_frame_rate(scene)
+    actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
+    actor, notes = _on_floor(actor)
+    doubt = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
+    return actor, TakeTiming(float(times[0]), fps), (doubt, *notes) if doubt else notes
+
+
+def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotations since rest and heads on the stage, which stands where the object begins and faces its way.
+
+    Up is the world's, whatever the rest pose stands like.
+    """
+    object_turns, pose_turns = (bone_rotations(m) for m in (worlds, poses))
+    S = rest.R_stage_armature
+    stands = object_turns[0] @ S.T
+    heading = np.arctan2(stands[1, 0] - stands[0, 1], stands[0, 0] + stands[1, 1])
+    c, s = np.cos(heading), np.sin(heading)
+    B = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    turns = B.T @ object_turns @ pose_turns @ np.swapaxes(rest.axes, -1, -2)[:, None]
+    heads = (worlds @ poses)[..., :3, 3] - worlds[0, :3, 3]
+    upright = stands[2, 2] > _UPRIGHT
+    places = metres * heads @ B - (rest.ground if upright else 0.0)
+    return turns, places
+
+
+def _own_rest() -> np.ndarray:
+    """Return the (24, 3) joints of our body at rest on the stage."""
+    body = read_body(default_body_path())
+    return body.rest_joints(np.zeros(body.shapedirs.shape[-1])) @ R_ARMATURE_BODY.T
+
+
+def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
+    balls = [10, 11]
+    leg = float(np.linalg.norm(np.diff(actor.rest[[1, 4, 7]], axis=0), axis=1).sum())
+    lowest = (actor.joints[:, balls, 2] - actor.rest[balls, 2]).min(1)
+    above = float(np.percentile(lowest, _LOWEST_SHARE))
+    if abs(above) <= _ON_FLOOR * leg:
+        return actor, ()
+    way = "lowered" if above > 0 else "raised"
+    note = f"The actor was {way} by {abs(above) / leg:.2f} of its legs' length, so that its feet stand on the floor."
+    return replace(actor, joints=actor.joints - [0.0, 0.0, above]), (note,)

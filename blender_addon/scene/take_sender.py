@@ -1,0 +1,60 @@
+"""The pose a body stands in, sent by the VMC protocol: whatever plays it, hand edits and constraints included."""
+
+from __future__ import annotations
+
+import time
+
+import bpy
+import numpy as np
+
+from .._exchange.body_layout import SMPL
+from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from .._exchange.vmc.address import VmcAddress
+from .._exchange.vmc.bundle import FrameBundle
+from .._exchange.vmc.humanoid import Humanoid
+from .._exchange.vmc.sender import PacketSender
+from ..animation.curves import current_action
+from ..animation.pose import read_pose
+from ..animation.takes import BETAS
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
+from ..body.shape import get_betas
+from ..body.sliders import body_mesh
+from ..conventions.skeleton import JOINTS
+
+
+class TakeSender:
+    """Sends the poses of one armature of ours; it is looked up each time, as undo replaces it."""
+
+    def __init__(self, armature: bpy.types.Object, address: VmcAddress) -> None:
+        """Take the body's proportions as its sliders have them now.
+
+        Raises:
+            CommandLineInvalid: there is no such host.
+            BodyInvalid, FileMissing: the body's file cannot be read.
+        """
+        action, mesh = current_action(armature), body_mesh(armature)
+        kept = action.get(BETAS) if action is not None else None
+        betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)
+        body = read_body(body_path_of("" if action is None else action.get("provenance", "")))
+        self._rest = body.rest_joints(betas)[: SMPL.num_joints]
+        self._bundle = FrameBundle(Humanoid(SMPL, self._rest))
+        self._name, self._start = armature.name, time.monotonic()
+        self._packets = PacketSender(address)
+
+    def send(self, scene: bpy.types.Scene) -> str | None:
+        """Send the pose; return what is to be said of the receiver, "" if nothing, None where the body is gone."""
+        armature = scene.objects.get(self._name)
+        if armature is None or armature.pose is None or any(joint not in armature.pose.bones for joint in JOINTS):
+            return None
+        pose = read_pose(armature, self._rest[0])
+        place, turn, _ = armature.matrix_world.decompose()
+        R = np.array(turn.to_matrix(), dtype=np.float64)
+        rotvec = pose.rotvec.copy()
+        rotvec[0] = rotvec_from_matrix(R @ matrix_from_rotvec(rotvec[0]))
+        pelvis = R @ (self._rest[0] + pose.transl) + np.array(place) * scene.unit_settings.scale_length
+        return self._packets.send(self._bundle.encode(time.monotonic() - self._start, rotvec, pelvis - self._rest[0]))
+
+    def close(self) -> None:
+        """Close the socket."""
+        self._packets.close()

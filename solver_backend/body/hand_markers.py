@@ -1,0 +1,68 @@
+"""Markers on the back of a hand: where each label sits, and layouts of many or few of them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.exchange.hand_points import FINGERS
+
+THICKNESS_M = 0.010
+"""From the middle of a finger's joint to a marker's middle on its back."""
+PALM_THICKNESS_M = 0.016
+"""The same on the palm."""
+_ROOT = 0.3
+"""Bases of the metacarpals, as a share of the way from the wrist to the knuckle."""
+FINGER_LABELS = ("FT", "DP", "PP", "MP")
+"""Tip, distal joint, proximal joint and knuckle; numbers count fingers from the thumb, whose joints are IP and MP."""
+
+
+@dataclass(frozen=True)
+class HandMarkers:
+    """Markers of one hand."""
+
+    labels: tuple[str, ...]
+    """L labels of these."""
+    sites: HandSites
+    """Where they sit on a hand of common shape."""
+
+
+def _places() -> dict[str, tuple[int, int, float]]:
+    """Return finger, segment and place along it, 0 at its joint and 1 at its end, of every label."""
+    found = {"FT1": (0, 3, 0.9), "IP": (0, 2, 1.0), "MP1": (0, 1, 1.0), "CMC1": (0, 0, 1.0)}
+    for number in range(1, len(FINGERS)):
+        own = {"FT": (number, 3, 0.8), "DP": (number, 2, 1.0), "PP": (number, 1, 1.0), "MP": (number, 0, 1.0)}
+        found |= {f"{label}{number + 1}": place for label, place in own.items()}
+    return found | {"CMC2": (1, 0, _ROOT), "CMC5": (4, 0, _ROOT)}
+
+
+PLACES = _places()
+"""By label."""
+LAYOUTS: dict[str, tuple[str, ...]] = {
+    "hand26": tuple(PLACES),
+    "hand10": ("FT1", "FT2", "FT3", "FT4", "FT5", "PP2", "PP4", "MP2", "MP5", "CMC2"),
+    "hand5": ("FT1", "FT2", "FT4", "MP2", "MP5"),
+    "hand3": ("FT1", "FT2", "MP5"),
+}
+"""Labels of a hand by layout; wrist and forearm are a body's. Few markers leave most fingers to the prior."""
+
+
+def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
+    """Return the markers of a hand among some labels, in their order; labels of no hand are left out.
+
+    Args:
+        skeleton: of the hand.
+        labels: as a recording has them.
+    """
+    known = tuple(label for label in labels if label in PLACES)
+    finger, segment, along = (np.array([PLACES[label][i] for label in known]) for i in range(3))
+    finger, segment = finger.astype(int), segment.astype(int)
+    offset = np.zeros((len(known), 3))
+    palm = segment == 0
+    bones = skeleton.bones[finger, np.maximum(segment - 1, 0)]
+    offset[~palm] = (along[:, None] * bones + [0.0, THICKNESS_M, 0.0])[~palm]
+    dorsal = skeleton.palm[2, :, 1]
+    offset[palm] = (along[:, None] * skeleton.roots[finger] + PALM_THICKNESS_M * dorsal)[palm]
+    return HandMarkers(known, HandSites(finger, segment, offset))

@@ -1,0 +1,84 @@
+"""The skeleton file: a moving skeleton as Blender hands it to the solver, whatever file it came from."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from .errors import FileDamaged, MotionInvalid, NonFiniteData
+from .npz import write_npz
+from .schema import read_fields
+
+FORMAT, VERSION = "manifold_mocap_skeleton", 1
+_ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
+
+
+@dataclass(frozen=True)
+class SkeletonFile:
+    """F frames of J joints; any unit, world Z up. Rest places are in the skeleton's own axes."""
+
+    name: str
+    names: tuple[str, ...]
+    parents: tuple[int, ...]
+    """Parent of each joint, before it; -1 at roots."""
+    rest: np.ndarray
+    """(J, 3) places where no joint turns."""
+    joints: np.ndarray
+    """(F, J, 3) places."""
+    turns: np.ndarray
+    """(F, J, 3, 3) rotations from the rest axes to the world."""
+    fps: float
+    roles: dict[str, str]
+    """Joint by role; empty where its writer did not know them."""
+
+
+def write_skeleton(path: Path, skeleton: SkeletonFile, *, overwrite: bool = False) -> None:
+    """Write a skeleton file.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    write_npz(
+        path,
+        {
+            "format": np.array(FORMAT), "version": np.array(VERSION), "name": np.array(skeleton.name),
+            "names": np.array(skeleton.names), "parents": np.array(skeleton.parents), "rest": skeleton.rest,
+            "joints": skeleton.joints, "turns": skeleton.turns, "fps": np.array(skeleton.fps),
+            "roles": np.array(json.dumps(skeleton.roles)),
+        },
+        overwrite=overwrite,
+    )  # fmt: skip
+
+
+def read_skeleton(path: Path) -> SkeletonFile:
+    """Read a skeleton file.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, or is none.
+        NonFiniteData: a value is NaN or infinite.
+        MotionInvalid: it has no frames, or parents are no tree.
+    """
+    fields = read_fields(path, _ARRAYS)
+    fields.require_format(FORMAT, VERSION)
+    names = fields.texts("names")
+    count = len(names)
+    rest, joints = fields.numbers("rest", (count, 3)), fields.numbers("joints", (None, count, 3))
+    turns = fields.numbers("turns", (len(joints), count, 3, 3))
+    parents = tuple(int(parent) for parent in fields.numbers("parents", (count,)))
+    for name, value in {"rest": rest, "joints": joints, "turns": turns}.items():
+        if not np.isfinite(value).all():
+            raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+    if not len(joints) or any(not -1 <= parent < j for j, parent in enumerate(parents)):
+        raise MotionInvalid("The skeleton has no frames, or its parents are no tree.", where=str(path))
+    fps = fields.number("fps")
+    if not 0 < fps < np.inf:
+        raise NonFiniteData(f"The frame rate must be a positive number, not {fps}.", where=str(path))
+    try:
+        roles = json.loads(fields.text("roles", "{}"))
+    except ValueError as error:
+        raise FileDamaged("The roles are no JSON.", where=str(path)) from error
+    roles = {str(role): str(name) for role, name in roles.items() if name in names} if isinstance(roles, dict) else {}
+    return SkeletonFile(fields.text("name", path.stem), names, parents, rest, joints, turns, fps, roles)

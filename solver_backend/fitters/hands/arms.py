@@ -1,0 +1,68 @@
+"""Arms that follow their hands: shoulder and elbow turn as little as it takes for the wrist to be where its hand is."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.hand_points import SIDES
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.rotations import exp_so3, skew
+from solver_backend.types.shapes import Float
+
+STEPS = 3
+"""Gauss-Newton steps; shifts are a few centimetres at most."""
+LOADING_M2 = 1e-4
+"""Of the normal matrix: a stretched arm reaches no further, whatever it turns."""
+
+
+def follow_hand(
+    body: Body, betas: np.ndarray, frames: PosedFrames, side: int,
+    turn: Float[np.ndarray, "frames 3"], shift: Float[np.ndarray, "frames 3"],
+) -> PosedFrames:  # fmt: skip
+    """Return the poses with a wrist turned and moved; whatever does not hang on that arm stays bit for bit.
+
+    ``ω = Jᵀ (J Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of shoulder and elbow (Whitney 1969, damped).
+
+    Args:
+        body: the body model.
+        betas: (10,) shape.
+        frames: F poses.
+        side: 0 left, 1 right.
+        turn: (F, 3) rotation vectors of the wrist in the world.
+        shift: (F, 3) metres.
+    """
+    names = body.layout.joints
+    shoulder, elbow, wrist = (names.index(f"{SIDES[side]}_{part}") for part in ("shoulder", "elbow", "wrist"))
+    local = to_numpy(frames.local).copy()
+    root, transl = to_numpy(frames.root), to_numpy(frames.transl)
+    posed = forward_kinematics(body, betas, root, local, transl)
+    wanted, hand = posed.joints[:, wrist] + shift, exp_so3(turn) @ posed.G[:, wrist]
+    moved = np.linalg.norm(shift, axis=1) > 0
+    for _ in range(STEPS):
+        G, joints = posed.G, posed.joints
+        J = np.concatenate([-skew(joints[:, wrist] - joints[:, j]) for j in (shoulder, elbow)], axis=2)
+        left = np.where(moved[:, None], wanted - joints[:, wrist], 0.0)
+        step = np.swapaxes(J, 1, 2) @ np.linalg.solve(
+            J @ np.swapaxes(J, 1, 2) + LOADING_M2 * np.eye(3), left[..., None]
+        )
+        turns = exp_so3(step[..., 0].reshape(-1, 2, 3))
+        parent = G[:, body.parents[shoulder]]
+        at_shoulder = turns[:, 0] @ G[:, shoulder]
+        at_elbow = turns[:, 1] @ turns[:, 0] @ G[:, elbow]
+        local[:, shoulder - 1] = np.where(moved[:, None, None], _since(parent, at_shoulder), local[:, shoulder - 1])
+        local[:, elbow - 1] = np.where(moved[:, None, None], _since(at_shoulder, at_elbow), local[:, elbow - 1])
+        posed = forward_kinematics(body, betas, root, local, transl)
+    still = ~moved & (np.linalg.norm(turn, axis=1) == 0)
+    turned = _since(posed.G[:, elbow], hand)
+    local[:, wrist - 1] = np.where(still[:, None, None], local[:, wrist - 1], turned)
+    return replace(frames, local=local)
+
+
+def _since(parent: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Return the (F, 3, 3) rotations G in the frames of their parents."""
+    return np.swapaxes(parent, 1, 2) @ G

@@ -1,0 +1,48 @@
+"""How far the points of a hand may miss its detections: the detector's noise, small hands, other people's bones."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.types.shapes import Float
+
+SMALL_PX = 15.0
+"""A palm of fewer pixels is no hand to a detector: its points are guesses about as large as it is."""
+PALM_M = 0.09
+"""From the wrist to the middle finger's knuckle."""
+MODEL_ERROR_M = 0.004
+"""Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
+
+
+def hand_term(
+    views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], sigma_px: Float[np.ndarray, " points"]
+) -> ReprojectionTerm:
+    """Return the data term of one hand.
+
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
+
+    Args:
+        views: detected points.
+        side: 0 left, 1 right.
+        wrists: (F, 3) metres.
+        sigma_px: (21,) of the detector.
+    """
+    px_per_m = pixels_per_metre(views, wrists)[..., None]
+    small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
+    sigma = np.hypot(sigma_px * small, MODEL_ERROR_M * px_per_m)
+    xy, confidence = views.xy[:, :, side], views.confidence[:, :, side]
+    seen = np.isfinite(xy).all(-1) & (confidence > 0)
+    cameras = views.cameras
+    return ReprojectionTerm(
+        cameras.K, cameras.distortion, cameras.R, cameras.t, cameras.distortion_model,
+        np.where(seen[..., None], xy, 0.0), np.where(seen, confidence, 0.0) / sigma**2, np.where(seen, confidence, 0.0),
+    )  # fmt: skip
+
+
+def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
+    """Return (C, F) how large a metre is in each picture at (F, 3) places."""
+    cameras = views.cameras
+    depth = np.einsum("cj,fj->cf", cameras.R[:, 2], wrists) + cameras.t[:, 2, None]
+    return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)

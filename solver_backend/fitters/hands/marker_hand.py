@@ -1,0 +1,158 @@
+"""A hand from its markers alone: placed by the palm, offsets and size calibrated on the take, fingers by the prior."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_markers import HandMarkers, hand_markers
+from solver_backend.body.hand_skeleton import HandSkeleton, site_frames
+from solver_backend.exchange.errors import MarkersUnknown
+from solver_backend.fitters.hands.hand_keys import DOF, FINGERS
+from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, WristPath
+from solver_backend.fitters.hands.solve_hand import WINDOW
+from solver_backend.fitters.hands.solve_keys import frame_states, solve_keys
+from solver_backend.fitters.hands.start import SIZES, nearest_rotations
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.problem import REFERENCE_FPS
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.hand_prior import load_hand_prior
+from solver_backend.residuals.positions import PositionTerm
+from solver_backend.types.shapes import Float
+
+MARKER_SIGMA_M = 0.002
+"""Standard deviation per axis of a marker around where a rigid bone has it: skin slides over knuckles."""
+PLACE_SIGMA_M = 0.006
+"""The same of a marker's place around its rule, before it is calibrated."""
+ROUNDS = 3
+"""Solves between which offsets are calibrated."""
+LEAST_PALM = 3
+"""Markers of the palm that place a hand."""
+SAMPLE = 150
+"""Frames at most on which offsets are calibrated."""
+
+
+@dataclass(frozen=True)
+class MarkerHand:
+    """A hand solved from markers."""
+
+    markers: HandMarkers
+    """Labels, and sites as they were calibrated."""
+    problem: HandProblem
+    """What it was solved from."""
+    states: Float[np.ndarray, "frames d"]
+    """(F, D), see ``hand_keys``."""
+
+    @property
+    def angles(self) -> Float[np.ndarray, "frames a"]:
+        """(F, A) radians."""
+        return self.states[:, FINGERS]
+
+
+def solve_marker_hand(
+    positions: Float[np.ndarray, "frames markers 3"], labels: tuple[str, ...], skeleton: HandSkeleton, fps: float,
+    settings: SolveSettings = SolveSettings(),
+) -> MarkerHand:  # fmt: skip
+    """Return a hand from markers that no body carries.
+
+    Args:
+        positions: (F, M, 3) metres, NaN where missing.
+        labels: M labels of ``hand_markers.PLACES``; others are left out.
+        skeleton: of a hand of the same side and common size.
+        fps: frames per second.
+        settings: robust scale and iterations.
+
+    Raises:
+        MarkersUnknown: too few markers of the palm are among them, or they are never seen together.
+    """
+    known = [labels.index(label) for label in hand_markers(skeleton, labels).labels]
+    positions = positions[:, known]
+    own = tuple(labels[k] for k in known)
+    skeleton = skeleton.scaled(marker_size(skeleton, own, positions))
+    markers = hand_markers(skeleton, own)
+    path = palm_path(markers, positions, fps)
+    layout = KeyframeLayout.even(len(positions), max(2, round(WINDOW * fps / REFERENCE_FPS)))
+    keys = np.zeros((layout.num_keys, DOF))
+    prior, place = load_hand_prior(), markers.sites.offset
+    keys[:, FINGERS] = prior.mean
+    seen = np.isfinite(positions).all(-1)
+    sigma = np.full(positions.shape[1], np.hypot(MARKER_SIGMA_M, PLACE_SIGMA_M))
+    scale = settings.robust_scale
+    filled = np.where(seen[..., None], positions, 0.0)
+    problem = HandProblem(skeleton, markers.sites, path, PositionTerm(filled, seen / sigma**2), prior, fps)
+    model = KeyModel(problem, layout)
+    for number in range(ROUNDS):
+        scales = (4 * scale, 2 * scale, scale) if number == 0 else (scale,)
+        keys = solve_keys(model, keys, scales, settings.iterations, lambda: None).keys
+        if number < ROUNDS - 1:
+            offsets = calibrated_offsets(model.problem, frame_states(model, keys), positions, place)
+            markers = replace(markers, sites=replace(markers.sites, offset=offsets))
+            term = PositionTerm(filled, seen / MARKER_SIGMA_M**2)
+            model = replace(model, problem=replace(problem, sites=markers.sites, term=term))
+    return MarkerHand(markers, model.problem, frame_states(model, keys))
+
+
+def calibrated_offsets(
+    problem: HandProblem, states: np.ndarray, positions: np.ndarray, place: np.ndarray
+) -> Float[np.ndarray, "markers 3"]:
+    """Return (L, 3) offsets between what the frames show and the rule, each as sure as it is.
+
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames that err apart.
+    """
+    frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
+    posed = problem.skeleton.pose(states[frames][:, FINGERS])
+    R = exp_so3(states[frames][:, :3]) @ problem.wrist.rotations[frames]
+    G = R[:, None] @ site_frames(posed, problem.sites)
+    left = positions[frames] - problem.points(states[frames], frames)
+    shown = np.isfinite(left).all(-1)
+    own = problem.sites.offset + (np.swapaxes(G, -1, -2) @ np.where(shown[..., None], left, 0.0)[..., None])[..., 0]
+    count = shown.sum(0)[:, None]
+    mean = np.where(shown[..., None], own, 0.0).sum(0) / np.maximum(count, 1)
+    # Neighbouring frames err alike: a take tells as much as a dozen of its frames.
+    precision = np.minimum(count, 12) / (2 * MARKER_SIGMA_M) ** 2
+    return (precision * mean + place / PLACE_SIGMA_M**2) / (precision + 1 / PLACE_SIGMA_M**2)
+
+
+def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.ndarray) -> float:
+    """Return how many times the skeleton's a hand is, by distances of markers on the same segment or the palm."""
+    sites = hand_markers(skeleton, labels).sites
+    one, other = np.triu_indices(len(labels), 1)
+    rigid = (sites.segment[one] == 0) & (sites.segment[other] == 0)
+    rigid &= np.linalg.norm(sites.offset[one] - sites.offset[other], axis=-1) > 0.02
+    if not rigid.any():
+        return 1.0
+    found = np.linalg.norm(positions[:, one[rigid]] - positions[:, other[rigid]], axis=-1)
+    ratios = found / np.linalg.norm(sites.offset[one[rigid]] - sites.offset[other[rigid]], axis=-1)
+    known = ratios[np.isfinite(ratios)]
+    return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
+
+
+def palm_path(markers: HandMarkers, positions: np.ndarray, fps: float) -> WristPath:
+    """Return where the palm's markers put the wrist, smoothed over a tenth of a second; between frames that show it.
+
+    Raises:
+        MarkersUnknown: fewer than three of them are ever seen together.
+    """
+    palm = markers.sites.segment == 0
+    if palm.sum() < LEAST_PALM or not (np.isfinite(positions[:, palm]).all(-1).sum(1) >= LEAST_PALM).any():
+        raise MarkersUnknown(
+            f"Of a palm's markers {int(palm.sum())} are known; three seen together place a hand.",
+            where=", ".join(markers.labels), hint="Knuckles, bases of the metacarpals: MP2, MP5, CMC2.",
+        )  # fmt: skip
+    here, rest = positions[:, palm], markers.sites.offset[palm]
+    seen = np.isfinite(here).all(-1)
+    located = np.flatnonzero(seen.sum(1) >= LEAST_PALM)
+    here, weight = here[located], seen[located][..., None]
+    count = weight.sum(1, keepdims=True)
+    middle = np.where(weight, here, 0.0).sum(1, keepdims=True) / count
+    below = np.where(weight, rest, 0.0).sum(1, keepdims=True) / count
+    turned = np.swapaxes(np.where(weight, here - middle, 0.0), 1, 2) @ np.where(weight, rest - below, 0.0)
+    R = nearest_rotations(turned)
+    t = (middle - np.swapaxes(R @ np.swapaxes(below, 1, 2), 1, 2))[:, 0]
+    frames = np.arange(len(positions))
+    near = np.exp(-0.5 * ((frames[:, None] - located) / (0.05 * fps)) ** 2)
+    near += 1e-6 / (1.0 + np.abs(frames[:, None] - located)) ** 2
+    near /= near.sum(1, keepdims=True)
+    return WristPath(nearest_rotations((near @ R.reshape(len(R), 9)).reshape(-1, 3, 3)), near @ t)

@@ -1,0 +1,101 @@
+"""One hand, from where the body has its wrist to its fingers in every frame: start, passes, and how sure it is."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
+from solver_backend.fitters.hands.hand_keys import FINGERS, SHIFT, TURN
+from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel
+from solver_backend.fitters.hands.solve_keys import frame_covariances, frame_states, solve_keys
+from solver_backend.fitters.hands.start import initial_keys
+from solver_backend.fitters.keyframes.posterior import noise_inflation
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import Convergence
+from solver_backend.fitters.subject_calibration.keypoint_variance import reweighted_by_points
+from solver_backend.types.shapes import Bool, Float
+
+WINDOW = 12
+"""Frames at 60 a second of a window with three keys: fingers open and close in a fifth of a second."""
+INFORMED = 0.7
+"""A finger is seen where its knuckle's bend is known to less than this share of what is known of unseen fingers."""
+CALIBRATION = 1.0
+"""Share of the inflated posterior's variance that is found; see ``keyframes/posterior``."""
+CONSTANT_M = 0.004
+"""Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
+
+
+@dataclass(frozen=True)
+class SolvedHand:
+    """One hand over F frames."""
+
+    problem: HandProblem
+    """What it was solved from."""
+    turn: Float[np.ndarray, "frames 3"]
+    """(F, 3) rotation vectors by which the wrist leaves where the body has it, world."""
+    shift: Float[np.ndarray, "frames 3"]
+    """(F, 3) metres by which it leaves its place."""
+    angles: Float[np.ndarray, "frames a"]
+    """(F, A) radians."""
+    points: Float[np.ndarray, "frames 21 3"]
+    """(F, 21, 3) metres of ``HAND_POINTS``."""
+    covariance: Float[np.ndarray, "frames 21 3 3"]
+    """(F, 21, 3, 3) m² of these points."""
+    informed: Bool[np.ndarray, "frames 5"]
+    """(F, 5) whether a finger is seen, in the order of ``FINGERS``; others rest."""
+    convergence: Convergence
+    """How the last pass ended."""
+
+
+def solve_hand(
+    problem: HandProblem, located: np.ndarray, settings: SolveSettings, alive: Callable[[], None] = lambda: None
+) -> SolvedHand:
+    """Return a hand solved over a take: all keys at once, with the noise of each view learned between two passes.
+
+    Args:
+        problem: the hand.
+        located: (F, 21, 3) metres to start from, NaN where a point is not located.
+        settings: robust scale, iterations, and whether noise is learned.
+        alive: called before each linearisation.
+    """
+    window = max(2, round(WINDOW * problem.fps / REFERENCE_FPS))
+    layout, scale = KeyframeLayout.even(problem.num_frames, window), settings.robust_scale
+    keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
+    model = KeyModel(problem, layout)
+    found = solve_keys(model, keys, (4 * scale, 2 * scale), settings.iterations, alive)
+    if settings.learn_noise:
+        count = problem.num_frames
+        sample = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
+        points = problem.points(frame_states(model, found.keys))[sample]
+        term = reweighted_by_points(points, problem.term.select(sample), problem.term, scale)
+        model = replace(model, problem=replace(problem, term=term))
+    found = solve_keys(model, found.keys, (scale,), settings.iterations, alive)
+    states, spread = frame_states(model, found.keys), frame_covariances(model, found.keys, scale)
+    measured = model.problem.points(states)
+    inflation = CALIBRATION * noise_inflation(measured, model.problem.term, scale, max(1, window // 2))
+    shown = problem.at(problem.skeleton.keypoints())
+    points, J = shown.points(states), shown.jacobian(states)
+    covariance = inflation * (J @ spread[:, None] @ np.swapaxes(J, -1, -2)) + CONSTANT_M**2 * np.eye(3)
+    return SolvedHand(
+        model.problem, states[:, TURN], states[:, SHIFT], states[:, FINGERS], points, covariance,
+        informed_fingers(problem, spread), found.convergence,
+    )  # fmt: skip
+
+
+def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
+    """Return (F, 5) fingers of whose bends the data say much more than the prior does.
+
+    Args:
+        problem: the hand.
+        spread: (F, D, D) covariances of the states.
+    """
+    variance = np.diagonal(spread[:, FINGERS, FINGERS], axis1=1, axis2=2)
+    bends = (KIND_OF != SPREAD) & (JOINT_OF == 1)
+    share = np.zeros((len(spread), 5))
+    share[:, FINGER_OF[bends]] = np.sqrt(variance[:, bends] / np.diag(problem.prior.covariance)[bends])
+    return share < INFORMED

@@ -1,0 +1,172 @@
+"""Both hands beside a solved body: sorted by the wrists they lie at, located, solved, and the arms brought along."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.hand_on_body import hand_of_shape
+from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.hands import with_fingers
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.hands.arms import follow_hand
+from solver_backend.fitters.hands.hand_noise import hand_term
+from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
+from solver_backend.fitters.hands.sides import sort_hands
+from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
+from solver_backend.fitters.hands.start import hand_size
+from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.priors.hand_prior import load_hand_prior
+
+STAGE = "Hands"
+USUAL_WRIST_M = 0.02
+"""Standard deviation per axis of a wrist where the method knows none."""
+NOISE_FRAMES = 60
+"""Frames on which the detector's noise is measured, and twice as many at most."""
+LEAST_FRAMES = 4
+"""Shorter takes have no keys."""
+
+
+@dataclass(frozen=True)
+class SolvedHands:
+    """Hands of a take."""
+
+    body: Body
+    """The body with fingers that move."""
+    skeletons: tuple[HandSkeleton, HandSkeleton]
+    """Left and right."""
+    hands: Mapping[int, SolvedHand]
+    """By side, 0 left and 1 right; a side that nobody sees is not there."""
+    size: float
+    """Of the hands, as a share of what the body's shape gives them."""
+
+
+def solve_hands(
+    measurements: Measurements, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+) -> tuple[SolvedFrames, SolvedHands | None]:
+    """Return the poses with arms and wrists that agree with the hands, and the hands; None without hand detections.
+
+    Args:
+        measurements: what the body was solved from.
+        solved: the body's poses.
+        settings: as of the body.
+        progress: called as the sides advance.
+    """
+    views = measurements.hands
+    if views is None or len(solved.frames.transl) < LEAST_FRAMES:
+        return solved, None
+    try:
+        body = with_fingers(solved.subject.body)
+    except BodyInvalid:
+        return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
+    betas = to_numpy(solved.subject.betas)
+    wrists, elbows = _joints_of_arms(solved)
+    sorted_hands = sort_hands(views, wrists.places, elbows)
+    views = sorted_hands.views
+    seen = [side for side in range(2) if (views.confidence[:, :, side] > 0).any()]
+    located = {side: _located(views, side) for side in seen}
+    skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
+    sizes = [hand_size(skeletons[side], located[side].points) for side in seen]
+    size = float(np.mean(sizes)) if sizes else 1.0
+    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
+    hands: dict[int, SolvedHand] = {}
+    for number, side in enumerate(seen):
+        path = wrists.of(side)
+        term = hand_term(views, side, path.places, located[side].sigma_px)
+        skeleton = skeletons[side]
+        problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps)
+        alive = partial(progress, STAGE, number, len(seen))
+        hands[side] = solve_hand(problem, located[side].points, settings, alive)
+        solved = _with_arm(solved, hands[side], side, betas)
+    progress(STAGE, len(seen), len(seen))
+    solved = replace(solved, diagnostics=(*solved.diagnostics, *sorted_hands.diagnostics))
+    return solved, SolvedHands(body, skeletons, hands, size)
+
+
+@dataclass(frozen=True)
+class _Wrists:
+    """Both wrists of a body over F frames, left first."""
+
+    rotations: np.ndarray
+    """(F, 2, 3, 3)."""
+    places: np.ndarray
+    """(F, 2, 3)."""
+    covariance: np.ndarray
+    """(F, 2, 3, 3)."""
+
+    def of(self, side: int) -> WristPath:
+        return WristPath(self.rotations[:, side], self.places[:, side], self.covariance[:, side])
+
+
+@dataclass(frozen=True)
+class _Located:
+    """One hand as the views alone have it."""
+
+    points: np.ndarray
+    """(F, 21, 3) metres, NaN where no two views agree or nobody looked."""
+    sigma_px: np.ndarray
+    """(21,) of the detector."""
+
+
+def _joints_of_arms(solved: SolvedFrames) -> tuple[_Wrists, np.ndarray]:
+    """Return the wrists and the (F, 2, 3) elbows of the poses."""
+    body, frames = solved.subject.body, solved.frames
+    parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
+    posed = forward_kinematics(body, *parts)
+    wrists, elbows = ([body.layout.joints.index(f"{side}_{part}") for side in SIDES] for part in ("wrist", "elbow"))
+    covariance = np.tile(USUAL_WRIST_M**2 * np.eye(3), (len(parts[1]), 2, 1, 1))
+    if solved.covariance is not None:
+        recorded = [body.layout.recorded.joints.index(f"{side}_wrist") for side in SIDES]
+        covariance = unpacked(to_numpy(solved.covariance)[:, recorded])
+    return _Wrists(posed.G[:, wrists], posed.joints[:, wrists], covariance), posed.joints[:, elbows]
+
+
+def _located(views: HandViews, side: int) -> _Located:
+    """Return a hand's points where the views agree on them, in every other frame, which is enough to begin with."""
+    xy, confidence = views.xy[:, :, side].astype(np.float64), views.confidence[:, :, side].astype(np.float64)
+    shown = np.flatnonzero(((confidence > 0).any(axis=-1).sum(axis=0)) >= 2)
+    sample = shown[:: max(1, len(shown) // NOISE_FRAMES)]
+    sigma_px = np.asarray(triangulate(views.cameras, xy[:, sample], confidence[:, sample]).sigma_px)
+    points, used = np.full((xy.shape[1], NUM_HAND_POINTS, 3), np.nan), shown[::2]
+    points[used] = triangulate(views.cameras, xy[:, used], confidence[:, used], sigma_px).points
+    return _Located(points, sigma_px)
+
+
+def _with_arm(solved: SolvedFrames, hand: SolvedHand, side: int, betas: np.ndarray) -> SolvedFrames:
+    """Return the poses with an arm that follows its hand."""
+    moved = follow_hand(solved.subject.body, betas, solved.frames, side, hand.turn, hand.shift)
+    local = constant(moved.local, solved.frames.local)
+    return replace(solved, frames=replace(solved.frames, local=local))
+
+
+def statistics(hands: SolvedHands) -> dict[str, Any]:
+    """Return what a motion records of its hands: size, and for each side how much is seen and how far it misses."""
+    found: dict[str, Any] = {"size": round(hands.size, 3)}
+    for side, hand in hands.hands.items():
+        error = hand.problem.term.residuals(hand.problem.points(_states(hand)))
+        px = np.linalg.norm(error.error[error.measured], axis=-1)
+        found[SIDES[side]] = {
+            "seen_percent": round(100.0 * float(hand.informed.any(axis=1).mean()), 1),
+            "reprojection_median_px": round(float(np.median(px)), 3) if len(px) else None,
+            "status": hand.convergence.status,
+        }
+    return found
+
+
+def _states(hand: SolvedHand) -> np.ndarray:
+    return np.concatenate([hand.turn, hand.shift, hand.angles], axis=1)

@@ -1,0 +1,121 @@
+"""People of the studio who move their hands before four cameras, and how near a solve comes to them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
+from solver_backend.body.hand_on_body import by_finger, hand_of_shape
+from solver_backend.body.hands import with_fingers
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.hand_points import SIDES
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
+from solver_backend.synthesis.studio.hands.hand_sight import hidden_points
+from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
+from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
+from solver_backend.synthesis.studio.shots import list_shots
+from solver_backend.synthesis.studio.spec import spec_of
+from solver_backend.synthesis.studio.stage import Stage, set_up
+from solver_backend.synthesis.studio.truth import find_truth, true_motion
+from solver_backend.types import Capture, Motion
+
+FLEXIONS = np.flatnonzero((FINGER_OF > 0) & (KIND_OF == 0) & (JOINT_OF < 2))
+"""Angles of knuckles and middle joints of the four fingers, as the criterion has them."""
+CHI2_95 = 7.815
+"""Of three dimensions."""
+
+
+@dataclass(frozen=True)
+class HandTake:
+    """A take and its truth."""
+
+    capture: Capture
+    stage: Stage
+    hands: MovingHands
+    palm_px: float
+    """Median size of a palm in the pictures."""
+
+
+def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandFaults | None = None) -> HandTake:
+    """Return one drawn person of the studio, who does its choreography, in four views that err as detectors do."""
+    rig = {
+        "layout": "ring", "count": 4, "size": [1920, 1080], "radius_m": radius_m,
+        "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0],
+    }  # fmt: skip
+    values = {"seed": seed, "frames": frames, "fps": fps, "rigs": [rig], "perturb": "detector"}
+    spec = spec_of(values)
+    stage = set_up(spec, list_shots(spec)[0])
+    truth = find_truth(stage, fps)
+    motion = true_motion(stage.person, stage.joints, truth.contacts, fps)
+    capture = perturbed_capture(spec, stage, truth, clean_capture(spec, stage, truth, motion))
+    assert capture.keypoints is not None and capture.cameras is not None
+    rng = np.random.default_rng(seed)
+    hands = move_hands(stage.person, fps, rng)
+    hidden = hidden_points(stage.person, stage.cameras, hands.points)
+    found = detect_hands(stage.cameras, hands.points, hidden, fps, faults or HandFaults(), rng)
+    capture = replace(capture, keypoints=replace(capture.keypoints, hands=found))
+    centres, wrists = stage.cameras.centres, hands.points[:, :, 0]
+    far = np.linalg.norm(wrists[None] - centres[:, None, None], axis=-1)
+    palm = np.linalg.norm(hands.points[:, :, 9] - wrists, axis=-1).mean()
+    return HandTake(capture, stage, hands, float(np.median(stage.cameras.K[:, 0, 0, None, None] * palm / far)))
+
+
+@dataclass(frozen=True)
+class HandErrors:
+    """How far a solve is from the truth, both hands, frames in which two views or more show the hand."""
+
+    tips_mm: np.ndarray
+    """(n, 5) fingertips in the world."""
+    own_tips_mm: np.ndarray
+    """(n, 5) fingertips from the wrist, hands laid over each other at the palm's turn."""
+    angles_deg: np.ndarray
+    """(n, 8) knuckles' and middle joints' flexion."""
+    wrists_mm: np.ndarray
+    """(n,)."""
+    held: np.ndarray
+    """(n, 15) whether the 95 % ellipsoid of a finger joint holds it."""
+    seen: float
+    """Share of the frames that count."""
+
+
+def errors_of(take: HandTake, motion: Motion) -> HandErrors:
+    """Return the errors of a solved motion with fingers."""
+    body, person = with_fingers(take.stage.person.body), take.stage.person
+    size = motion.provenance["hands"]["size"]
+    turns = exp_so3(motion.body_pose.reshape(motion.num_frames, -1, 3))
+    posed = forward_kinematics(body, motion.betas, exp_so3(motion.global_orient), turns, motion.transl)
+    true_pose = forward_kinematics(person.body, person.betas, person.orient, person.local, person.transl)
+    parts: list[list[np.ndarray]] = []
+    keypoints = take.capture.keypoints
+    assert keypoints is not None and keypoints.hands is not None and motion.joint_covariance is not None
+    for side, name in enumerate(SIDES):
+        hand = hand_of_shape(body, motion.betas, side).scaled(size)
+        columns, wrist = list(SMPL_HANDS.group(f"{name}_hand")), SMPL_HANDS.joints.index(f"{name}_wrist")
+        local = turns[:, np.array(columns) - 1]
+        angles = hand.angles_of(by_finger(local))
+        own = hand.sites(hand.pose(angles), hand.keypoints())
+        points = motion.joints[:, None, wrist] + (posed.G[:, None, wrist] @ own[..., None])[..., 0]
+        truth = take.hands.points[:, side]
+        true_own = (np.swapaxes(true_pose.G[:, None, wrist], -1, -2) @ (truth - truth[:, :1])[..., None])[..., 0]
+        tips = [4, 8, 12, 16, 20]
+        shown = (keypoints.hands[:, :, side, :, 2] > 0).any(-1).sum(0) >= 2
+        joints = np.delete(np.arange(1, 21), [3, 7, 11, 15, 19])
+        from_smpl = points[:, joints] - truth[:, joints]
+        covariance = unpacked(motion.joint_covariance[:, columns])
+        ordered = by_finger(covariance).reshape(len(points), 15, 3, 3)
+        square = (from_smpl * np.linalg.solve(ordered, from_smpl[..., None])[..., 0]).sum(-1)
+        parts.append([
+            1000 * np.linalg.norm(points[:, tips] - truth[:, tips], axis=-1)[shown],
+            1000 * np.linalg.norm(own[:, tips] - true_own[:, tips], axis=-1)[shown],
+            np.rad2deg(angles - take.hands.angles[:, side])[shown][:, FLEXIONS],
+            1000 * np.linalg.norm(points[:, 0] - truth[:, 0], axis=-1)[shown],
+            (square < CHI2_95)[shown],
+            shown,
+        ])  # fmt: skip
+    joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
+    return HandErrors(*joined[:5], float(joined[5].mean()))

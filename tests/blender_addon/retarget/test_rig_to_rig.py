@@ -1,0 +1,163 @@
+"""Motion of any rig on any rig: read from bones, files of other programs, fingers, clips by name."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.errors import ActorMissing
+from blender_addon.headless.main import main
+from blender_addon.retarget.gltf_header import frame_rate, humanoid, read_header
+from blender_addon.retarget.recognition import map_rig
+from blender_addon.retarget.retarget import Retargeted, retarget
+from blender_addon.retarget.rig_actor import read_rig_actor
+from blender_addon.retarget.scene_files import open_scene
+from tests.support.foreign_characters import write_character
+from tests.support.foreign_namings import NAMINGS
+from tests.support.foreign_rigs import foreign_rig
+from tests.support.foreign_skeletons import draw
+
+FRAMES = 24
+
+
+def play(rig: bpy.types.Object, *, on_object: bool = False) -> None:
+    """Key a walk of sorts: hips, limbs, spine and fingers turn, the body travels."""
+    roles = map_rig(rig).bones
+    axes = np.random.default_rng(0).normal(size=(len(roles), 3))
+    mover = rig if on_object else rig.pose.bones[roles["pelvis"]]
+    for frame in (1, FRAMES // 2, FRAMES):
+        share = np.sin(np.pi * frame / FRAMES)
+        for axis, (role, bone) in zip(axes, sorted(roles.items()), strict=True):
+            angle = share * (0.5 if role.partition("_")[2] in ("forearm", "shin") else 0.25)
+            if role != "root":
+                posed = rig.pose.bones[bone]
+                posed.rotation_mode = "QUATERNION"
+                q = np.array([np.cos(angle / 2), *(np.sin(angle / 2) * axis / np.linalg.norm(axis))])
+                posed.rotation_quaternion = q.tolist()
+                posed.keyframe_insert("rotation_quaternion", frame=frame)
+        unit = float(rig.matrix_world.to_scale()[0])
+        mover.location = (np.array([0.3, 0.2, 0.5]) * frame / FRAMES / (1.0 if on_object else unit)).tolist()
+        mover.keyframe_insert("location", frame=frame)
+
+
+def carry_over(source: bpy.types.Object, target: bpy.types.Object) -> Retargeted:
+    scene = bpy.context.scene
+    actor, timing, _ = read_rig_actor(source, scene, map_rig(source))
+    return retarget(actor, target, scene, map_rig(target), timing)
+
+
+def compared(rig: bpy.types.Object) -> dict[str, str]:
+    """Return the bones by role but a second one of the neck, which shares the first one's bend and the head's."""
+    return {role: b for role, b in map_rig(rig).bones.items() if role not in ("root", "neck_2")}
+
+
+def shown(rig: bpy.types.Object, frame: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return heads (B, 3) and rotations since rest (B, 3, 3) of the compared bones in the world."""
+    bpy.context.scene.frame_set(frame)
+    posed = rig.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    bones = list(compared(rig).values())
+    world = np.array([posed.matrix_world @ posed.pose.bones[b].matrix for b in bones])
+    rest = np.array([rig.data.bones[b].matrix_local for b in bones])[:, :3, :3]
+    axes = world[:, :3, :3] / np.linalg.norm(world[:, :3, :3], axis=1, keepdims=True)
+    return world[:, :3, 3], axes @ rest.swapaxes(-1, -2)
+
+
+@pytest.mark.parametrize(("naming", "arms_down"), [("mixamo", 0.0), ("unreal_5", 50.0), ("vrm_own_names", 20.0)])
+def test_a_rig_onto_its_own_copy_is_the_same_motion(scene: Any, naming: str, arms_down: float) -> None:
+    rigs = [foreign_rig(draw(NAMINGS[naming], arms_down), sole=0.0)[0] for _ in range(2)]
+    play(rigs[0])
+    done = carry_over(*rigs)
+    assert done.scale == pytest.approx(1.0, abs=1e-4)
+    is_leg = np.array([any(part in role for part in ("thigh", "shin")) for role in compared(rigs[0])])
+    for frame in (1, 7, FRAMES // 2, FRAMES):
+        (heads, turns), (own_heads, own_turns) = (shown(rig, frame) for rig in rigs)
+        assert np.linalg.norm(heads - own_heads, axis=1).max() < 0.0125, "but for the hold of standing feet"
+        angles = np.arccos(np.clip((np.trace(turns.swapaxes(-1, -2) @ own_turns, axis1=1, axis2=2) - 1) / 2, -1, 1))
+        assert np.degrees(angles)[~is_leg].max() < 1.0, "straight arms bend a little"
+        assert np.degrees(angles)[is_leg].max() < 4.0, "straight legs bend most for the hold of a foot"
+
+
+def test_units_axes_and_motion_of_the_object_do_not_matter(scene: Any) -> None:
+    skeleton, ends = draw(NAMINGS["mixamo"]), []
+    for unit, y_up, on_object in ((1.0, False, False), (0.01, True, True)):
+        source, _ = foreign_rig(skeleton, unit=unit, y_up=y_up)
+        target, _ = foreign_rig(skeleton)
+        source.location = (0.0, 0.0, 0.0)
+        play(source, on_object=on_object)
+        carry_over(source, target)
+        start, end = (shown(target, frame)[0][0] for frame in (1, FRAMES))
+        ends.append(end - start)
+    way = np.array([0.3, 0.2, 0.5]) * (FRAMES - 1) / FRAMES
+    assert np.linalg.norm(ends[1] - way) < 0.02, "the object's way is the world's"
+    assert np.linalg.norm(ends[0]) == pytest.approx(np.linalg.norm(way), abs=0.02)
+
+
+def test_fingers_of_other_rest_poses_end_up_pointing_alike(scene: Any) -> None:
+    source, _ = foreign_rig(draw(NAMINGS["mixamo"], 10.0))
+    target, _ = foreign_rig(draw(NAMINGS["unreal_5"], 45.0, legs=0.9))
+    play(source)
+    carry_over(source, target)
+    for frame in (1, FRAMES // 2):
+        bpy.context.scene.frame_set(frame)
+        ways = []
+        for rig in (source, target):
+            bones, roles = rig.pose.bones, map_rig(rig).bones
+            hand = bones[roles["left_hand"]]
+            knuckles = [bones[roles[f"left_{f}_1"]].head for f in ("index", "pinky")]
+            forward = (knuckles[0] + knuckles[1]) / 2 - hand.head
+            tip = bones[roles["left_middle_3"]].head - bones[roles["left_middle_2"]].head
+            ways.append(forward.normalized() @ tip.normalized())
+        assert ways[0] == pytest.approx(ways[1], abs=0.05)
+    assert ways[0] < 0.995, "the finger is bent on the frame that is compared"
+
+
+def test_an_actor_that_plays_nothing_or_is_nobody_is_named(scene: Any) -> None:
+    rig, _ = foreign_rig(draw(NAMINGS["mixamo"]))
+    with pytest.raises(ActorMissing, match="plays no action"):
+        read_rig_actor(rig, scene, map_rig(rig))
+    play(rig)
+    with pytest.raises(ActorMissing, match="pelvis was not found"):
+        read_rig_actor(rig, scene, map_rig(rig).renamed({}))
+    rig.scale = (1.0, 1.0, 2.0)
+    bpy.context.view_layer.update()
+    with pytest.raises(ActorMissing, match="stretched"):
+        read_rig_actor(rig, scene, map_rig(rig))
+
+
+def test_files_of_other_programs_are_source_and_target(scene: Any, tmp_path: Path, capfd: Any) -> None:
+    source, target = tmp_path / "walk.glb", tmp_path / "hero.vrm"
+    rig, _ = foreign_rig(draw(NAMINGS["unreal_4"], 45.0))
+    play(rig)
+    bpy.context.scene.render.fps = 30
+    bpy.ops.export_scene.gltf(filepath=str(source), export_animations=True, export_force_sampling=True)
+    write_character(target, draw(NAMINGS["vrm_own_names"]), unit=0.01, sole=-0.02)
+    assert frame_rate(read_header(source)) == pytest.approx(30.0, rel=0.01)
+    assert humanoid(read_header(target))["leftUpperArm"] == "H.Ude"
+    out = tmp_path / "out.blend"
+    given = ["retarget", str(source), "--target", str(target), "--out", str(out), "--json"]
+    assert main(given) == 0
+    result = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert result["map"] == "VRM humanoid of the file" and result["soles_from"] == "mesh"
+    assert result["hands_and_feet_deviation_mm"] < 1.0 and result["fps"] == pytest.approx(30.0, rel=0.01)
+    assert main([*given, "--overwrite", "--action", "Gone"]) == 3
+    assert "There is no action 'Gone'" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+
+
+def test_files_that_hold_no_scene_are_named(scene: Any, tmp_path: Path) -> None:
+    from blender_addon._exchange.errors import FileDamaged, FileMissing
+
+    (tmp_path / "bad.glb").write_bytes(b"glTF" + bytes(40))
+    (tmp_path / "bad.fbx").write_bytes(b"Kaydara FBX Binary  \x00" + bytes(40))
+    (tmp_path / "clip.bip").write_bytes(b"x")
+    for name in ("bad.glb", "bad.fbx"):
+        with pytest.raises(FileDamaged):
+            open_scene(tmp_path / name)
+    with pytest.raises(FileDamaged, match=r"Not supported: \.bip"):
+        open_scene(tmp_path / "clip.bip")
+    with pytest.raises(FileMissing):
+        open_scene(tmp_path / "gone.fbx")

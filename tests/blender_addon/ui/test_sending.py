@@ -1,0 +1,152 @@
+"""Poses leave Blender when they are asked to, to this machine unless Blender may go online, and come from others."""
+
+from __future__ import annotations
+
+import socket
+import time
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon._exchange.errors import CommandLineInvalid
+from blender_addon.ui.operators.live import live
+from blender_addon.ui.operators.send_take import playing
+from blender_addon.ui.sending_properties import allowed_address, sending_options
+from solver_backend.exchange.vmc.address import VmcAddress
+from solver_backend.exchange.vmc.bones import BONE_OF
+from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.live.motion_replay import replayed_poses, rest_joints
+from solver_backend.live.sending import PoseSender
+from tests.support.narrow_layout import draw_panel
+from tests.support.short_motion import short_motion
+from tests.support.vmc_receiver import Avatar
+
+_LONGEST_S = 120.0
+
+
+@pytest.fixture
+def there():
+    found = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+    found.bind(("127.0.0.1", 0))
+    found.settimeout(5.0)
+    yield found
+    found.close()
+
+
+@pytest.fixture
+def baked(mocap, tmp_path):
+    """Return the settings of a scene with a short motion, and the motion."""
+    motion = short_motion(12)
+    write_motion(tmp_path / "walk.npz", motion)
+    bpy.context.scene.render.fps = 60
+    assert bpy.ops.mocap.import_motion(filepath=str(tmp_path / "walk.npz"), scene_setup="TAKE") == {"FINISHED"}
+    yield mocap, motion
+    playing.stop()
+    live.abandon()
+
+
+def address_of(there: socket.socket) -> str:
+    return f"vmc://127.0.0.1:{there.getsockname()[1]}"
+
+
+def test_a_take_is_sent_while_it_plays_and_not_before_or_after(baked, there):
+    mocap, motion = baked
+    mocap.live.send_to = address_of(there)
+    scene = bpy.context.scene
+    scene.frame_set(scene.frame_start + 1)
+    assert bpy.ops.mocap.send_take() == {"FINISHED"} and playing.busy
+    there.recv(65536)  # the frame that is shown
+    for k in (3, 7):
+        scene.frame_set(scene.frame_start + k)
+        avatar = Avatar().receive(there.recv(65536))
+        for j, name in enumerate(motion.body_layout.joints):
+            if name in BONE_OF:
+                x, y, z = motion.joints[k, j]
+                assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-3, name
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)
+    assert not drawn.cut and "Stop Sending" in " ".join(drawn.drawn)
+    assert bpy.ops.mocap.send_take() == {"FINISHED"} and not playing.busy
+    scene.frame_set(scene.frame_start)
+    there.settimeout(0.2)
+    with pytest.raises(TimeoutError):
+        there.recv(65536)
+
+
+def test_a_body_that_was_moved_is_sent_where_it_stands(baked, there):
+    mocap, motion = baked
+    mocap.live.send_to = address_of(there)
+    mocap.review.armature.location.x += 2.0
+    bpy.ops.mocap.send_take()
+    hips = Avatar().receive(there.recv(65536)).world("Hips")[1]
+    frame = bpy.context.scene.frame_current - bpy.context.scene.frame_start
+    assert hips[0] == pytest.approx(-motion.joints[frame, 0, 0] - 2.0, abs=1e-3)
+
+
+def test_a_body_that_is_gone_ends_the_sending_with_a_sentence(baked, there):
+    mocap, _ = baked
+    mocap.live.send_to = address_of(there)
+    bpy.ops.mocap.send_take()
+    bpy.data.objects.remove(mocap.review.armature)
+    bpy.context.scene.frame_set(5)
+    assert not playing.busy and "taken away" in playing.said
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)
+    assert not drawn.cut
+
+
+def test_other_machines_need_blenders_leave(mocap):
+    if bpy.app.online_access:
+        pytest.skip("this Blender may go online")
+    assert str(allowed_address("vmc://localhost")) == "vmc://localhost:39539"
+    with pytest.raises(CommandLineInvalid, match="may not go online"):
+        allowed_address("vmc://192.168.1.7")
+    mocap.live.kind, mocap.live.listen = "VMC", "vmc://0.0.0.0"
+    with pytest.raises(RuntimeError, match="may not go online"):
+        bpy.ops.mocap.live_start()
+    assert not live.busy
+
+
+def test_nothing_is_sent_unasked(mocap):
+    assert sending_options(mocap.live) == sending_options(mocap.rig) == []
+    mocap.live.send = True
+    assert sending_options(mocap.live) == ["--send", "vmc://127.0.0.1:39539"]
+
+
+@pytest.mark.parametrize(("kind", "send"), [("FILE", True), ("VMC", True), ("VMC", False)])
+def test_nothing_is_cut_off_in_a_narrow_sidebar(mocap, kind, send):
+    mocap.live.kind, mocap.live.send, mocap.rig.send = kind, send, send
+    for panel in ("live", "rig"):
+        assert not draw_panel(getattr(bpy.types, f"VIEW3D_PT_mocap_{panel}"), 200).cut
+
+
+@pytest.mark.slow
+def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
+    address = VmcAddress("127.0.0.1", there.getsockname()[1])
+    there.close()
+    mocap.live.kind, mocap.live.listen = "VMC", str(address)
+    assert bpy.ops.mocap.live_start() == {"FINISHED"}
+    run, motion, end = live.run, short_motion(30), time.monotonic() + _LONGEST_S
+    assert run is not None
+    while "Listening" not in run.said:
+        assert time.monotonic() < end, live.failure
+        live.tick()
+        time.sleep(0.02)
+    with PoseSender(address, lambda: (motion.body_layout, rest_joints(motion))) as sender:
+        for _ in sender.watched(replayed_poses(motion)):
+            pass
+    while run.latest is None or run.shown + run.dropped < motion.num_frames:
+        assert time.monotonic() < end, live.failure
+        live.tick()
+        time.sleep(0.02)
+    assert np.abs(run.latest.transl - motion.transl[-1]).max() < 2e-3 and run.betas is not None
+    assert bpy.ops.mocap.live_stop() == {"FINISHED"}
+    while live.busy:
+        assert time.monotonic() < end
+        live.tick()
+        time.sleep(0.02)
+    assert live.failure == "" and live.recorded.endswith(".npz")
+    recorded = read_motion(Path(bpy.path.abspath(live.recorded)))
+    assert recorded.num_frames == 30 and np.abs(recorded.joints - motion.joints).max() < 1e-3
+    assert bpy.ops.mocap.import_motion(filepath=live.recorded) == {"FINISHED"}
+    assert mocap.review.armature is not None

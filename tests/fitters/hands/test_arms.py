@@ -1,0 +1,37 @@
+"""Arms follow their hands: the wrist is where it should be, and nothing else of the body moves."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.fitters.hands.arms import follow_hand
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.geometry.rotations import exp_so3, log_so3
+
+RNG = np.random.default_rng(3)
+FRAMES = 6
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_the_wrist_goes_where_its_hand_is(side: int) -> None:
+    body, name = load_body(), ("left", "right")[side]
+    local = exp_so3(0.3 * RNG.normal(size=(FRAMES, body.layout.num_solved, 3)))
+    elbow = body.layout.joints.index(f"{name}_elbow")
+    local[:, elbow - 1] = exp_so3(np.array([0.0, (-1.2, 1.2)[side], 0.0]))
+    frames = PosedFrames(exp_so3(RNG.normal(size=(FRAMES, 3))), local, RNG.normal(size=(FRAMES, 3)))
+    betas, turn, shift = np.zeros(10), 0.5 * RNG.normal(size=(FRAMES, 3)), 0.02 * RNG.normal(size=(FRAMES, 3))
+    turn[2], shift[2] = 0.0, 0.0
+    moved = follow_hand(body, betas, frames, side, turn, shift)
+    before, after = (forward_kinematics(body, betas, f.root, f.local, f.transl) for f in (frames, moved))
+    wrist = body.layout.joints.index(f"{name}_wrist")
+    np.testing.assert_allclose(after.joints[:, wrist], before.joints[:, wrist] + shift, atol=1e-3)
+    np.testing.assert_allclose(after.G[:, wrist], exp_so3(turn) @ before.G[:, wrist], atol=1e-9)
+    arm = [body.layout.joints.index(f"{name}_{part}") - 1 for part in ("shoulder", "elbow", "wrist")]
+    others = np.delete(np.arange(body.layout.num_solved), arm)
+    np.testing.assert_array_equal(moved.local[:, others], frames.local[:, others])
+    np.testing.assert_array_equal(moved.local[2], frames.local[2])
+    turned = log_so3(np.swapaxes(frames.local[:, arm[:2]], -1, -2) @ moved.local[:, arm[:2]])
+    assert np.rad2deg(np.linalg.norm(turned, axis=-1)).max() < 25

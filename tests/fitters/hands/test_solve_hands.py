@@ -1,0 +1,173 @@
+"""Hands beside a body: found where they are, written with the motion, and harmless where they are wrong."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.hand_on_body import by_finger
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
+from solver_backend.exchange.hand_points import SIDES
+from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
+from solver_backend.fitters.pipeline import resolve_range, solve
+from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.priors.hand_prior import load_hand_prior
+from solver_backend.types import FLAG_RESTING, Capture, Motion
+from tests.support.handed_take import HandedTake, handed_take
+
+FRAMES = 30
+BODY = 20
+"""Joints before the wrists."""
+
+
+@lru_cache(maxsize=1)
+def take() -> HandedTake:
+    return handed_take(FRAMES, seed=2)
+
+
+def with_hands(hands: np.ndarray | None) -> Capture:
+    capture = take().capture
+    assert capture.keypoints is not None
+    return replace(capture, keypoints=replace(capture.keypoints, hands=hands))
+
+
+def hands() -> np.ndarray:
+    keypoints = take().capture.keypoints
+    assert keypoints is not None and keypoints.hands is not None
+    return keypoints.hands.copy()
+
+
+@lru_cache(maxsize=2)
+def solved(with_fingers: bool) -> Motion:
+    return solve(with_hands(hands() if with_fingers else None)).motion
+
+
+def finger_errors(motion: Motion) -> np.ndarray:
+    """Return (2, F, 15) distances of finger joints in mm."""
+    errors = []
+    for side, name in enumerate(SIDES):
+        found = by_finger(motion.joints[:, list(SMPL_HANDS.group(f"{name}_hand"))])
+        truth = take().hands.points[:, side, 1:].reshape(-1, 5, 4, 3)[:, :, :3]
+        errors.append(1000 * np.linalg.norm(found - truth, axis=-1).reshape(len(found), -1))
+    return np.stack(errors)
+
+
+def test_fingers_are_where_they_are() -> None:
+    motion = solved(True)
+    assert motion.body_layout.joints == SMPL_HANDS.joints
+    errors = finger_errors(motion)
+    assert np.sqrt((errors**2).mean()) < 15
+    wrists = [motion.joints[:, 20 + side] - take().hands.points[:, side, 0] for side in range(2)]
+    plain = [solved(False).joints[:, 20 + side] - take().hands.points[:, side, 0] for side in range(2)]
+    assert np.linalg.norm(wrists, axis=-1).mean() < np.linalg.norm(plain, axis=-1).mean()
+
+
+def test_a_body_without_hands_is_solved_as_ever_and_hands_move_arms_alone() -> None:
+    plain, motion = solved(False), solved(True)
+    assert plain.body_layout.joints == SMPL.joints
+    assert "hands" not in plain.provenance
+    arms = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("shoulder", "elbow", "wrist")]
+    others = np.delete(np.arange(21), arms)
+    before, after = (m.body_pose.reshape(FRAMES, -1, 3)[:, others] for m in (plain, motion))
+    np.testing.assert_array_equal(before, after)
+    for name in ("betas", "global_orient", "transl", "contacts"):
+        np.testing.assert_array_equal(getattr(plain, name), getattr(motion, name))
+
+
+def test_a_motion_with_fingers_comes_back_from_its_file(tmp_path) -> None:
+    back = read_motion(write_motion(tmp_path / "m.npz", solved(True)))
+    assert back.body_layout.joints == SMPL_HANDS.joints
+    np.testing.assert_allclose(back.body_pose, solved(True).body_pose, atol=1e-6)
+    np.testing.assert_allclose(back.joints, solved(True).joints, atol=1e-5)
+    assert back.provenance["hands"]["left"]["seen_percent"] > 80
+
+
+def test_ellipsoids_of_fingers_are_of_their_errors_size() -> None:
+    motion = solved(True)
+    assert motion.joint_sigma is not None
+    fingers = motion.joint_sigma[:, 22:]
+    assert 0.004 < np.median(fingers) < 0.02
+    assert motion.resting is None or not motion.resting[:, 22:].all()
+
+
+def test_a_hand_that_nobody_sees_rests_relaxed_and_is_flagged() -> None:
+    alone = hands()
+    alone[:, :, 1] = np.nan
+    motion = solve(with_hands(alone)).motion
+    right = list(SMPL_HANDS.group("right_hand"))
+    assert motion.resting is not None and motion.flags is not None
+    assert motion.resting[:, right].all()
+    assert (motion.flags & FLAG_RESTING).all()
+    relaxed = take().hands.skeletons[1].local_rotations(load_hand_prior().mean[None])[0]
+    assert np.trace(relaxed, axis1=-2, axis2=-1).max() <= 3.0
+    turns = np.linalg.norm(motion.body_pose.reshape(FRAMES, -1, 3)[:, np.array(right) - 1], axis=-1)
+    assert turns.std(axis=0).max() < 1e-6
+    np.testing.assert_array_equal(motion.body_pose[:, : 3 * 13], solved(True).body_pose[:, : 3 * 13])
+
+
+def test_exchanged_hands_are_found_and_named() -> None:
+    wrong = hands()
+    wrong[1, 8:22] = wrong[1, 8:22, ::-1]
+    motion = solve(with_hands(wrong)).motion
+    codes = {item["code"]: item for item in motion.provenance["diagnostics"]}
+    assert codes["hands_exchanged"]["where"]["cameras"] == [take().capture.cameras.names[1]]  # type: ignore[union-attr]
+    assert np.sqrt((finger_errors(motion) ** 2).mean()) < 1.1 * np.sqrt((finger_errors(solved(True)) ** 2).mean())
+
+
+def test_a_wrong_hand_moves_no_wrist_far() -> None:
+    """One view shows somebody else's fingers at the right place: its points are outliers."""
+    wrong = hands()
+    wrong[0, :, 0, 1:, :2] += np.random.default_rng(0).normal(0, 40, (FRAMES, 20, 2))
+    motion = solve(with_hands(wrong)).motion
+    moved = np.linalg.norm(motion.joints[:, 20] - solved(True).joints[:, 20], axis=-1)
+    assert np.median(moved) < 0.015
+
+
+def test_a_hand_in_one_view_alone_is_ridden_out() -> None:
+    single = hands()
+    single[1:, :, 0] = np.nan
+    motion = solve(with_hands(single)).motion
+    moved = np.linalg.norm(motion.joints[:, 20] - take().hands.points[:, 0, 0], axis=-1)
+    plain = np.linalg.norm(solved(False).joints[:, 20] - take().hands.points[:, 0, 0], axis=-1)
+    assert moved.mean() < plain.mean() + 0.01
+    assert motion.joint_sigma is not None and solved(True).joint_sigma is not None
+    left = list(SMPL_HANDS.group("left_hand"))
+    assert np.median(motion.joint_sigma[:, left]) > np.median(solved(True).joint_sigma[:, left])  # type: ignore[index]
+
+
+@pytest.mark.parametrize("frames", [4, 5])
+def test_short_takes_have_hands(frames: int) -> None:
+    capture = with_hands(hands())
+    assert capture.keypoints is not None
+    short = replace(capture, keypoints=capture.keypoints.frames(0, frames), truth={})
+    assert solve(short).motion.body_layout.joints == SMPL_HANDS.joints
+
+
+def test_a_body_without_finger_joints_is_named(monkeypatch) -> None:
+    import solver_backend.fitters.pipeline as pipeline
+
+    plain = replace(load_body(), id="another")
+    monkeypatch.setattr(pipeline, "load_chosen_body", lambda _: plain)
+    motion = solve(with_hands(hands())).motion
+    assert motion.body_layout.joints == SMPL.joints
+    assert "hands_without_fingers" in {item["code"] for item in motion.provenance["diagnostics"]}
+
+
+def test_a_range_solved_again_keeps_its_fingers_and_takes_those_of_pins() -> None:
+    motion = solved(True)
+    pinned = motion.body_pose[15].copy().reshape(-1, 3)
+    pinned[30] += [0.3, 0.0, 0.0]
+    pin = Pin(15, motion.global_orient[15], pinned.ravel(), motion.transl[15])
+    again = resolve_range(with_hands(hands()), motion, FrameRange(8, 22, (pin,))).motion
+    assert again.body_layout.joints == SMPL_HANDS.joints
+    fingers = [m.body_pose.reshape(FRAMES, -1, 3)[:, 21:] for m in (motion, again)]
+    np.testing.assert_array_equal(fingers[0][:9], fingers[1][:9])
+    np.testing.assert_array_equal(fingers[0][22:], fingers[1][22:])
+    np.testing.assert_allclose(fingers[1][15], pinned[21:], atol=1e-12)
+    np.testing.assert_allclose(np.diff(fingers[1][8:16, 9, 0] - fingers[0][8:16, 9, 0]), 0.3 / 7, atol=1e-9)
+    outside = [m.body_pose[:8, : 3 * 21] for m in (motion, again)]
+    np.testing.assert_array_equal(*outside)

@@ -1,0 +1,33 @@
+"""A body far from its markers is reported, and one very far refused; joint centres of networks may be farther."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.diagnostics import Severity
+from solver_backend.report.marker_plausibility import marker_plausibility
+from tests.support.solved import solved
+
+
+@pytest.mark.parametrize(
+    ("place", "millimetres", "code"),
+    [
+        ("LASI", 6.0, ""), ("LASI", 16.0, "markers_far"), ("LASI", 80.0, "markers_impossible"),
+        ("=left_hip", 25.0, ""), ("=left_hip", 50.0, "markers_far"), ("=left_hip", 200.0, "markers_impossible"),
+    ],
+)  # fmt: skip
+def test_a_body_far_from_its_markers(place: str, millimetres: float, code: str) -> None:
+    _, motion = solved(faults=False)
+    error = np.full((motion.num_frames, 3), millimetres)
+    error[::5] = np.nan
+    motion = replace(
+        motion, marker_residual_mm=error, marker_labels=("a", "b", "c"), markers=np.zeros((motion.num_frames, 3, 3)),
+        provenance={**motion.provenance, "markers": [place] * 3},
+    )  # fmt: skip
+    found = list(marker_plausibility(motion))
+    assert [item.code for item in found] == ([code] if code else [])
+    if code:
+        assert found[0].severity is (Severity.ERROR if code == "markers_impossible" else Severity.WARNING)
