@@ -7,6 +7,7 @@ import numpy as np
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, BuiltBody
 from assets_procedural.hand.correctives import fit_hand_correctives
+from assets_procedural.hand.flat import flat_rotations
 from assets_procedural.hand.joints import place_hand_joints
 from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PARENTS, WRIST
 from assets_procedural.hand.weights import hand_weights
@@ -22,7 +23,7 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
 
     ``body_id``: whose hands they are; ``vertices`` (N,): the skin that fingers move or that tells where they are;
     ``weights`` (N, 52); ``J_regressor`` (30, N): of the finger joints; ``posedirs`` (N, 3, 270): of the finger joints;
-    ``tips`` (10, 3) metres: where fingers end.
+    ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand; ``tips`` (10, 3) metres: where fingers end.
     """
     arrays, names = built.arrays, ("v_template", "shapedirs", "weights", "J", "J_shapedirs")
     real = {name: arrays[name].astype(np.float64) for name in names}
@@ -45,5 +46,6 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
         "weights": weights[chosen],
         "J_regressor": regressor[:, chosen].astype(np.float32),
         "posedirs": posedirs[chosen].astype(np.float16),
+        "flat": flat_rotations(hands).astype(np.float32),
         "tips": hands.tips.astype(np.float32),
     }

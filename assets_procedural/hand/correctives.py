@@ -40,7 +40,7 @@ def fit_hand_correctives(vertices: Array, faces: Array, weights: Array, hands: H
         mirror: (V,) index of each vertex's mirror image.
     """
     masks = joint_masks(weights, PARENTS)[:, FIRST - 1 :]
-    turns, rng = _left_skeleton(hands), np.random.default_rng(0)
+    turns, rng = left_skeleton(hands), np.random.default_rng(0)
     directions = np.zeros((len(vertices), 3, 2, len(LEFT), 9))
     chosen = np.flatnonzero(weights[:, [WRIST, *LEFT]].any(axis=1))
     number = np.full(len(vertices), -1)
@@ -81,7 +81,7 @@ def sample_turns(skeleton: HandSkeleton, joint: int, rng: np.random.Generator) -
     return skeleton.local_rotations(angles)[:, finger, joint % PER_FINGER]
 
 
-def _left_skeleton(hands: HandJoints) -> HandSkeleton:
+def left_skeleton(hands: HandJoints) -> HandSkeleton:
     """Return the left hand of these joints, the thumb first."""
     chains = np.concatenate([hands.joints[list(LEFT)].reshape(5, 3, 3), hands.tips[:5, None]], axis=1)
     order = [SMPL_FINGERS.index(finger) for finger in FINGERS]

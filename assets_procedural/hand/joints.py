@@ -16,6 +16,8 @@ _DIGIT = {"pinky": "little"}
 """Names of the generator's digits where they are not SMPL-H's fingers'."""
 _ROUNDS = 3
 """How often the joints are moved to the middle of sections that halve the bend between them."""
+_FREE_SKIN, _BESIDE_M = 0.65, 0.006
+"""Share of a finger's first bone at which its skin is its own, beyond the web; metres that a knuckle moves at most."""
 _FLIP = np.array([-1.0, 1.0, 1.0])
 
 
@@ -74,6 +76,14 @@ def place_hand_joints(
             centres[k] = section_centre(vertices, faces, left[k], along)
         left[moved] = centres[moved] @ vertices
     left_dirs[moved] = np.tensordot(centres[moved], dirs, axes=(1, 0))
+    for k in np.flatnonzero(np.arange(len(left)) % 4 == 0):
+        place, along = left[k] + _FREE_SKIN * (left[k + 1] - left[k]), _unit(left[k + 1] - left[k])
+        centre = section_centre(vertices, faces, place, along)
+        shift = centre @ vertices - place
+        # Where the palm's skin is around the bone, its section says nothing of the finger.
+        if np.linalg.norm(shift) < _BESIDE_M:
+            place_dirs = left_dirs[k] + _FREE_SKIN * (left_dirs[k + 1] - left_dirs[k])
+            left[k], left_dirs[k] = left[k] + shift, left_dirs[k] + np.tensordot(centre, dirs, axes=1) - place_dirs
     is_joint = np.arange(len(left)) % 4 < PER_FINGER
     found, found_dirs = np.zeros((len(MIRROR), 3)), np.zeros((len(MIRROR), 3, dirs.shape[2]))
     found[:FIRST], found_dirs[:FIRST] = joints[:FIRST], joint_dirs[:FIRST]

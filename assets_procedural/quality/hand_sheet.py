@@ -10,7 +10,7 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
-from assets_procedural.quality.raster import View, render, tile, write_png
+from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import ANGLES
 from solver_backend.body.hand_on_body import finger_rotations, rest_angles
@@ -43,7 +43,9 @@ HANDS: dict[str, Degrees] = {
     "spread": _all(-5, 0, 0) | _spread(16, 2, -10, -22) | _thumb(-25, 45, 0, -5, -10),
     "fist": _all(85, 95, 60) | _spread(-4, 0, 2, 4) | _FOLDED,
     "point": _all(0, 5, 0) | _all(85, 95, 60, _FINGERS[1:]) | _spread(-4, 0, 2, 4) | _FOLDED,
-    "pinch": _all(45, 50, 25, ("index",)) | _all(25, 35, 15, _FINGERS[1:]) | _thumb(12, 45, 20, 15, 25),
+    "pinch": {**_all(25, 35, 15), "index_mcp_flexion": 43, "index_pip_flexion": 61, "index_dip_flexion": 59}
+    | {"index_mcp_spread": 4}
+    | _thumb(25, 21, 26, -6, -2),
 }
 """Angles in degrees by name; what is left out is as at rest."""
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
@@ -82,7 +84,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:
-            view = View(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
+            view = RasterView(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
             pictures.append(render(skin, faces, colours, view))
     return tile(pictures, len(_SIDES))
 

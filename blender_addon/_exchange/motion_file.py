@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from .body_layout import SMPL, BodyLayout
+from .amass_poses import AMASS_POSE_WIDTH, BODY_COLUMNS, body_and_fingers, has_amass_fingers
+from .body_layout import SMPL, SMPL_HANDS, BodyLayout
 from .errors import BodyInvalid, MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS
 from .npz import array_names, read_arrays, write_npz
@@ -25,10 +26,6 @@ FLAG_RESTING = 4
 MARKER_SEEN, MARKER_FILLED, MARKER_SWAPPED, MARKER_GHOST = 1, 2, 4, 8
 """A marker of a frame was recorded; lies in a gap that the solve filled; was recorded under another marker's label,
 which was undone; was recorded where no marker of the body can be, and counted for nothing (and was filled)."""
-AMASS_POSE_WIDTH = 156
-"""SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
-_BODY = 3 + 3 * SMPL.num_solved
-"""Columns of AMASS's ``poses`` before the fingers."""
 _LAYOUT = ("body_layout", "joint_names", "joint_groups", "resting_groups")
 """Of motions of other layouts than SMPL's: its name, name and group of each joint, and groups at rest."""
 _PARENTS = "joint_parents"
@@ -85,6 +82,8 @@ class MotionFile:
     """Id of the body it was solved for, "" if the file does not say."""
     body_layout: BodyLayout = SMPL
     """Names and tree of the J joints."""
+    flat_hands: bool = False
+    """Fingers turn from a flat hand, as AMASS has it; False: from the body's rest."""
     joints: np.ndarray | None = None
     """(F, J, 3) world metres."""
     keypoints3d: np.ndarray | None = None
@@ -153,8 +152,8 @@ def is_motion(path: Path) -> bool:
         return False
 
 
-def read_motion(path: Path, layout: BodyLayout = SMPL) -> MotionFile:
-    """Read what is shown of a motion file of a layout, or of a plain AMASS file.
+def read_motion(path: Path, *layouts: BodyLayout) -> MotionFile:
+    """Read what is shown of a motion file of one of some layouts (SMPL's and that with fingers), or of AMASS.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
@@ -163,7 +162,9 @@ def read_motion(path: Path, layout: BodyLayout = SMPL) -> MotionFile:
     fields = Fields(Path(path), read_arrays(path, required=("poses", "trans"), optional=_SHOWN))
     fields.accept_format(FORMAT, VERSION)
     motion = motion_of(fields)
-    motion.body_layout.require_same_joints(layout, str(fields.path))
+    found, layouts = motion.body_layout, layouts or (SMPL, SMPL_HANDS)
+    if all((found.joints, found.parents) != (layout.joints, layout.parents) for layout in layouts):
+        found.require_same_joints(layouts[0], str(fields.path))
     return motion
 
 
@@ -173,7 +174,8 @@ def motion_of(fields: Fields) -> MotionFile:
     Raises:
         MotionInvalid: shapes disagree, there is no frame rate, or its numbers cannot be (see ``plausible``).
     """
-    layout = layout_of(fields)
+    layout, flat = layout_of(fields), has_amass_fingers(fields)
+    layout = SMPL_HANDS if flat else layout
     _require(np.shape(fields.arrays["poses"])[:1] != (0,), "The motion has no frames.", fields)
     rotvec = _rotations(fields, layout)
     present: dict[str, Any] = {
@@ -183,7 +185,7 @@ def motion_of(fields: Fields) -> MotionFile:
     }
     given: dict[str, Any] = {
         "transl": fields.shaped("trans", (len(rotvec), 3), MotionInvalid), "betas": _betas(fields),
-        "fps": _frame_rate(fields), "body": fields.text("body", ""), "body_layout": layout,
+        "fps": _frame_rate(fields), "body": fields.text("body", ""), "body_layout": layout, "flat_hands": flat,
         "joint_set": fields.text("joint_set", ""), "marker_labels": fields.texts("marker_labels"),
         "layout": fields.texts("layout"), "provenance": fields.text("provenance", ""),
     }  # fmt: skip
@@ -207,8 +209,8 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
     poses = rotvec.astype(np.float32)
     if layout == SMPL:
         poses = np.zeros((motion.num_frames, AMASS_POSE_WIDTH), np.float32)
-        poses[:, :_BODY] = rotvec[:, :_BODY]
-        hands = rotvec[:, _BODY:].astype(np.float32)
+        poses[:, :BODY_COLUMNS] = rotvec[:, :BODY_COLUMNS]
+        hands = rotvec[:, BODY_COLUMNS:].astype(np.float32)
     arrays: dict[str, np.ndarray] = {
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
@@ -257,7 +259,9 @@ def layout_of(fields: Fields) -> BodyLayout:
 
 
 def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:
-    poses, least = fields.floats("poses", MotionInvalid), _BODY if layout == SMPL else 3 * layout.num_joints
+    if has_amass_fingers(fields):
+        return body_and_fingers(fields.floats("poses", MotionInvalid))
+    poses, least = fields.floats("poses", MotionInvalid), BODY_COLUMNS if layout == SMPL else 3 * layout.num_joints
     if poses.ndim != 2 or poses.shape[1] < least or (layout != SMPL and poses.shape[1] > least):
         expected = f"{least} or more" if layout == SMPL else str(least)
         message = f"poses has shape {poses.shape}; (frames, {expected}) is expected of the layout {layout.name}."
@@ -265,11 +269,11 @@ def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:
     if layout != SMPL:
         return poses.reshape(-1, layout.num_joints, 3)
     rotvec = np.zeros((len(poses), 3 * SMPL.num_joints))
-    rotvec[:, :_BODY] = poses[:, :_BODY]
+    rotvec[:, :BODY_COLUMNS] = poses[:, :BODY_COLUMNS]
     hands = fields.floats("hand_pose", MotionInvalid) if "hand_pose" in fields else None
-    hands = poses[:, _BODY:] if poses.shape[1] == 3 * SMPL.num_joints else hands
+    hands = poses[:, BODY_COLUMNS:] if poses.shape[1] == 3 * SMPL.num_joints else hands
     if hands is not None and np.shape(hands) == (len(poses), 6):
-        rotvec[:, _BODY:] = hands
+        rotvec[:, BODY_COLUMNS:] = hands
     return rotvec.reshape(-1, SMPL.num_joints, 3)
 
 

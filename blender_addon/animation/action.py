@@ -10,9 +10,11 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
 from ..body.armature import rotation_from_body_axes
+from ..body.controls.fingers import control_paths
 from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
+from ..body.posed_body import rotvec_on
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming
 from .confidence_lane import write_confidence
 from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
@@ -44,14 +46,15 @@ def bake_action(
         keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
             the full take is noted on the action. None for a key on every frame.
         tolerance_mm: instead of that, as few keys as leave every joint so near to the full take.
-        edited: (F, 99) channels of the take with what was changed by hand, to be thinned; None for the motion's own.
+        edited: (F, 3 + 4 J) channels of the take with what was changed by hand, to be thinned; None for the
+            motion's own.
     """
     target = create_action(name, armature)
     action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
-    channels = pose_channels(motion, armature, rest_pelvis)
+    channels, columns = pose_channels(motion, armature, rest_pelvis), [*pose_columns(layout_of(armature.data.bones))]
     if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
-        for path, joint, part in pose_columns():
+        for path, joint, part in columns:
             kept = _needed(channels[:, part])
             write_curves(target, path, joint, times[kept], channels[kept, part], types[kept])
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
@@ -63,7 +66,7 @@ def bake_action(
         wanted = channels if edited is None else edited
         curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm)
         slopes = curves.slopes * motion.fps / timing.scene_fps
-        for path, joint, part in pose_columns():
+        for path, joint, part in columns:
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
         write_confidence(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
@@ -84,7 +87,9 @@ def _needed(values: np.ndarray) -> slice:
 
 
 def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.ndarray) -> None:
-    """Key the limbs' switches to FK, so that takes which are shown in turn do not inherit another's."""
+    """Key switches of limbs to FK and finger controls to 0: takes shown in turn do not inherit another's."""
+    for path, name in control_paths(armature):
+        write_curves(target, path, name, start, np.zeros((1, 3)), key_type_values(None, 1))
     if not has_limbs(armature):
         return
     for limb in LIMBS:
@@ -92,16 +97,18 @@ def _key_switches(target: CurveTarget, armature: bpy.types.Object, start: np.nda
 
 
 def pose_channels(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
-    """Return the (F, 99) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
-    quaternions = bone_quaternions(motion.rotvec, rotation_from_body_axes(armature))
+    """Return the (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes."""
+    rotvec = rotvec_on(motion, layout_of(armature.data.bones))
+    quaternions = bone_quaternions(rotvec, rotation_from_body_axes(armature))
     location = pelvis_location(motion, armature, rest_pelvis)
     return np.concatenate([location, quaternions.reshape(motion.num_frames, -1)], axis=1)
 
 
-def pose_columns() -> Iterator[tuple[str, str, slice]]:
+def pose_columns(layout: BodyLayout = SMPL) -> Iterator[tuple[str, str, slice]]:
     """Yield data path, bone and columns of each property in ``pose_channels``."""
-    yield f'pose.bones["{JOINTS[0]}"].location', JOINTS[0], slice(0, 3)
-    for j, joint in enumerate(JOINTS):
+    pelvis, *_ = layout.joints
+    yield f'pose.bones["{pelvis}"].location', pelvis, slice(0, 3)
+    for j, joint in enumerate(layout.joints):
         yield f'pose.bones["{joint}"].rotation_quaternion', joint, slice(3 + 4 * j, 7 + 4 * j)
 
 
@@ -112,11 +119,11 @@ def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
     world; the armature's frame already is the world's, so the part that stands the body up is taken off first.
 
     Args:
-        rotvec: (F, 24, 3) axis-angle in radians.
-        R_bone_body: (24, 3, 3) rotations C from ``rotation_from_body_axes``.
+        rotvec: (F, J, 3) axis-angle in radians.
+        R_bone_body: (J, 3, 3) rotations C from ``rotation_from_body_axes``.
 
     Returns:
-        (F, 24, 4) wxyz.
+        (F, J, 4) wxyz.
     """
     quat = quat_from_rotvec(rotvec)
     quat[:, 0] = quat_multiply(QUAT_BODY_ARMATURE, quat[:, 0])
@@ -126,5 +133,5 @@ def bone_quaternions(rotvec: np.ndarray, R_bone_body: np.ndarray) -> np.ndarray:
 
 def pelvis_location(motion: MotionFile, armature: bpy.types.Object, rest_pelvis: np.ndarray) -> np.ndarray:
     """Return the (F, 3) location channel of the pelvis: its path in its own rest axes, in metres."""
-    rest = np.array(armature.data.bones[JOINTS[0]].matrix_local, dtype=np.float64)
+    rest = np.array(armature.data.bones[SMPL.joints[0]].matrix_local, dtype=np.float64)
     return (rest_pelvis + motion.transl - rest[:3, 3]) @ rest[:3, :3]

@@ -8,7 +8,6 @@ import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile
-from ..conventions.skeleton import JOINTS
 from .confidence import joint_confidence
 from .curves import CurveTarget, action_curves, key_type_values, write_curves
 
@@ -39,7 +38,9 @@ def write_confidence(
     types = key_type_values(motion.keyframes, motion.num_frames)[frames]
     _declare(armature, "Confidence of the least certain joint, 0 to 1")
     write_curves(target, _PATH, _GROUP, times[frames], worst.min(axis=1, keepdims=True), types)
-    for j, joint in enumerate(JOINTS):
+    for j, joint in enumerate(motion.body_layout.joints):
+        if joint not in armature.pose.bones:
+            continue
         _declare(armature.pose.bones[joint], "Confidence of the joint at this bone's head, 0 to 1")
         write_curves(target, f'pose.bones["{joint}"]{_PATH}', joint, times[frames], confidence[:, j : j + 1], types)
 

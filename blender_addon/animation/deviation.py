@@ -10,8 +10,8 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from ..body.body_file import BodyFile
 from ..body.mesh import positions
-from ..body.posed_body import pose_joints, skin
-from ..conventions.skeleton import JOINTS
+from ..body.posed_body import pose_joints, rotvec_on, skin
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming, go_to_frame
 
 
@@ -26,10 +26,11 @@ class Deviation:
 
 
 def evaluated_joints(scene: bpy.types.Scene, armature: bpy.types.Object, frame: float) -> np.ndarray:
-    """Return the (24, 3) world positions of the pose bones' heads on a scene frame."""
+    """Return the (J, 3) world positions of the pose bones' heads on a scene frame."""
     go_to_frame(scene, frame)
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    return np.array([evaluated.matrix_world @ evaluated.pose.bones[joint].head for joint in JOINTS])
+    bones = evaluated.pose.bones
+    return np.array([evaluated.matrix_world @ bones[joint].head for joint in layout_of(bones).joints])
 
 
 def evaluated_vertices(scene: bpy.types.Scene, obj: bpy.types.Object, frame: float) -> np.ndarray:
@@ -54,7 +55,7 @@ def measure_deviation(
     The scene must be the window's current one.
     """
     times = timing.scene_frames(motion.num_frames, motion.fps)
-    _, tree = pose_joints(body.rest_joints(motion.betas), motion.rotvec[frames], motion.transl[frames])
+    _, tree = pose_joints(body.rest_joints(motion.betas), rotvec_on(motion, body.layout)[frames], motion.transl[frames])
     expected = tree if motion.joints is None else motion.joints[frames]
     joints = np.stack([evaluated_joints(scene, armature, times[f]) for f in frames])
     vertices = np.stack([evaluated_vertices(scene, mesh, times[f]) for f in frames])

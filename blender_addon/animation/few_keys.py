@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.so3 import matrix_from_quat
-from ..conventions.skeleton import JOINTS, NUM_JOINTS, PARENTS
+from ..conventions.skeleton import LAYOUTS, layout_of
 from .key_reduction import keys_within, reduce_keys
 from .sparse_curves import SparseCurves
 
@@ -41,7 +41,7 @@ def thin_channels(
     """Return the channels of an armature with few keys.
 
     Args:
-        channels: (F, 99) location of the pelvis and quaternions wxyz of the 24 bones, in their own rest axes.
+        channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
         armature: whose channels they are.
         keyframes: (F,) frames that may keep a key; None for any.
         count: keys at most.
@@ -71,32 +71,33 @@ def thin_channels(
 
 
 def rest_of(armature: bpy.types.Object) -> tuple[np.ndarray, np.ndarray]:
-    """Return heads (24, 3) and axes (24, 3, 3) of the bones at rest, in the armature's frame."""
-    rest = np.array([armature.data.bones[joint].matrix_local for joint in JOINTS], dtype=np.float64)
+    """Return heads (J, 3) and axes (J, 3, 3) of the bones at rest, in the armature's frame."""
+    bones = armature.data.bones
+    rest = np.array([bones[joint].matrix_local for joint in layout_of(bones).joints], dtype=np.float64)
     return rest[:, :3, 3], rest[:, :3, :3]
 
 
 def _quaternions(channels: np.ndarray) -> np.ndarray:
-    """Return the (F, 24, 4) unit quaternions; Blender, too, scales those of a pose to length 1."""
-    quat = channels[:, 3:].reshape(len(channels), NUM_JOINTS, 4)
+    """Return the (F, J, 4) unit quaternions; Blender, too, scales those of a pose to length 1."""
+    quat = channels[:, 3:].reshape(len(channels), -1, 4)
     return quat / np.linalg.norm(quat, axis=-1, keepdims=True)
 
 
 def posed_joints(channels: np.ndarray, heads: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return rotations (F, 24, 3, 3) and places (F, 24, 3) of bones in the armature's frame.
+    """Return rotations (F, J, 3, 3) and places (F, J, 3) of bones in the armature's frame.
 
     ``G_j = G_p A_p^T A_j R_j``, ``p_j = p_p + G_p A_p^T (h_j - h_p)``.
 
     Args:
-        channels: (F, 99), see ``thin_channels``.
-        heads: (24, 3) h at rest.
-        axes: (24, 3, 3) A at rest.
+        channels: (F, 3 + 4 J), see ``thin_channels``.
+        heads: (J, 3) h at rest.
+        axes: (J, 3, 3) A at rest.
     """
     R = matrix_from_quat(_quaternions(channels))
     G, p = np.empty_like(R), np.empty(R.shape[:3])
     G[:, 0], p[:, 0] = axes[0] @ R[:, 0], heads[0] + channels[:, :3] @ axes[0].T
-    for j in range(1, NUM_JOINTS):
-        parent = PARENTS[j]
+    parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(heads))
+    for j, parent in enumerate(parents[1:], 1):
         rotated = G[:, parent] @ axes[parent].T
         G[:, j] = rotated @ axes[j] @ R[:, j]
         p[:, j] = p[:, parent] + rotated @ (heads[j] - heads[parent])

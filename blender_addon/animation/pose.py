@@ -10,7 +10,7 @@ import numpy as np
 from .._exchange.so3 import quat_multiply, rotvec_from_quat
 from ..body.armature import rotation_from_body_axes
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import layout_of
 
 _CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])
 
@@ -20,7 +20,7 @@ class BodyPose:
     """One frame of an SMPL-type body."""
 
     rotvec: np.ndarray
-    """(24, 3) axis-angle in radians: the root maps body to world, the others child to parent."""
+    """(J, 3) axis-angle in radians: the root maps body to world, the others child to parent."""
     transl: np.ndarray
     """(3,) metres: the pelvis is at ``J_0(betas) + transl``."""
 
@@ -32,7 +32,7 @@ def read_pose(armature: bpy.types.Object, rest_pelvis: np.ndarray) -> BodyPose:
         armature: from ``create_armature``.
         rest_pelvis: (3,) pelvis of the shaped body in the body's frame.
     """
-    bones = [armature.pose.bones[joint] for joint in JOINTS]
+    bones = [armature.pose.bones[joint] for joint in layout_of(armature.data.bones).joints]
     local = [
         armature.convert_space(pose_bone=bone, matrix=bone.matrix, from_space="POSE", to_space="LOCAL")
         for bone in bones

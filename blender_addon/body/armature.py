@@ -1,4 +1,4 @@
-"""The armature: 24 bones with SMPL's joint names to pose, a hidden one in each that carries the skin, and the controls.
+"""The armature: bones with the joints' names to pose, a hidden one in each that carries the skin, and the controls.
 
 A pose bone's rest position cannot follow a slider, but its location can. The posed bones are moved to the shaped
 joints by drivers (``shape.py``); the skin must then turn about the shaped joint and yet not be moved. So each carries a
@@ -11,14 +11,23 @@ import bpy
 import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.skeleton import JOINTS, PARENTS
+from ..conventions.skeleton import JOINTS, SMPL_HANDS, BodyLayout, layout_of
 from .controls.bones import add_limb_bones, add_root
+from .controls.fingers import COLLECTION as FINGER_COLLECTION
+from .controls.fingers import CONTROLS as FINGER_CONTROLS
+from .controls.fingers import add_finger_controls, wire_finger_controls
 from .controls.limbs import HELPERS, LIMBS, ROOT
 from .controls.wiring import wire_limbs
 from .layout import BoneLayout
 
 DEFORM_COLLECTION = "Deform"
 HELPER_COLLECTION = "Helpers"
+
+
+def _fingers(side: str) -> tuple[str, ...]:
+    return tuple(SMPL_HANDS.joints[j] for j in SMPL_HANDS.group(f"{side}_hand"))
+
+
 _COLLECTIONS = {
     "Root": (ROOT, "pelvis"),
     "Torso": ("spine1", "spine2", "spine3"),
@@ -27,9 +36,11 @@ _COLLECTIONS = {
     "Arm Right": ("right_collar", "right_shoulder", "right_elbow", "right_wrist", "right_hand"),
     "Leg Left": ("left_hip", "left_knee", "left_ankle", "left_foot"),
     "Leg Right": ("right_hip", "right_knee", "right_ankle", "right_foot"),
+    **{f"Fingers {side.title()}": _fingers(side) for side in ("left", "right")},
     **{limb.collection: (limb.control, limb.pole) for limb in LIMBS},
     "IK Twist": tuple(name for limb in LIMBS for name in limb.turns),
     HELPER_COLLECTION: HELPERS,
+    FINGER_COLLECTION: FINGER_CONTROLS,
 }
 _HIDDEN = (DEFORM_COLLECTION, HELPER_COLLECTION, "IK Twist", *(limb.collection for limb in LIMBS))
 """Collections that are hidden until they are wanted."""
@@ -44,38 +55,48 @@ def deform_bone(joint: str) -> str:
     return f"{joint}_deform"
 
 
-def create_armature(name: str, layout: BoneLayout, collection: bpy.types.Collection) -> bpy.types.Object:
+def create_armature(
+    name: str, joints: BodyLayout, layout: BoneLayout, collection: bpy.types.Collection
+) -> bpy.types.Object:
     """Create the armature object at the world's origin.
 
     Blender must be in object mode; the object becomes the active one.
 
     Args:
         name: name of the object.
+        joints: names and tree of the bones.
         layout: where the bones lie.
         collection: where the object is linked; it must be part of the current view layer.
     """
+    has_fingers = joints.num_joints > len(JOINTS)
     data = bpy.data.armatures.new(name)
     armature = bpy.data.objects.new(name, data)
     collection.objects.link(armature)
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
-        _add_bones(data, layout)
+        _add_bones(data, joints, layout)
+        if has_fingers:
+            add_finger_controls(data)
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
     data.display_type = "OCTAHEDRAL"
     armature.show_in_front = True
     _group_bones(data)
-    for joint in (ROOT, *JOINTS):
+    for joint in (ROOT, *joints.joints):
         _set_up_control(armature.pose.bones[joint])
     for name in (name for limb in LIMBS for name in limb.keyed):
         _paint(armature.pose.bones[name])
     wire_limbs(armature, layout)
+    if has_fingers:
+        wire_finger_controls(armature)
+        for name in FINGER_CONTROLS:
+            _paint(armature.pose.bones[name])
     return armature
 
 
 def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (24, 3, 3) rotations C from the body's axes to each bone's own axes.
+    """Return the (J, 3, 3) rotations C from the body's axes to each bone's own axes.
 
     A rotation about an axis v of the body frame is the pose-bone rotation about C v.
     """
@@ -83,18 +104,21 @@ def rotation_from_body_axes(armature: bpy.types.Object) -> np.ndarray:
 
 
 def bone_axes(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (24, 3, 3) rest axes of the posed bones in the armature's frame, one a column."""
+    """Return the (J, 3, 3) rest axes of the posed bones in the armature's frame, one a column."""
     bones = armature.data.bones
-    return np.stack([np.array(bones[joint].matrix_local.to_3x3(), dtype=np.float64) for joint in JOINTS])
+    return np.stack(
+        [np.array(bones[joint].matrix_local.to_3x3(), dtype=np.float64) for joint in layout_of(bones).joints]
+    )
 
 
-def _add_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
+def _add_bones(data: bpy.types.Armature, joints: BodyLayout, layout: BoneLayout) -> None:
     """Called in edit mode."""
     root = add_root(data)
-    for j, joint in enumerate(JOINTS):
+    for j, joint in enumerate(joints.joints):
+        above = joints.parents[j]
         control = _add_bone(data, joint, layout, j)
         control.use_deform = False
-        control.parent = data.edit_bones[JOINTS[PARENTS[j]]] if PARENTS[j] >= 0 else root
+        control.parent = data.edit_bones[joints.joints[above]] if above >= 0 else root
         _add_bone(data, deform_bone(joint), layout, j).parent = control
     add_limb_bones(data, layout)
 
@@ -107,8 +131,11 @@ def _add_bone(data: bpy.types.Armature, name: str, layout: BoneLayout, joint: in
 
 
 def _group_bones(data: bpy.types.Armature) -> None:
-    groups = {**_COLLECTIONS, DEFORM_COLLECTION: tuple(deform_bone(joint) for joint in JOINTS)}
+    groups = {**_COLLECTIONS, DEFORM_COLLECTION: tuple(deform_bone(joint) for joint in layout_of(data.bones).joints)}
     for name, bones in groups.items():
+        bones = [bone for bone in bones if bone in data.bones]
+        if not bones:
+            continue
         collection = data.collections.new(name)
         collection.is_visible = name not in _HIDDEN
         for bone in bones:

@@ -8,10 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from .._exchange.errors import BodyInvalid
+from .._exchange.finger_joints import HANDS_FILE
 from .._exchange.npz import read_arrays
 from .._exchange.schema import Fields
 from ..backend_environment import PACKAGE, backend_folder
-from ..conventions.skeleton import NUM_BETAS, NUM_JOINTS, PARENTS
+from ..conventions.skeleton import NUM_BETAS, SMPL, BodyLayout
+from .fingers import add_finger_joints, has_fingers
 from .smpl_family import on_smpl_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
@@ -32,17 +34,21 @@ class BodyFile:
     shapedirs: np.ndarray
     """(V, 3, 10) metres per unit of shape."""
     posedirs: np.ndarray | None
-    """(V, 3, 207) metres per unit of pose feature flatten(R_j - I), j = 1..23."""
+    """(V, 3, 9 (J - 1)) metres per unit of pose feature flatten(R_j - I), j = 1..J-1."""
     J_regressor: np.ndarray
-    """(24, V), rows sum to 1."""
+    """(J, V), rows sum to 1."""
     weights: np.ndarray
-    """(V, 24), rows sum to 1."""
+    """(V, J), rows sum to 1."""
     faces: np.ndarray
     """(T, 3) vertex indices."""
     uv: np.ndarray | None = None
     """(V, 2) texture coordinates."""
     face_material: np.ndarray | None = None
     """(T,) index of each face's material."""
+    layout: BodyLayout = SMPL
+    """Names and tree of the J joints: SMPL's, or those with fingers."""
+    flat_hands: np.ndarray | None = None
+    """(30, 3, 3) rotations of finger bones from rest to a flat hand; None where a hand at rest is flat."""
     licence: str = ""
     """SPDX identifier, "" where the file does not say."""
 
@@ -51,7 +57,7 @@ class BodyFile:
         return self.v_template + self.shapedirs @ betas
 
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
-        """Return the (24, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
+        """Return the (J, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
         return self.J_regressor @ self.shaped(betas)
 
 
@@ -64,8 +70,12 @@ def default_body_path() -> Path:
     return backend_folder() / PACKAGE / _ASSET
 
 
-def read_body(path: Path) -> BodyFile:
-    """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family; 24 joints are kept.
+def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
+    """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family.
+
+    Args:
+        path: of the file.
+        layout: which joints are kept: SMPL's 24, or ``SMPL_HANDS``'s with fingers, where the body has any.
 
     Raises:
         FileMissing, FileDamaged: see ``read_arrays``.
@@ -78,9 +88,12 @@ def read_body(path: Path) -> BodyFile:
         )
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
-    arrays = on_smpl_joints(stored, path)
+    if layout.num_joints > SMPL.num_joints and has_fingers(stored, default_hands_path()):
+        arrays = add_finger_joints(stored, path, default_hands_path())
+    else:
+        arrays, layout = on_smpl_joints(stored, path), SMPL
     arrays["shapedirs"] = np.asarray(arrays["shapedirs"])[..., :NUM_BETAS]
-    _check(arrays, path)
+    _check(arrays, path, layout)
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
     posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
     return BodyFile(
@@ -93,8 +106,19 @@ def read_body(path: Path) -> BodyFile:
         faces=np.asarray(arrays["f"]).astype(np.int64),
         uv=None if uv is None else np.asarray(uv, np.float64),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
+        layout=layout,
+        flat_hands=arrays.get("flat_hands"),
         licence=fields.text("license", _OWN_LICENCE if _ships_with_us(path) else ""),
     )
+
+
+def default_hands_path() -> Path:
+    """Return the path of the finger joints of the body that ships.
+
+    Raises:
+        BackendMissing: the solver is not there.
+    """
+    return default_body_path().with_name(HANDS_FILE)
 
 
 def _ships_with_us(path: Path) -> bool:
@@ -110,12 +134,12 @@ def _require_numbers(arrays: dict[str, np.ndarray], path: Path) -> None:
             )  # fmt: skip
 
 
-def _check(arrays: dict[str, np.ndarray], path: Path) -> None:
-    vertices, faces = len(arrays["v_template"]), len(arrays["f"])
+def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> None:
+    vertices, faces, joints = len(arrays["v_template"]), len(arrays["f"]), layout.num_joints
     shapes = {
-        "v_template": (vertices, 3), "shapedirs": (vertices, 3, NUM_BETAS), "J_regressor": (NUM_JOINTS, vertices),
-        "weights": (vertices, NUM_JOINTS), "kintree_table": (2, NUM_JOINTS), "f": (faces, 3), "uv": (vertices, 2),
-        "posedirs": (vertices, 3, 9 * (NUM_JOINTS - 1)), "face_material": (faces,),
+        "v_template": (vertices, 3), "shapedirs": (vertices, 3, NUM_BETAS), "J_regressor": (joints, vertices),
+        "weights": (vertices, joints), "kintree_table": (2, joints), "f": (faces, 3), "uv": (vertices, 2),
+        "posedirs": (vertices, 3, 9 * (joints - 1)), "face_material": (faces,),
     }  # fmt: skip
     for key, shape in shapes.items():
         if key not in arrays:
@@ -128,5 +152,5 @@ def _check(arrays: dict[str, np.ndarray], path: Path) -> None:
         raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
     if (arrays["weights"].sum(axis=1) <= 0).any():
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
-    if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != PARENTS[1:]:
+    if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != layout.parents[1:]:
         raise BodyInvalid("The tree is not SMPL's tree of joints.", where=str(path))

@@ -2,7 +2,7 @@
 
 The model adds ``P flatten(R_j - I)`` to the rest shape (Loper et al. 2015, eq. 9). A joint reaches few vertices, so
 ``P`` is kept as a table, a point for each vertex and joint that moves it, not as a shape key over the whole skin for
-each of 207 features; drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
+each of its features; drivers without Python bring the pose bones' rotations, constraints included, into the nodes.
 
 Of a body that equals its mirror image the table holds the left half. With S = diag(-1, 1, 1), the skin at ``S v`` moves
 by S times what ``v`` would move by if each joint turned as the one across from it does in the mirror; in the axes of
@@ -17,7 +17,7 @@ import bpy
 import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.skeleton import JOINTS, MIRROR_JOINT
+from ..conventions.skeleton import BodyLayout
 from .armature import rotation_from_body_axes
 from .body_file import BodyFile
 from .corrective_nodes import (
@@ -49,7 +49,7 @@ class CorrectiveTable:
     vertex: np.ndarray
     """(N,) index of the vertex, rising."""
     joint: np.ndarray
-    """(N,) index of the joint, 1..23."""
+    """(N,) index of the joint, 1..J-1."""
     directions: np.ndarray
     """(N, 3, 3, 3) metres: axis of the skin, then row and column of ``R - I``."""
 
@@ -59,7 +59,7 @@ class CorrectiveTable:
 
 
 def corrective_table(posedirs: np.ndarray) -> CorrectiveTable:
-    """Return the (V, 3, 207) pose correctives as a table, in the axes they are given in."""
+    """Return the (V, 3, 9 (J - 1)) pose correctives as a table, in the axes they are given in."""
     blocks = posedirs.astype(np.float32).reshape(len(posedirs), 3, -1, 3, 3)
     reach = _LARGEST_FEATURE * np.sqrt(np.square(blocks).sum(axis=1).max(axis=(2, 3)))
     vertex, joint = np.nonzero(reach >= _LEAST_M)
@@ -85,7 +85,7 @@ def add_correctives(
         return 0
     turned = _in_bone_axes(table, rotation_from_body_axes(armature))
     across = mirror_of(body.v_template)
-    if across is not None and not _is_mirrored(table, turned, across):
+    if across is not None and not _is_mirrored(table, turned, across, body.layout):
         across = None
     rows = np.full(len(body.v_template), NO_ROW, np.int32)
     if across is not None:
@@ -100,8 +100,8 @@ def add_correctives(
     hidden.objects.link(points)
     mesh.data.attributes.new(ROW, "INT", "POINT").data.foreach_set("value", rows)
     modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
-    names = [JOINTS[joint] for joint in joints]
-    opposite = [names.index(JOINTS[MIRROR_JOINT[joint]]) for joint in joints] if across is not None else []
+    names, mirror = [body.layout.joints[joint] for joint in joints], body.layout.mirror
+    opposite = [names.index(body.layout.joints[mirror[joint]]) for joint in joints] if across is not None else []
     modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
     mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
     for name in names:
@@ -121,11 +121,11 @@ def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
     return across
 
 
-def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray) -> bool:
+def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
     """Say whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
-    image = zip(across[table.vertex].tolist(), np.array(MIRROR_JOINT)[table.joint].tolist(), strict=True)
+    image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)
     found = np.array([here.get(key, -1) for key in image])
     if (found < 0).any():
         return False

@@ -10,12 +10,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
+from ..conventions.skeleton import SMPL, SMPL_HANDS, BodyLayout
 from .body_file import BodyFile
 
 _FORWARD, _UP = np.array([0.0, -1.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _LEAF_DIRECTION = {"foot": _FORWARD, "head": _UP}
 """Where bones without a next joint point; hands go on as the forearm does."""
+_FINGER_ROLL, _THUMB_ROLL = -_UP, (_FORWARD + _UP) * -np.sqrt(0.5)
+"""The palm looks down; a thumb's nail looks half forward, half up."""
 _ROLL = {"knee": -_FORWARD, "ankle": _UP, "foot": _UP, "wrist": -_UP, "hand": -_UP}
 """Direction of a bone's local Z, forward where none is named.
 
@@ -23,18 +25,19 @@ A positive turn about local X then bends every limb the way it bends: thigh, arm
 toes up. Left and right mirror each other.
 """
 _SHORTEST_M = 0.02
+_FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 
 @dataclass(frozen=True)
 class BoneLayout:
-    """The 24 bones of a shaped body."""
+    """The J bones of a shaped body."""
 
     heads: np.ndarray
-    """(24, 3) metres."""
+    """(J, 3) metres."""
     tails: np.ndarray
-    """(24, 3) metres."""
+    """(J, 3) metres."""
     roll_axes: np.ndarray
-    """(24, 3) unit vectors that local Z is turned towards."""
+    """(J, 3) unit vectors that local Z is turned towards."""
 
 
 def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
@@ -45,12 +48,12 @@ def lay_out_bones(body: BodyFile, betas: np.ndarray) -> BoneLayout:
         betas: (10,) shape.
     """
     vertices, heads = standing(body, betas)
-    roll_axes = np.stack([_ROLL.get(body_part(joint), _FORWARD) for joint in JOINTS])
-    return BoneLayout(heads, _tails(heads, vertices, body.weights.argmax(axis=1)), roll_axes)
+    roll_axes = np.stack([_roll(joint) for joint in body.layout.joints])
+    return BoneLayout(heads, _tails(body.layout, heads, vertices, body.weights.argmax(axis=1)), roll_axes)
 
 
 def standing(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return the (V, 3) vertices and (24, 3) joints of a shape, its lowest vertex at z = 0 and its pelvis above 0."""
+    """Return the (V, 3) vertices and (J, 3) joints of a shape, its lowest vertex at z = 0 and its pelvis above 0."""
     vertices, joints = _pelvis_centred(body, betas)
     floor = [0.0, 0.0, vertices[:, 2].min()]
     return vertices - floor, joints - floor
@@ -67,25 +70,39 @@ def _pelvis_centred(body: BodyFile, betas: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def shape_directions(body: BodyFile) -> tuple[np.ndarray, np.ndarray]:
-    """Return (V, 3, 10) and (24, 3, 10): how vertices and joints move with each beta while the pelvis stays."""
+    """Return (V, 3, 10) and (J, 3, 10): how vertices and joints move with each beta while the pelvis stays."""
     joints = np.tensordot(body.J_regressor, body.shapedirs, axes=(1, 0))
     vertices = body.shapedirs - joints[:1]
     return R_ARMATURE_BODY @ vertices, R_ARMATURE_BODY @ (joints - joints[:1])
 
 
-def _tails(heads: np.ndarray, vertices: np.ndarray, owner: np.ndarray) -> np.ndarray:
-    tails = np.empty_like(heads)
-    for j, joint in enumerate(JOINTS):
-        if j in MAIN_CHILD:
-            direction = heads[MAIN_CHILD[j]] - heads[j]
+def _tails(layout: BodyLayout, heads: np.ndarray, vertices: np.ndarray, owner: np.ndarray) -> np.ndarray:
+    tails, ends = np.empty_like(heads), dict(layout.main_child)
+    for j, joint in enumerate(layout.joints):
+        if (middle := f"{joint.split('_')[0]}_middle1") in layout.joints and body_part(joint) == "wrist":
+            ends[j] = layout.joints.index(middle)
+    for j, joint in enumerate(layout.joints):
+        if j in ends:
+            direction = heads[ends[j]] - heads[j]
         else:
             unit = _LEAF_DIRECTION.get(body_part(joint))
-            unit = _unit(heads[j] - heads[PARENTS[j]]) if unit is None else unit
+            unit = _unit(heads[j] - heads[layout.parents[j]]) if unit is None else unit
             reach = (vertices[owner == j] - heads[j]) @ unit
             direction = unit * max(reach.max(initial=0.0), _SHORTEST_M)
         short = np.linalg.norm(direction) < 1e-3
         tails[j] = heads[j] + (_UP * _SHORTEST_M if short else direction)
     return tails
+
+
+def _roll(joint: str) -> np.ndarray:
+    if is_finger(joint):
+        return _THUMB_ROLL if "thumb" in joint else _FINGER_ROLL
+    return _ROLL.get(body_part(joint), _FORWARD)
+
+
+def is_finger(joint: str) -> bool:
+    """Return whether a joint is one of a finger."""
+    return joint in _FINGER_JOINTS
 
 
 def body_part(joint: str) -> str:

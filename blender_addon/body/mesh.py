@@ -39,7 +39,7 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     for collection in armature.users_collection:
         collection.objects.link(obj)
     obj.parent = armature
-    _add_weights(obj, body.weights)
+    _add_weights(obj, body)
     obj.modifiers.new("Armature", "ARMATURE").object = armature
     return obj
 
@@ -74,8 +74,9 @@ def _add_uv(mesh: bpy.types.Mesh, body: BodyFile) -> None:
     layer.data.foreach_set("uv", body.uv[corner].astype(np.float32).ravel())
 
 
-def _add_weights(obj: bpy.types.Object, weights: np.ndarray) -> None:
-    for j, joint in enumerate(JOINTS):
+def _add_weights(obj: bpy.types.Object, body: BodyFile) -> None:
+    weights = body.weights
+    for j, joint in enumerate(body.layout.joints):
         group = obj.vertex_groups.new(name=deform_bone(joint))
         for vertex in np.flatnonzero(weights[:, j] > _LEAST_WEIGHT).tolist():
             group.add([vertex], float(weights[vertex, j]), "REPLACE")

@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
+from .._exchange.finger_joints import FIRST_FINGER, from_flat
 from .._exchange.motion_file import MotionFile
-from .._exchange.so3 import matrix_from_rotvec
-from ..conventions.skeleton import NUM_JOINTS, PARENTS
+from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from ..conventions.skeleton import LAYOUTS, BodyLayout
 from .body_file import BodyFile
 
 
@@ -14,21 +17,43 @@ def pose_joints(rest: np.ndarray, rotvec: np.ndarray, transl: np.ndarray) -> tup
     """Pose the tree: ``G_j = G_p R_j``, ``p_j = p_p + G_p (J_j - J_p)`` (Loper et al. 2015, eqs. 3-4).
 
     Args:
-        rest: (24, 3) joints at rest in metres.
-        rotvec: (F, 24, 3) axis-angle in radians.
+        rest: (J, 3) joints at rest in metres.
+        rotvec: (F, J, 3) axis-angle in radians.
         transl: (F, 3) metres.
 
     Returns:
-        (F, 24, 3, 3) global rotations and (F, 24, 3) world positions.
+        (F, J, 3, 3) global rotations and (F, J, 3) world positions.
     """
     R = matrix_from_rotvec(rotvec)
     G, p = np.empty_like(R), np.empty(rotvec.shape)
     G[:, 0], p[:, 0] = R[:, 0], rest[0] + transl
-    for j in range(1, NUM_JOINTS):
-        parent = PARENTS[j]
+    parents = next(layout.parents for layout in LAYOUTS if layout.num_joints == len(rest))
+    for j, parent in enumerate(parents[1:], 1):
         G[:, j] = G[:, parent] @ R[:, j]
         p[:, j] = p[:, parent] + G[:, parent] @ (rest[j] - rest[parent])
     return G, p
+
+
+def with_own_hands(motion: MotionFile, body: BodyFile) -> MotionFile:
+    """Return a motion whose fingers turn from the body's rest, where they turned from a flat hand."""
+    if not motion.flat_hands:
+        return motion
+    rotvec = motion.rotvec
+    if body.flat_hands is not None:
+        fingers = from_flat(matrix_from_rotvec(rotvec[:, FIRST_FINGER:]), body.flat_hands)
+        rotvec = np.concatenate([rotvec[:, :FIRST_FINGER], rotvec_from_matrix(fingers)], axis=1)
+    return replace(motion, rotvec=rotvec, flat_hands=False)
+
+
+def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
+    """Return (F, J, 3) rotations on the joints of a layout; joints that the motion lacks rest, others are left out."""
+    if motion.body_layout.joints == layout.joints:
+        return motion.rotvec
+    rotvec = np.zeros((motion.num_frames, layout.num_joints, 3))
+    for j, joint in enumerate(layout.joints):
+        if joint in motion.body_layout.joints:
+            rotvec[:, j] = motion.rotvec[:, motion.body_layout.joints.index(joint)]
+    return rotvec
 
 
 def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
@@ -43,7 +68,7 @@ def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
         (N, V, 3) world metres.
     """
     rest = body.rest_joints(motion.betas)
-    rotvec = motion.rotvec[frames]
+    rotvec = rotvec_on(motion, body.layout)[frames]
     G, p = pose_joints(rest, rotvec, motion.transl[frames])
     shaped = np.broadcast_to(body.shaped(motion.betas), (len(frames), len(body.v_template), 3))
     if body.posedirs is not None:

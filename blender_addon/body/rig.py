@@ -23,7 +23,7 @@ class Rig:
     """The objects of one body."""
 
     armature: bpy.types.Object
-    """24 bones to pose, 24 hidden ones that deform, a root, and hands and feet to place."""
+    """A bone a joint to pose, a hidden one each that deforms, a root, and hands and feet to place."""
     mesh: bpy.types.Object
     """The skin, with ten shape sliders and pose correctives."""
 
@@ -40,7 +40,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
         collection: where the objects are linked; it must be part of the current view layer.
     """
     layout = lay_out_bones(body, betas)
-    armature = create_armature(name, layout, collection)
+    armature = create_armature(name, body.layout, layout, collection)
     hidden = add_control_shapes(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..conventions.skeleton import JOINTS, PARENTS
+from ..conventions.skeleton import BodyLayout
 from .armature import deform_bone
 from .body_file import BodyFile
 from .controls.limbs import LIMBS
@@ -50,10 +50,13 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
         rest_betas: (10,) the shape at which nothing is moved.
     """
     _, directions = shape_directions(body)
-    from_parent = directions - np.where(np.array(PARENTS)[:, None, None] >= 0, directions[list(PARENTS)], 0.0)
-    moves: list[tuple[str, np.ndarray, tuple[str, ...]]] = [(n, from_parent[j], ()) for n, j in _moved_with_joints()]
-    for j, joint in enumerate(JOINTS):
-        moves.append((deform_bone(joint), -directions[j], (joint, deform_bone(JOINTS[max(PARENTS[j], 0)]))))
+    joints, parents = body.layout.joints, body.layout.parents
+    from_parent = directions - np.where(np.array(parents)[:, None, None] >= 0, directions[list(parents)], 0.0)
+    moves: list[tuple[str, np.ndarray, tuple[str, ...]]] = [
+        (n, from_parent[j], ()) for n, j in _moved_with_joints(body.layout)
+    ]
+    for j, joint in enumerate(joints):
+        moves.append((deform_bone(joint), -directions[j], (joint, deform_bone(joints[max(parents[j], 0)]))))
     driven: list[_Driven] = []
     for name, way, related in moves:
         bone = armature.pose.bones[name]
@@ -123,12 +126,13 @@ def _drive_by_bones(
     driver.expression = "".join(f"{factor:+.7f}*a{k}" for k, (factor, _) in enumerate(parts)).lstrip("+")
 
 
-def _moved_with_joints() -> list[tuple[str, int]]:
+def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
     """Return names of bones that move against their parents as a joint does against its own, and that joint's index."""
-    named = [(joint, j) for j, joint in enumerate(JOINTS)]
+    named = [(joint, j) for j, joint in enumerate(layout.joints)]
     for limb in LIMBS:
         named += [
-            (name, JOINTS.index(joint)) for name, joint in zip((*limb.solved, limb.reach), limb.joints, strict=True)
+            (name, layout.joints.index(joint))
+            for name, joint in zip((*limb.solved, limb.reach), limb.joints, strict=True)
         ]
     return named
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..conventions.skeleton import JOINTS, NUM_BETAS
+from ..conventions.skeleton import NUM_BETAS
 from .body_file import BodyFile
 
 _UNNAMED = "detail"
@@ -57,7 +57,7 @@ def _relative(more: dict[str, float], less: dict[str, float]) -> dict[str, float
 
 def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
     """Return lengths against the stature, and the build: volume over the square of the stature."""
-    vertices, joints = body.shaped(betas), dict(zip(JOINTS, body.rest_joints(betas), strict=True))
+    vertices, joints = body.shaped(betas), dict(zip(body.layout.joints, body.rest_joints(betas), strict=True))
     stature = float(np.ptp(vertices[:, 1]))
     corners = vertices[body.faces]
     volume = abs(float(np.einsum("ij,ij->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])))) / 6
@@ -83,7 +83,7 @@ def _measures(body: BodyFile, betas: np.ndarray) -> dict[str, float]:
 
 
 def _skin_of(body: BodyFile, vertices: np.ndarray, joints: tuple[str, ...]) -> np.ndarray:
-    return vertices[np.isin(body.weights.argmax(axis=1), [JOINTS.index(joint) for joint in joints])]
+    return vertices[np.isin(body.weights.argmax(axis=1), [body.layout.joints.index(joint) for joint in joints])]
 
 
 def _reach(body: BodyFile, vertices: np.ndarray, joints: tuple[str, ...], axis: int) -> float:

@@ -1,13 +1,37 @@
-"""The skeleton of every character here: SMPL's joints, their parents, and the child a bone points to."""
+"""The skeletons of characters here: SMPL's joints, or those with fingers; and the child a bone points to."""
 
-from .._exchange.body_layout import SMPL
+from __future__ import annotations
+
+from collections.abc import Container
+
+from .._exchange.body_layout import SMPL, SMPL_HANDS, BodyLayout
 from .._exchange.joint_sets import NUM_BETAS, NUM_JOINTS
 from .._exchange.joint_sets import SMPL_JOINTS as JOINTS
 from .._exchange.joint_sets import SMPL_PARENTS as PARENTS
 
-__all__ = ["JOINTS", "MAIN_CHILD", "MIRROR_JOINT", "NUM_BETAS", "NUM_JOINTS", "PARENTS"]
+__all__ = [
+    "JOINTS",
+    "LAYOUTS",
+    "MAIN_CHILD",
+    "MIRROR_JOINT",
+    "NUM_BETAS",
+    "NUM_JOINTS",
+    "PARENTS",
+    "SMPL",
+    "SMPL_HANDS",
+    "BodyLayout",
+    "layout_of",
+]
+
+LAYOUTS = (SMPL, SMPL_HANDS)
+"""Layouts of bodies here: 24 joints, or 52 with fingers."""
 
 MAIN_CHILD = SMPL.main_child
 """The child at which a bone ends; feet, head and hands have none."""
 MIRROR_JOINT = SMPL.mirror
 """The joint on the other side; joints of the midline are their own."""
+
+
+def layout_of(bones: Container[str]) -> BodyLayout:
+    """Return the layout of a body with bones of these names."""
+    return SMPL_HANDS if SMPL_HANDS.joints[-1] in bones else SMPL

@@ -24,6 +24,7 @@ FORMATS: dict[str, Format] = {
     "usd": Format(".usdc", "USD", "Skeleton, skinned mesh and motion; metres, Z up"),
     "alembic": Format(".abc", "Alembic", "Vertices of every frame; metres, Y up"),
     "amass": Format(".npz", "AMASS", "Pose and shape parameters of an SMPL-type body; Z up"),
+    "amass-x": Format(".npz", "AMASS, SMPL-X", "The same with jaw and eyes at rest, as SMPL-X has them; Z up"),
     "trc": Format(".trc", "TRC", "Joint positions for OpenSim; millimetres, Y up"),
     "csv": Format(".csv", "CSV", "Joint positions as a table; metres, Z up"),
 }

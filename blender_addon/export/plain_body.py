@@ -1,4 +1,4 @@
-"""A plain copy of a body for other programs: 24 bones at the shaped joints, a mesh of that shape, no drivers.
+"""A plain copy of a body for other programs: a bone a joint at the shaped joints, a mesh of that shape, no drivers.
 
 Files of other formats know neither drivers nor hidden helper bones. The copy plays the same action; its skin is blended
 linearly, without the pose correctives.
@@ -10,12 +10,13 @@ import bpy
 import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
+from ..body.controls.fingers import NAMES
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
 from ..body.mesh import positions
 from ..body.shape import get_betas
 from ..body.sliders import sliders
-from ..conventions.skeleton import JOINTS, PARENTS
+from ..conventions.skeleton import layout_of
 
 
 def plain_copy(
@@ -54,7 +55,7 @@ def _copy_skin(
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     mesh.data.update()
     mesh.parent = armature
-    for joint in JOINTS:
+    for joint in layout_of(armature.data.bones).joints:
         mesh.vertex_groups[deform_bone(joint)].name = joint
     correctives = mesh.modifiers.get(CORRECTIVES)
     if correctives is not None:
@@ -88,38 +89,39 @@ def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
 
 
 def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    moved = _shape_shifts(source)
+    moved, joints = _shape_shifts(source), layout_of(source.data.bones).joints
     armature = local_copy(source, collection)
     armature.animation_data_clear()
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         bones = armature.data.edit_bones
-        for bone in [bone for bone in bones if bone.name not in JOINTS]:
+        for bone in [bone for bone in bones if bone.name not in joints]:
             bones.remove(bone)
-        for j, joint in enumerate(JOINTS):
+        for j, joint in enumerate(joints):
             bones[joint].use_deform = True
             matrix = bones[joint].matrix.copy()
             matrix.translation = (np.array(matrix.translation) + moved[j]).tolist()
             bones[joint].matrix = matrix
     finally:
         bpy.ops.object.mode_set(mode="OBJECT")
-    for joint in JOINTS[1:]:
+    for joint in joints[1:]:
         armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
-    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name == FOLLOW]:
+    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
         follow[0].constraints.remove(follow[1])
     _share_action(source, armature)
     return armature
 
 
 def _shape_shifts(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (24, 3) distances from the rest joints to those of the sliders' shape, in the armature's frame."""
+    """Return the (J, 3) distances from the rest joints to those of the sliders' shape, in the armature's frame."""
     evaluated = armature.evaluated_get(bpy.context.evaluated_depsgraph_get())
-    shifts = np.zeros((len(JOINTS), 3))
+    layout = layout_of(armature.data.bones)
+    shifts = np.zeros((layout.num_joints, 3))
     for j, axes in enumerate(bone_axes(armature)):
-        if PARENTS[j] >= 0:
-            location = np.array(evaluated.pose.bones[JOINTS[j]].location, dtype=np.float64)
-            shifts[j] = shifts[PARENTS[j]] + axes @ location
+        if (parent := layout.parents[j]) >= 0:
+            location = np.array(evaluated.pose.bones[layout.joints[j]].location, dtype=np.float64)
+            shifts[j] = shifts[parent] + axes @ location
     return shifts
 
 

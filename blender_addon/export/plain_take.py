@@ -1,4 +1,4 @@
-"""A take as other programs can read it: a body of 24 bones without drivers, with a key on every frame."""
+"""A take as other programs can read it: a body without drivers, with a key on every frame."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_columns
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..body.armature import bone_axes, deform_bone
-from ..conventions.skeleton import JOINTS, PARENTS
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
 from .plain_body import plain_copy
@@ -67,22 +67,22 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
 def is_body(take: ExportTake) -> bool:
     """Return whether the take is a body of this add-on, with one skin or none."""
     bones = take.armature.data.bones
-    return len(take.meshes) <= 1 and all(name in bones for j in JOINTS for name in (j, deform_bone(j)))
+    return len(take.meshes) <= 1 and all(name in bones for j in layout_of(bones).joints for name in (j, deform_bone(j)))
 
 
 def _bake(armature: bpy.types.Object, pose: PoseSamples, take: ExportTake) -> bpy.types.Action:
     """Write sampled rotations and the pelvis's path as an action of the copy."""
-    axes = bone_axes(armature)
-    parents = list(PARENTS[1:])
+    axes, layout = bone_axes(armature), layout_of(armature.data.bones)
+    parents = list(layout.parents[1:])
     local = pose.rotations.copy()
     local[:, 1:] = pose.rotations[:, parents].swapaxes(-1, -2) @ pose.rotations[:, 1:]
     quaternions = sign_continuous(quat_from_matrix(axes.swapaxes(1, 2) @ local @ axes))
-    rest = np.array(armature.data.bones[JOINTS[0]].head_local, dtype=np.float64)
+    rest = np.array(armature.data.bones[layout.joints[0]].head_local, dtype=np.float64)
     channels = np.concatenate([(pose.heads[:, 0] - rest) @ axes[0], quaternions.reshape(pose.num_frames, -1)], axis=1)
     target = create_action(take.name, armature)
     times = np.arange(take.frame_start, take.frame_end + 1)
     types = key_type_values(None, pose.num_frames)
-    for path, joint, part in pose_columns():
+    for path, joint, part in pose_columns(layout):
         write_curves(target, path, joint, times, channels[:, part], types)
     return target.action
 

@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from .._exchange.progress import Progress
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import go_to_frame
 from ..errors import NothingToExport
 from .take import ExportTake, staged, uniform_scale
@@ -89,8 +89,8 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
 
 
 def sample_joints(take: ExportTake, progress: Progress) -> PoseSamples:
-    """Evaluate the 24 joints of SMPL's tree alone."""
-    return sample_pose(take, progress, JOINTS)
+    """Evaluate the joints of the body's tree alone: SMPL's 24, or 52 with fingers."""
+    return sample_pose(take, progress, layout_of(take.armature.data.bones).joints)
 
 
 def _parents_first(armature: bpy.types.Object) -> list[bpy.types.Bone]:

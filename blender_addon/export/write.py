@@ -11,7 +11,7 @@ from ..errors import NothingToExport
 from .formats import FORMATS, Format
 from .take import ExportTake
 from .writers.alembic import export_alembic
-from .writers.amass import export_amass
+from .writers.amass import export_amass, export_amass_x
 from .writers.bvh import export_bvh
 from .writers.fbx import export_fbx
 from .writers.gltf import export_gltf
@@ -20,7 +20,7 @@ from .writers.usd import export_usd
 
 WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,
-    "amass": export_amass, "trc": export_trc, "csv": export_csv,
+    "amass": export_amass, "amass-x": export_amass_x, "trc": export_trc, "csv": export_csv,
 }  # fmt: skip
 """What writes a take to a path, by the formats' names."""
 

@@ -143,6 +143,9 @@ def _add_body_options(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--betas", type=_betas, default=(), metavar="B0,B1,…", help="shape of the sliders (write --betas=-1,2)"
     )
+    body.add_argument(
+        "--fingers", action="store_true", help="with finger bones, and controls that curl and spread them"
+    )
 
 
 def _add_batch_options(batch: argparse.ArgumentParser) -> None:

@@ -77,7 +77,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
 
     start = time.monotonic()
     motion = read_motion(request.motion)
-    body = read_body(request.body or body_path_of(motion.provenance))
+    body = read_body(request.body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
     capture = read_capture(request.capture) if request.capture is not None else None
     refused: tuple[str, ...] = ()

@@ -12,7 +12,7 @@ import numpy as np
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
-from ..conventions.skeleton import NUM_BETAS
+from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
 
 
 @dataclass(frozen=True)
@@ -25,6 +25,8 @@ class BodyRequest:
     """Body file; None for the one that ships with the add-on."""
     betas: tuple[float, ...] = ()
     """Up to 10 values of the shape; the others are 0."""
+    fingers: bool = False
+    """Give the body finger bones and their controls."""
 
 
 def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
@@ -45,7 +47,7 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
     start = time.monotonic()
     betas = np.zeros(NUM_BETAS)
     betas[: len(request.betas)] = request.betas
-    body = read_body(request.body or default_body_path())
+    body = read_body(request.body or default_body_path(), SMPL_HANDS if request.fingers else SMPL)
     with atomic_outputs(request.out.parent, (request.out.name,)) as temporary:
         progress("building the body", 0, 1)
         scene = fresh_scene()

@@ -80,7 +80,7 @@ def _baked(request: ExportRequest, progress: Progress) -> tuple[bpy.types.Scene,
     from ..scene.session import fresh_scene
 
     motion = read_motion(request.source)
-    body = read_body(request.body or body_path_of(motion.provenance))
+    body = read_body(request.body or body_path_of(motion.provenance), motion.body_layout)
     scene = fresh_scene()
     progress("baking", 0, 1)
     take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))

@@ -163,7 +163,7 @@ def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    return run_body(BodyRequest(options.out, options.body, options.betas), progress)
+    return run_body(BodyRequest(options.out, options.body, options.betas, options.fingers), progress)
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:

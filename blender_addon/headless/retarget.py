@@ -126,7 +126,7 @@ def _actor(request: RetargetRequest) -> tuple[Actor, tuple[str, ...]]:
 
     if request.source.suffix.lower() in (".npz", ""):
         motion = read_motion(request.source)
-        body = read_body(request.body or body_path_of(motion.provenance))
+        body = read_body(request.body or body_path_of(motion.provenance), motion.body_layout)
         require_body(motion, body)
         return actor_of_motion(motion, body), ()
     scene = open_scene(request.source)

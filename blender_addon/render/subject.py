@@ -13,7 +13,8 @@ from .._exchange.capture_file import CameraFile, CaptureFile
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import matrix_from_rotvec
 from ..body.body_file import BodyFile
-from ..body.posed_body import pose_joints
+from ..body.posed_body import pose_joints, rotvec_on
+from ..conventions.skeleton import SMPL
 from ..scene.bake import BakedTake
 from ..scene.footage import find_footage
 from .backdrop import Backdrop, floor_backdrop, footage_backdrop
@@ -42,8 +43,9 @@ class RenderedTake:
 
     def __post_init__(self) -> None:
         motion = self.motion
-        _, joints = pose_joints(self.body.rest_joints(motion.betas), motion.rotvec, motion.transl)
-        object.__setattr__(self, "joints", joints)
+        layout = self.body.layout
+        _, joints = pose_joints(self.body.rest_joints(motion.betas), rotvec_on(motion, layout), motion.transl)
+        object.__setattr__(self, "joints", joints[:, list(layout.standing_for(SMPL))])
         object.__setattr__(self, "times", self.take.timing.scene_frames(motion.num_frames, motion.fps))
 
     @property

@@ -14,6 +14,8 @@ from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import BodyFile, read_body
+from ..body.posed_body import with_own_hands
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .bake import BakeSettings, bake_take
 from .hand_edits import played_channels, take_times
@@ -52,7 +54,8 @@ def add_take(
         BodyMismatch: the motion belongs to another body.
     """
     require_body(motion, body)
-    if armature is not None and (not armature.is_editable or not plays_body(armature, motion.body)):
+    motion = with_own_hands(motion, body)
+    if armature is not None and (not armature.is_editable or not plays_body(armature, motion, body)):
         armature = None
     if armature is None:
         settings = BakeSettings(frame_start=frame_start, set_scene=False, floor=False)
@@ -84,8 +87,9 @@ def thinned_take(
         MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(take_file(take, "motion_file"))
-    body = read_body(body_path_of(motion.provenance))
+    body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
+    motion = with_own_hands(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
     edited = played_channels(scene, armature, take_times(take, motion))
@@ -128,7 +132,8 @@ def keep_edits(
     return merged
 
 
-def plays_body(armature: bpy.types.Object, body: str) -> bool:
-    """Return whether an armature's action was solved for a body, or does not say for which."""
-    action = current_action(armature)
-    return action is None or str(action.get("body", "")) in ("", body)
+def plays_body(armature: bpy.types.Object, motion: MotionFile, body: BodyFile) -> bool:
+    """Return whether an armature can play a motion: its action is of the same body, and fingers that move are there."""
+    action, layout = current_action(armature), layout_of(armature.data.bones)
+    is_same = action is None or str(action.get("body", "")) in ("", motion.body)
+    return is_same and layout.num_joints >= min(motion.body_layout.num_joints, body.layout.num_joints)

@@ -12,6 +12,7 @@ from ..animation.action import bake_action
 from ..animation.takes import BETAS, mark_as_asset
 from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
+from ..body.posed_body import with_own_hands
 from ..body.rig import create_rig
 from ..conventions.collections import child_collection
 from ..conventions.materials import KEYPOINT_COLOUR
@@ -86,6 +87,9 @@ def bake_take(
     settings = settings or BakeSettings()
     require_body(motion, body)
     notes = _differences(motion, capture)
+    if motion.body_layout.num_joints > body.layout.num_joints:
+        notes.append("The body has no finger joints: its hands rest.")
+    motion = with_own_hands(motion, body)
     start, fps = settings.frame_start, motion.fps
     scene_fps = (settings.scene_fps or fps) if settings.set_scene else None
     timing = set_up_time(scene, motion.num_frames, fps, start, scene_fps)

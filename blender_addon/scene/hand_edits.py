@@ -15,8 +15,10 @@ from ..animation.sparse_curves import SparseCurves
 from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
+from ..body.controls.fingers import control_paths
 from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
-from ..conventions.skeleton import JOINTS
+from ..body.posed_body import with_own_hands
+from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming
 from .limb_modes.samples import own_channels, sample_bones
 
@@ -40,8 +42,9 @@ def edited_frames(
     frames = np.arange(max(first, 0), min(last, motion.num_frames - 1) + 1)
     if not len(frames):
         return frames
-    seen = sample_bones(armature, scene, JOINTS, take_times(take, motion)[frames])
-    found = np.stack([seen[joint] for joint in JOINTS], axis=1)
+    joints = layout_of(armature.data.bones).joints
+    seen = sample_bones(armature, scene, joints, take_times(take, motion)[frames])
+    found = np.stack([seen[joint] for joint in joints], axis=1)
     channels = _baked_channels(take, motion, armature)[frames]
     G, p = posed_joints(channels, *rest_of(armature))
     turned = np.linalg.norm(found[..., :3, :3] - G, axis=(-2, -1)).max(axis=1)
@@ -55,7 +58,7 @@ def take_times(take: bpy.types.Action, motion: MotionFile) -> np.ndarray:
 
 
 def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
-    """Return the (F, 99) channels of ``pose_channels`` with which joints alone stand as the body does.
+    """Return the (F, 3 + 4 J) channels of ``pose_channels`` with which joints alone stand as the body does.
 
     Args:
         scene: the scene.
@@ -65,15 +68,16 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
     action = armature.animation_data.action
     curves = {(c.data_path, c.array_index): c for c in (() if action is None else action_curves(action))}
     if not _poses_from_ends(armature, curves):  # the NLA is sampled, too: it has no curves of the object's own
-        columns = [(path, index) for path, _, part in pose_columns() for index in range(part.stop - part.start)]
+        places = pose_columns(layout_of(armature.data.bones))
+        columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
         return np.array([[curves[place].evaluate(time) for place in columns] for time in times])
     return _seen_channels(scene, armature, times)
 
 
 def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.types.Object) -> np.ndarray:
-    """Return the (F, 99) channels that the solved motion has at the frames, through the keys that the take has."""
-    rest_pelvis = read_body(body_path_of(motion.provenance)).rest_joints(motion.betas)[0]
-    channels = pose_channels(motion, armature, rest_pelvis)
+    """Return the (F, 3 + 4 J) channels that the solved motion has at the frames, through the keys that the take has."""
+    body = read_body(body_path_of(motion.provenance), motion.body_layout)
+    channels = pose_channels(with_own_hands(motion, body), armature, body.rest_joints(motion.betas)[0])
     path, _, _ = next(pose_columns())
     curve = next((c for c in action_curves(take) if c.data_path == path), None)
     keys = () if curve is None else [point.co.x for point in curve.keyframe_points]
@@ -87,8 +91,10 @@ def _baked_channels(take: bpy.types.Action, motion: MotionFile, armature: bpy.ty
 
 
 def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
-    """Return whether any limb is posed from its end in any frame, or a joint has no curve to be read."""
-    if any((path, 0) not in curves for path, _, _ in pose_columns()):
+    """Return whether any limb or finger is posed by its control in any frame, or a joint has no curve to be read."""
+    if any((path, 0) not in curves for path, _, _ in pose_columns(layout_of(armature.data.bones))):
+        return True
+    if _turns_finger_controls(armature, curves):
         return True
     if not has_limbs(armature):
         return False
@@ -99,10 +105,26 @@ def _poses_from_ends(armature: bpy.types.Object, curves: dict[tuple[str, int], b
     )
 
 
+def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, int], bpy.types.FCurve]) -> bool:
+    """Return whether a control of fingers is turned in any frame."""
+    for path, name in control_paths(armature):
+        for axis in (0, 2):
+            curve = curves.get((path, axis))
+            values = (
+                [armature.pose.bones[name].rotation_euler[axis]]
+                if curve is None
+                else [p.co.y for p in curve.keyframe_points]
+            )
+            if any(abs(value) > 1e-6 for value in values):
+                return True
+    return False
+
+
 def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
     bones = armature.data.bones
-    seen = sample_bones(armature, scene, JOINTS, times)
-    root = np.linalg.inv(np.array(bones[JOINTS[0]].matrix_local, np.float64)) @ seen[JOINTS[0]]
-    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in JOINTS[1:])]
+    pelvis, *others = layout_of(bones).joints
+    seen = sample_bones(armature, scene, (pelvis, *others), times)
+    root = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
+    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
     quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
     return np.concatenate([root[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)

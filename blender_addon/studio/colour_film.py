@@ -138,7 +138,7 @@ def _cast(
 ) -> Place:
     """Add the person and the markers, and return what places both."""
     motion, own = read_motion(folder / "motion.npz"), folder / "body.npz"
-    body = read_body(own if own.is_file() else body_path_of(motion.provenance))
+    body = read_body(own if own.is_file() else body_path_of(motion.provenance), motion.body_layout)
     person = DressedPerson(body, motion, dressed, person_colours(dressed, rng), collection)
     markers = capture.markers
     balls = MarkerBalls(markers.shape[1], collection) if markers is not None and markers.shape[1] else None

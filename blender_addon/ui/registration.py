@@ -45,6 +45,7 @@ from .operators import (
 from .panels import cameras as cameras_panel
 from .panels import capture as capture_panels
 from .panels import export as export_panel
+from .panels import fingers as fingers_panel
 from .panels import frame_rate as frame_rate_notice
 from .panels import limbs as limbs_panel
 from .panels import live as live_panel
@@ -146,6 +147,7 @@ TABLE: tuple[Registrable, ...] = (
     _class(review_panels.VIEW3D_PT_mocap_take),
     _class(shape_panel.VIEW3D_PT_mocap_shape),
     _class(limbs_panel.VIEW3D_PT_mocap_limbs),
+    _class(fingers_panel.VIEW3D_PT_mocap_fingers),
     _class(export_panel.VIEW3D_PT_mocap_export),
     *map(_class, retarget_panels.CLASSES),
     _class(live_panel.VIEW3D_PT_mocap_live),

@@ -19,6 +19,8 @@ class AtJoints:
 
     joints: dict[str, float]
     offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    finger: str = ""
+    """The joint that it is on bodies whose fingers move."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +97,12 @@ class LandmarkBuilder:
         return {self._on_surface(rule, side): 1.0}
 
     def _at_joints(self, rule: AtJoints, side: str) -> dict[int, float]:
-        shares = {}
-        for joint, share in rule.joints.items():
+        shares, places, offset = {}, rule.joints, self._vector(rule.offset, side)
+        if rule.finger and f"{side}_{rule.finger}" in self._body.layout.solved:
+            places, offset = {rule.finger: 1.0}, np.zeros(3)
+        for joint, share in places.items():
             j = self._joint(joint, side)
-            rest = self._body.joints_template[j] + self._vector(rule.offset, side)
+            rest = self._body.joints_template[j] + offset
             one_hot = np.eye(len(self._body.parents))[j]
             still = np.zeros(self._body.posedirs.shape[1:])
             shares[self._add(rest, self._body.joints_shapedirs[j], one_hot, still)] = share
@@ -124,7 +128,8 @@ class LandmarkBuilder:
         return len(self._rest) - 1
 
     def _joint(self, joint: str, side: str) -> int:
-        return self._joints[joint if joint in self._joints else f"{side}_{joint}"]
+        name = joint if joint in self._joints else f"{side}_{joint}"
+        return self._joints[name] if name in self._joints else self._body.layout.joints.index(name)
 
     def _vector(self, value: tuple[float, float, float], side: str) -> np.ndarray:
         return np.array(value, dtype=np.float64) * self._scale * ([-1, 1, 1] if side == "right" else [1, 1, 1])

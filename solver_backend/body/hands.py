@@ -9,15 +9,20 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import DEFAULT_BODY, Body, load_body
-from solver_backend.exchange.body_layout import SMPL, SMPL_H, SMPL_HANDS, BodyLayout
+from solver_backend.exchange.body_layout import SMPL_H, SMPL_HANDS
 from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.finger_joints import (
+    FIRST_FINGER,
+    HANDS_FILE,
+    HANDS_KEYS,
+    Skinning,
+    needs_hands_file,
+    with_finger_joints,
+)
 from solver_backend.exchange.npz import read_npz
 from solver_backend.types.shapes import Float
 
-HANDS_FILE = DEFAULT_BODY.with_name("hands_neutral.npz")
-"""Of the body that ships; see ``assets_procedural/hand``."""
-FIRST_FINGER = 1 + SMPL.num_solved
-"""The first finger joint of ``SMPL_HANDS``."""
+__all__ = ["FIRST_FINGER", "hand_size_directions", "load_body_with_hands", "with_fingers", "with_hand_size"]
 
 
 def load_body_with_hands(path: Path | None = None) -> Body:
@@ -33,36 +38,21 @@ def load_body_with_hands(path: Path | None = None) -> Body:
 def with_fingers(body: Body) -> Body:
     """Return the body with finger joints that move; skin, shapes and the 22 body joints stay as they are.
 
-    With fingers at rest our body is skinned as without them. SMPL-X's jaw and eyes rest: the head carries their skin.
+    See ``with_finger_joints``.
 
     Raises:
         BodyInvalid: the body has no fingers and is not the one that ships.
     """
-    if body.layout.joints == SMPL_HANDS.joints:
-        return replace(body, layout=_moving(body.layout), hands_mean=None)
-    if set(SMPL_H.joints) <= set(body.layout.joints):
-        return _without_face(body)
-    hands = read_npz(HANDS_FILE)
-    if body.layout.joints != SMPL.joints or body.id != str(hands["body_id"]):
-        raise BodyInvalid(
-            f"The body {body.id} has no finger joints.", where=body.id,
-            hint="Use the body that ships, or an SMPL-H or SMPL-X file.",
-        )  # fmt: skip
-    count, chosen = len(body.v_template), hands["vertices"].astype(np.int64)
-    kept = slice(0, FIRST_FINGER)
-    weights = np.zeros((count, SMPL_HANDS.num_joints))
-    weights[:, kept] = body.weights[:, kept]
-    weights[chosen] = hands["weights"]
-    posedirs = np.zeros((count, 3, 9 * (SMPL_HANDS.num_joints - 1)))
-    body_features = 9 * SMPL.num_solved
-    posedirs[..., :body_features] = body.posedirs[..., :body_features]
-    posedirs[chosen, :, body_features:] = hands["posedirs"]
-    regressor = np.zeros((SMPL_HANDS.num_joints, count))
-    regressor[kept] = body.J_regressor[kept]
-    regressor[FIRST_FINGER:, chosen] = hands["J_regressor"]
+    hands = None
+    if needs_hands_file(body.layout):
+        hands = read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)
+    skinning = with_finger_joints(
+        body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands
+    )  # fmt: skip
+    parents = body.layout.parents if body.layout.joints == SMPL_H.joints else SMPL_HANDS.parents
     return replace(
-        body, posedirs=posedirs, J_regressor=regressor, weights=weights / weights.sum(axis=1, keepdims=True),
-        layout=SMPL_HANDS,
+        body, weights=skinning.weights, J_regressor=skinning.J_regressor, posedirs=skinning.posedirs,
+        layout=replace(SMPL_HANDS, parents=parents), hands_mean=None,
     )  # fmt: skip
 
 
@@ -100,20 +90,3 @@ def hand_size_directions(
         # Smooth at both ends, so that the forearm runs into a larger hand without a step.
         directions += (share * share * (3.0 - 2.0 * share))[:, None] * (vertices - joints[wrist])
     return directions
-
-
-def _moving(layout: BodyLayout) -> BodyLayout:
-    return replace(SMPL_HANDS, parents=layout.parents)
-
-
-def _without_face(body: Body) -> Body:
-    """Return a body of SMPL-X's layout as one of ``SMPL_HANDS``; what jaw and eyes carry, the head does."""
-    names = body.layout.joints
-    kept = [names.index(name) for name in SMPL_HANDS.joints]
-    weights = body.weights.copy()
-    weights[:, names.index("head")] += weights[:, list(body.layout.group("face"))].sum(axis=1)
-    features = body.posedirs.reshape(*body.posedirs.shape[:2], -1, 9)[:, :, [j - 1 for j in kept[1:]]]
-    return replace(
-        body, posedirs=features.reshape(*body.posedirs.shape[:2], -1), J_regressor=body.J_regressor[kept],
-        weights=weights[:, kept], layout=SMPL_HANDS, hands_mean=None,
-    )  # fmt: skip

@@ -49,9 +49,9 @@ _LEFT: dict[str, Rule] = {
     "big_toe": OnSurface("foot", (-0.12, 0, 1), (0, -0.004, 0), depth=0.02),
     "small_toe": OnSurface("foot", (1, 0, 0.75), (0, -0.006, 0), depth=0.008),
     "heel": OnSurface("ankle", (0, 0, -1), (0, -0.05, 0), depth=0.008),
-    "thumb": AtJoints({"hand": 1.0}, (-0.02, 0, 0.045)),
-    "index": AtJoints({"hand": 1.0}, (0.015, 0, 0.02)),
-    "pinky": AtJoints({"hand": 1.0}, (0.0, 0, -0.035)),
+    "thumb": AtJoints({"hand": 1.0}, (-0.02, 0, 0.045), finger="thumb2"),
+    "index": AtJoints({"hand": 1.0}, (0.015, 0, 0.02), finger="index1"),
+    "pinky": AtJoints({"hand": 1.0}, (0.0, 0, -0.035), finger="pinky1"),
 }
 _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
     JointSet.H36M_17: (

@@ -60,7 +60,7 @@ def listen(address: VmcAddress, assembly: FrameAssembly) -> Iterator[BoneFrame |
 
 
 def _received(there: socket.socket, assembly: FrameAssembly) -> Iterator[BoneFrame | Event]:
-    heard, silent = time.perf_counter(), False
+    heard, silent, broken = time.perf_counter(), False, False
     while True:
         try:
             packet, sender = there.recvfrom(LONGEST + 1)
@@ -69,9 +69,15 @@ def _received(there: socket.socket, assembly: FrameAssembly) -> Iterator[BoneFra
                 silent = True
                 yield _event("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
             continue
-        except OSError:  # Windows reports what an earlier packet of ours met
+        except ConnectionError:  # Windows reports what an earlier packet of ours met
             continue
-        heard = time.perf_counter()
+        except OSError as error:
+            if not broken:
+                broken = True
+                yield _event("port_broken", f"Nothing can be received ({error.strerror or error}); trying on.")
+            time.sleep(_LOOK_S)
+            continue
+        heard, broken = time.perf_counter(), False
         if silent:
             silent = False
             yield _event("sender_back", "Packets come again.")

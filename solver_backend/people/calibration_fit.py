@@ -15,7 +15,8 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.people.detections import Detections
-from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS, compared_keypoints
+from solver_backend.people.main_person import main_person, well_seen_frames
+from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS
 from solver_backend.types import Cameras
 
 AGREES = 0.85
@@ -31,8 +32,8 @@ OFF_LINE = 0.05
 """A keypoint agrees up to this distance from its epipolar line, in the person's extent: 8 cm of a person."""
 CHANGE_COST = 0.01
 """Share that a reading must gain for each thing that it changes."""
-_FRAMES, _SEARCH_FRAMES = 40, 8
-"""Frames that readings are found on and decided by: those in which most views see somebody, spread over the take."""
+_SEARCH_FRAMES = 8
+"""Frames that readings are found on; all well seen ones decide."""
 _SWEEPS = 4
 _EACH = 8
 """Cameras up to which every pair counts and each may be read by itself. Of more, all are read alike, and each is
@@ -80,8 +81,8 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
         to_world: (3, 3) turn from the file's world to the cameras', where an up axis was stated.
     """
     as_written = CameraCorrection()
-    xy, confidence = _main_person(detections)
-    frames = _chosen_frames(confidence)
+    xy, confidence = main_person(detections)
+    frames = well_seen_frames(confidence)
     A = np.eye(3) if to_world is None else to_world
     scores = _Scores(replace(cameras, R=cameras.R @ A), xy[:, frames], confidence[:, frames])
     unchanged = [as_written] * len(cameras)
@@ -237,23 +238,3 @@ def _extent(x: np.ndarray) -> np.ndarray:
     """Return (F,) the diagonal of a person's box in normalised coordinates."""
     size = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
     return np.hypot(size[:, 0], size[:, 1])
-
-
-def _main_person(detections: Detections) -> tuple[np.ndarray, np.ndarray]:
-    """Return xy (C, F, J, 2) px and confidence (C, F, J) of the largest person in each picture."""
-    columns, _ = compared_keypoints(detections.joint_set)
-    xy, confidence = detections.xy[..., columns, :].astype(np.float64), detections.confidence[..., columns]
-    seen = confidence >= MIN_CONFIDENCE
-    low = np.where(seen[..., None], xy, np.inf).min(-2)
-    high = np.where(seen[..., None], xy, -np.inf).max(-2)
-    size = np.where(seen.sum(-1) >= MIN_POINTS, np.linalg.norm(np.where(high > low, high - low, 0.0), axis=-1), -1.0)
-    largest = size.argmax(-1)[..., None, None]
-    confidence = np.take_along_axis(confidence, largest, axis=2)[:, :, 0]
-    return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
-
-
-def _chosen_frames(confidence: np.ndarray) -> np.ndarray:
-    """Return up to ``_FRAMES`` frames in which most views see somebody."""
-    views = ((confidence >= MIN_CONFIDENCE).sum(-1) >= MIN_POINTS).sum(0)
-    good = np.flatnonzero((views >= 2) & (views == views.max(initial=0)))
-    return good[np.unique(np.linspace(0, len(good) - 1, min(len(good), _FRAMES)).astype(int))] if len(good) else good

@@ -7,9 +7,10 @@ import pytest
 
 from assets_procedural.quality.hand_sheet import HANDS, pose_hands
 from assets_procedural.skeleton.skinning import volume
+from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.hand_angles import ANGLES, JOINT_OF
 from solver_backend.body.hand_on_body import hand_points
-from solver_backend.body.hands import HANDS_FILE, load_body_with_hands
+from solver_backend.body.hands import load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
 
 LEFT = [SMPL_HANDS.joints.index("left_wrist"), *SMPL_HANDS.group("left_hand")]
@@ -31,7 +32,7 @@ def hand_volume(body, skin):
 def test_a_hand_keeps_its_volume_in_every_gesture(body, gesture):
     at_rest = hand_volume(body, body.v_template)
     changed = hand_volume(body, pose_hands(body, HANDS[gesture])) / at_rest - 1.0
-    assert abs(changed) < 0.015
+    assert abs(changed) < 0.02
     if gesture == "fist":
         assert hand_volume(body, pose_hands(body, HANDS[gesture], correctives=False)) / at_rest - 1.0 < -0.05
 
@@ -59,6 +60,6 @@ def test_a_bend_moves_its_own_finger_and_hardly_its_neighbours(body):
 
 def test_the_right_hand_is_the_left_ones_mirror_image_in_a_fist(body):
     skin = pose_hands(body, HANDS["fist"])
-    with np.load(HANDS_FILE.with_name("body_neutral.npz")) as data:
+    with np.load(DEFAULT_BODY) as data:
         mirror = data["mirror"].astype(int)
     np.testing.assert_allclose(skin[mirror] * [-1.0, 1.0, 1.0], skin, atol=2e-5)

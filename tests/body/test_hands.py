@@ -16,6 +16,7 @@ from solver_backend.body.hand_on_body import (
     tip_vertices,
 )
 from solver_backend.body.hands import FIRST_FINGER, load_body_with_hands, with_fingers, with_hand_size
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
@@ -23,6 +24,7 @@ from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import HAND_POINTS
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import JointSet
 from tests.body.oracle import model, state
 from tests.support.stick_body import stick_body
 
@@ -56,7 +58,7 @@ def test_without_turned_fingers_the_skin_is_that_of_the_body_without_finger_join
     np.testing.assert_allclose(pose_mesh(hands, *whole), pose_mesh(plain, *args), atol=1e-6)
     joints = [forward_kinematics(body, *args).joints[:, :FIRST_FINGER] for body in (hands, plain)]
     np.testing.assert_allclose(*joints, atol=1e-9)
-    assert hands.layout is SMPL_HANDS and hands.layout.recorded is SMPL_HANDS and hands.layout.num_solved == 51
+    assert hands.layout == SMPL_HANDS and hands.layout.recorded == SMPL_HANDS and hands.layout.num_solved == 51
 
 
 def test_every_vertex_of_a_finger_is_carried_by_few_bones_of_its_own_hand(hands):
@@ -152,6 +154,22 @@ def test_files_with_fingers_move_them_and_rest_the_face(family, tmp_path):
     found = pose_mesh(moving, given["betas"], root, exp_so3(vectors[:, chosen[1:]]), transl)
     np.testing.assert_allclose(found, expected, atol=1e-9)
     assert moving.layout.joints == SMPL_HANDS.joints and moving.layout.num_solved == 51
+
+
+def test_a_detectors_knuckles_are_joints_where_fingers_move(hands):
+    names = JointSet.MEDIAPIPE_33.keypoints
+    found, plain = (keypoint_landmarks(body, JointSet.MEDIAPIPE_33) for body in (hands, load_body()))
+    curled = posed(hands, flexion=60)
+    args = (np.zeros(10), np.eye(3)[None], curled, np.zeros((1, 3)))
+    points = pose_landmarks(hands, found, *args).points[0]
+    at_rest = pose_landmarks(load_body(), plain, *args[:2], curled[:, :21], args[3]).points[0]
+    for keypoint, joint in (("index", "index1"), ("pinky", "pinky1"), ("thumb", "thumb2")):
+        place = names.index(f"left_{keypoint}")
+        expected = forward_kinematics(hands, *args).joints[0, SMPL_HANDS.joints.index(f"left_{joint}")]
+        np.testing.assert_allclose(points[place], expected, atol=1e-9)
+        assert np.linalg.norm(points[place] - at_rest[place]) < 0.04
+    elsewhere = [i for i, name in enumerate(names) if not name.endswith(("index", "pinky", "thumb"))]
+    np.testing.assert_allclose(points[elsewhere], at_rest[elsewhere], atol=1e-6)
 
 
 def test_a_body_without_fingers_is_refused():

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from blender_addon._exchange.body_layout import SMPL, SMPL_HANDS
 from blender_addon._exchange.capture_file import read_capture
 from blender_addon._exchange.errors import CaptureInvalid, FileDamaged, FileMissing, MotionInvalid
 from blender_addon._exchange.motion_file import read_motion
@@ -34,7 +35,17 @@ def test_plain_amass_file_is_read(tmp_path: Path, files: Any) -> None:
     )  # fmt: skip
     motion = read_motion(tmp_path / "amass.npz")
     np.testing.assert_array_equal(motion.betas, np.arange(10.0))
-    assert (motion.rotvec[:, 22:] == 0).all() and motion.fps == 120 and motion.body == "" and motion.joints is None
+    assert motion.body_layout == SMPL_HANDS and motion.flat_hands
+    np.testing.assert_array_equal(motion.rotvec.reshape(4, 156), poses)
+    assert motion.fps == 120 and motion.body == "" and motion.joints is None
+    np.savez(tmp_path / "x.npz", poses=np.insert(poses, [66] * 9, 0.5, axis=1), trans=np.zeros((4, 3)), fps=30.0,
+             mocap_frame_rate=30.0)  # fmt: skip
+    np.testing.assert_array_equal(read_motion(tmp_path / "x.npz").rotvec, motion.rotvec)
+    poses[:, 66:] = 0.0
+    np.savez(tmp_path / "still.npz", poses=poses, trans=np.zeros((4, 3)), mocap_framerate=120.0)
+    still = read_motion(tmp_path / "still.npz")
+    assert still.body_layout == SMPL and not still.flat_hands and (still.rotvec[:, 22:] == 0).all()
+    poses[:, 66:72] = 0.25
     np.savez(tmp_path / "smpl.npz", poses=poses[:, :72], trans=np.zeros((4, 3)), mocap_frame_rate=np.array([60]))
     np.testing.assert_array_equal(read_motion(tmp_path / "smpl.npz").rotvec.reshape(4, 72), poses[:, :72])
 

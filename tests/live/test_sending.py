@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import json
-import socket
-import threading
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,37 +12,15 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
-from solver_backend.exchange.vmc.address import VmcAddress
+from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.so3 import matrix_from_rotvec
+from solver_backend.exchange.vmc.address import VmcAddress, read_address
 from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.sending import PoseSender
 from tests.support.short_motion import short_motion
-from tests.support.vmc_receiver import Avatar
-
-
-class Receiver:
-    """Everything that comes to a port of this machine, in the order of its coming."""
-
-    def __init__(self, port: int = 0) -> None:
-        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
-        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
-        self.socket.bind(("127.0.0.1", port))
-        self.address = VmcAddress("127.0.0.1", self.socket.getsockname()[1])
-        self.packets: list[bytes] = []
-        self._thread = threading.Thread(target=self._listen, daemon=True)
-        self._thread.start()
-
-    def _listen(self) -> None:
-        while packet := self.socket.recv(65536):
-            self.packets.append(packet)
-
-    def close(self) -> list[bytes]:
-        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
-            last.sendto(b"", ("127.0.0.1", self.address.port))
-        self._thread.join(5.0)
-        self.socket.close()
-        return self.packets
+from tests.support.vmc_receiver import Avatar, Receiver
 
 
 @pytest.fixture
@@ -57,7 +34,7 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
     motion = short_motion(30)
     write_motion(tmp_path / "walk.npz", motion)
     lines = tmp_path / "poses.jsonl"
-    assert main(["live", str(tmp_path / "walk.npz"), "--send", str(receiver.address), "--lines", str(lines)]) == 0
+    assert main(["live", str(tmp_path / "walk.npz"), "--send", receiver.address, "--lines", str(lines)]) == 0
     packets = receiver.close()
     assert len(packets) == 30 and "sent 30" in capsys.readouterr().out
     poses = [json.loads(line) for line in lines.read_text(encoding="utf-8").splitlines()]
@@ -69,6 +46,40 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
             if name in BONE_OF:
                 x, y, z = motion.joints[number, j]
                 assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-4
+
+
+def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):
+    plain = short_motion(4)
+    rng, count = np.random.default_rng(0), SMPL_HANDS.num_joints
+    pose = np.zeros((4, count - 1, 3))
+    pose[:, :21] = plain.body_pose.reshape(4, -1, 3)[:, :21]
+    pose[:, 21:] = rng.normal(0, 0.4, (4, count - 22, 3))
+    rest = np.zeros((count, 3))
+    rest[:22] = rest_joints(plain)[:22]
+    for j in range(22, count):
+        rest[j] = rest[SMPL_HANDS.parents[j]] + (
+            0.03 if "left" in SMPL_HANDS.joints[j] else -0.03,
+            0.0,
+            0.001 * (j % 5),
+        )
+    local = matrix_from_rotvec(np.concatenate([plain.global_orient[:, None], pose], axis=1))
+    joints, G = np.zeros((4, count, 3)), local.copy()
+    joints[:, 0] = rest[0] + plain.transl
+    for j, p in enumerate(SMPL_HANDS.parents[1:], start=1):
+        joints[:, j] = joints[:, p] + (G[:, p] @ (rest[j] - rest[p])[:, None])[..., 0]
+        G[:, j] = G[:, p] @ local[:, j]
+    motion = replace(plain, body_pose=pose.reshape(4, -1), joints=joints, body_layout=SMPL_HANDS)
+    write_motion(tmp_path / "hands.npz", motion)
+    arguments = ["live", str(tmp_path / "hands.npz"), "--lines", str(tmp_path / "poses.jsonl")]
+    assert main([*arguments, "--send", receiver.address]) == 0
+    packets = receiver.close()
+    for number, packet in enumerate(packets):
+        avatar = Avatar().receive(packet)
+        assert len(avatar.local) == 1 + 52
+        for j, name in enumerate(SMPL_HANDS.joints):
+            x, y, z = joints[number, j]
+            assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-4, name
+    assert len(packets) == 4
 
 
 def test_the_rest_joints_of_a_motion_are_its_bodys():
@@ -99,7 +110,7 @@ def test_a_receiver_that_is_away_is_named_once_and_the_run_goes_on():
     gone = Receiver()
     gone.close()
     motion = short_motion(40)
-    with PoseSender(gone.address, lambda: (motion.body_layout, rest_joints(motion))) as sender:
+    with PoseSender(read_address(gone.address), lambda: (motion.body_layout, rest_joints(motion))) as sender:
         lines = list(sender.watched(replayed_poses(motion, paced=False)))
     events = [line for line in lines if "event" in line]
     assert [line["event"] for line in events] == ["receiver_away"] and len(lines) == 41
@@ -110,7 +121,7 @@ def test_the_receivers_clock_never_runs_back(receiver):
     motion = short_motion(3)
     lines = [*replayed_poses(motion, paced=False)]
     lines = [{**line, "t": 1.7e9 + t} for line, t in zip(3 * lines, [0, 1, 2, -5, -4, -3, 100, 101, 102], strict=True)]
-    with PoseSender(receiver.address, lambda: (motion.body_layout, rest_joints(motion))) as sender:
+    with PoseSender(read_address(receiver.address), lambda: (motion.body_layout, rest_joints(motion))) as sender:
         list(sender.watched(lines))
     times = [Avatar().receive(packet).time for packet in receiver.close()]
     assert times == pytest.approx([0, 1, 2, 2, 3, 4, 107, 108, 109])
@@ -120,7 +131,7 @@ def test_a_shape_that_is_known_by_now_changes_the_bones(receiver):
     shapes = iter([np.zeros(10), np.full(10, 2.0)])
     body, motion = load_body(), short_motion(2)
     line = next(replayed_poses(motion, paced=False))
-    with PoseSender(receiver.address, lambda: (body.layout, body.rest_joints(next(shapes)))) as sender:
+    with PoseSender(read_address(receiver.address), lambda: (body.layout, body.rest_joints(next(shapes)))) as sender:
         list(sender.watched([line, line, {"event": "shape", "t": 0.0, "message": "known"}, line]))
     first, second, third = (Avatar().receive(packet).offset["LeftLowerLeg"] for packet in receiver.close())
     assert np.array_equal(first, second) and np.abs(third - first).max() > 0.003
@@ -129,7 +140,7 @@ def test_a_shape_that_is_known_by_now_changes_the_bones(receiver):
 def test_sending_takes_no_more_memory_with_time(receiver):
     motion = short_motion(2)
     line = next(replayed_poses(motion, paced=False))
-    with PoseSender(receiver.address, lambda: (motion.body_layout, rest_joints(motion))) as sender:
+    with PoseSender(read_address(receiver.address), lambda: (motion.body_layout, rest_joints(motion))) as sender:
         for _ in sender.watched([line] * 50):
             pass
         receiver.close()

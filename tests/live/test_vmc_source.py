@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 import random
 import socket
 import struct
@@ -19,7 +20,7 @@ from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
 from solver_backend.live.motion_replay import rest_joints
 from solver_backend.live.vmc_frames import BoneFrame, FrameAssembly
-from solver_backend.live.vmc_source import BonesOnBody, Event, listen, pose_lines
+from solver_backend.live.vmc_source import BonesOnBody, Event, _received, listen, pose_lines
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import messages_of
 
@@ -259,3 +260,18 @@ def test_silence_is_named_once_and_its_end(monkeypatch, packets):
         for packet in packets[:2]:
             sender.sendto(packet, ("127.0.0.1", address.port))
         assert kinds(found, 2) == ["sender_back", "frame"]
+
+
+def test_a_system_that_fails_is_named_once_and_tried_again(monkeypatch, packets):
+    monkeypatch.setattr("solver_backend.live.vmc_source._LOOK_S", 0.001)
+    answers = [OSError(errno.ENOBUFS, "no room"), OSError(errno.ENOBUFS, "no room"), ConnectionResetError(), packets[0]]
+
+    class Failing:
+        def recvfrom(self, _: int) -> tuple[bytes, tuple[str, int]]:
+            answer = answers.pop(0) if answers else packets[1]
+            if isinstance(answer, OSError):
+                raise answer
+            return answer, ME
+
+    found = _received(Failing(), FrameAssembly())  # type: ignore[arg-type]
+    assert kinds(found, 2) == ["port_broken", "frame"]

@@ -177,6 +177,8 @@ def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
         ([str(recording), "--wand", "--poses"], "command_line_invalid"),
         ([str(recording), "--solve", str(tmp_path / "m.npz")], "command_line_invalid"),
         ([str(recording), "--subject", "s.npz"], "command_line_invalid"),
+        ([str(recording), "--send", "vmc://"], "command_line_invalid"),
+        ([str(recording), "--poses", "--send", "127.0.0.1"], "command_line_invalid"),
         ([str(recording), "--poses", "--subject", "none.npz", "--record", str(tmp_path / "r")], "file_missing"),
         (["--oak", "webcam:1"], "sensor_unknown"),
         (["--oak", "1=a", "--oak", "2=a"], "command_line_invalid"),

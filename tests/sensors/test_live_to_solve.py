@@ -14,6 +14,7 @@ from solver_backend.io.native.motion_file import read_motion
 from solver_backend.sensors.devices.source import open_folder
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
+from tests.support.vmc_receiver import Avatar, Receiver
 
 FPS, FRAMES = 5, 18
 """So slow that a busy machine keeps up; what follows in the choreography is too fast to be labelled at this rate."""
@@ -36,7 +37,9 @@ def test_what_was_live_is_recorded_and_solved(
 ) -> None:  # fmt: skip
     take, out, lines = tmp_path / "take", tmp_path / "motion.npz", tmp_path / "poses.jsonl"
     command = ["rig-live", str(shot), "--poses", "--record", str(take), "--solve", str(out), "--lines", str(lines)]
-    assert main([*command, "--json"]) == 0
+    receiver = Receiver()
+    assert main([*command, "--send", receiver.address, "--json"]) == 0
+    packets = receiver.close()
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["recorded"] == str(take) and said["solved"] == str(out)
     written = {name: end["written"] for name, end in said["sensors"].items()}
@@ -46,7 +49,10 @@ def test_what_was_live_is_recorded_and_solved(
     truth = read_capture(shot / "clean.npz").truth["joints"][:, :22]
     live = [json.loads(line) for line in lines.read_text("utf-8").splitlines()]
     assert said["poses"]["frames"] == sum("frame" in line for line in live) > 0
-    assert any("pose" in line for line in live)
+    poses = [line for line in live if "pose" in line]
+    assert len(poses) == len(packets) == said["sent"] > 0
+    x, y, z = Avatar().receive(packets[-1]).world("Hips")[1]
+    assert np.abs(np.array([-x, -z, y]) - truth[:, 0]).max(-1).min() < 0.2
     motion = read_motion(out)
     assert max(written.values()) >= motion.num_frames >= min(written.values()) - 1
     # Frames that were lost may leave no gap: each solved frame is held against the moment that it is nearest to.

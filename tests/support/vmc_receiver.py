@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import socket
 import struct
+import threading
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -100,3 +102,32 @@ class Avatar:
             return self.local[bone], self.offset[bone]
         R, p = self.world("root" if bone == "Hips" else PARENT_OF[bone])
         return R @ self.local[bone], p + R @ self.offset[bone]
+
+
+class Receiver:
+    """Everything that comes to a port of this machine, in the order of its coming."""
+
+    def __init__(self, port: int = 0) -> None:
+        self.socket = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
+        self.socket.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 22)
+        self.socket.bind(("127.0.0.1", port))
+        self.port = self.socket.getsockname()[1]
+        self.packets: list[bytes] = []
+        self._thread = threading.Thread(target=self._listen, daemon=True)
+        self._thread.start()
+
+    @property
+    def address(self) -> str:
+        """The address that it is reached at."""
+        return f"vmc://127.0.0.1:{self.port}"
+
+    def _listen(self) -> None:
+        while packet := self.socket.recv(65536):
+            self.packets.append(packet)
+
+    def close(self) -> list[bytes]:
+        with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as last:
+            last.sendto(b"", ("127.0.0.1", self.port))
+        self._thread.join(5.0)
+        self.socket.close()
+        return self.packets

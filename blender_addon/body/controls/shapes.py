@@ -8,15 +8,18 @@ import bpy
 import numpy as np
 
 from ...conventions.collections import child_collection
-from ...conventions.skeleton import JOINTS, PARENTS
+from ...conventions.skeleton import JOINTS, BodyLayout
 from ..armature import bone_axes
 from ..body_file import BodyFile
-from ..layout import BoneLayout, body_part, standing
+from ..layout import BoneLayout, body_part, is_finger, standing
+from .fingers import CONTROLS, has_finger_controls
 from .limbs import LIMBS, ROOT, Limb
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012
 """Controls stand off the skin by this factor and these metres."""
+_LEAST_FINGER_M = 0.002
+"""The same of fingers, whose rings stand close to one another."""
 _WIRE_WIDTH = 1.0
 _SHAPE_OF_PART = {"pelvis": "plate", "head": "helmet", "hand": "outline", "foot": "outline"}
 """Shape by part of the body; all others are rings."""
@@ -24,6 +27,8 @@ _SECTION_OF_PART = {"pelvis": (-1.0, 0.6), "collar": (0.25, 0.9), "neck": (0.1, 
 """Share of the bone along which the skin is measured; its middle third where none is named."""
 _ROOT_SIZE, _POLE_SIZE_M, _TURN_SCALE = 0.18, 0.025, 1.25
 """Root against the arms' span, a pole's metres, and rings of turns against those of their joints."""
+_ABOVE_M = 0.022
+"""Controls of fingers lie over the back of the hand."""
 _MIDDLE = (0.35, 0.65)
 _TRUNK = ("pelvis", "spine1", "spine2", "spine3", "left_collar", "right_collar")
 """Bones whose skin the rings around the spine measure together."""
@@ -50,27 +55,39 @@ def add_control_shapes(
     trunk = np.isin(owner, [JOINTS.index(joint) for joint in _TRUNK])
     lengths = np.linalg.norm(layout.tails - layout.heads, axis=1)
     for j, axes in enumerate(bone_axes(armature)):
-        part = body_part(JOINTS[j])
+        joint = body.layout.joints[j]
+        part = body_part(joint)
         shape = _SHAPE_OF_PART.get(part, "ring")
         measured = trunk if part.startswith("spine") else owner == j
         local = (vertices[measured] - layout.heads[j]) @ axes
         section = _SECTION_OF_PART.get(part, _MIDDLE if shape == "ring" else (-1.0, 2.0))
-        centre, half = _extent(local, lengths[j], section)
-        bone = armature.pose.bones[JOINTS[j]]
+        centre, half = _extent(local, lengths[j], section, _LEAST_FINGER_M if is_finger(joint) else _LEAST_M)
+        bone = armature.pose.bones[joint]
         _show(bone, shapes[shape], centre, half)
     _show(armature.pose.bones[ROOT], shapes["root"], np.zeros(3), np.full(3, _ROOT_SIZE * np.ptp(vertices[:, 0])))
+    if has_finger_controls(armature):
+        for name in CONTROLS:
+            length = armature.data.bones[name].length
+            at, size = (1.9, 0.006) if name.endswith("_curl") else (0.45, 0.012)
+            _show(
+                armature.pose.bones[name], shapes["diamond"], np.array([0.0, at * length, -_ABOVE_M]), np.full(3, size)
+            )
     for limb in LIMBS:
-        _add_limb_shapes(armature, limb, vertices, owner, shapes)
+        _add_limb_shapes(armature, limb, body.layout, vertices, owner, shapes)
     return folder
 
 
 def _add_limb_shapes(
-    armature: bpy.types.Object, limb: Limb, vertices: np.ndarray, owner: np.ndarray, shapes: dict[str, bpy.types.Object]
-) -> None:
+    armature: bpy.types.Object, limb: Limb, layout: BodyLayout, vertices: np.ndarray, owner: np.ndarray,
+    shapes: dict[str, bpy.types.Object],
+) -> None:  # fmt: skip
     """Show a box around the hand or foot, a diamond at the pole, and a wide ring for each turn."""
-    bones, end = armature.pose.bones, JOINTS.index(limb.joints[2])
+    bones, end = armature.pose.bones, layout.joints.index(limb.joints[2])
     rest = np.array(armature.data.bones[limb.control].matrix_local, np.float64)
-    inside = np.isin(owner, [end, *(j for j, parent in enumerate(PARENTS) if parent == end)])
+    below = {end}
+    for j, parent in enumerate(layout.parents):
+        below |= {j} if parent in below else set()
+    inside = np.isin(owner, list(below))
     local = (vertices[inside] - rest[:3, 3]) @ rest[:3, :3]
     size = armature.data.bones[limb.control].length
     _show(bones[limb.control], shapes["box"], *_extent(local, size, (-np.inf, np.inf)))
@@ -89,7 +106,9 @@ def _show(bone: bpy.types.PoseBone, shape: bpy.types.Object, centre: np.ndarray,
         bone.custom_shape_wire_width = _WIRE_WIDTH
 
 
-def _extent(local: np.ndarray, length: float, section: tuple[float, float]) -> tuple[np.ndarray, np.ndarray]:
+def _extent(
+    local: np.ndarray, length: float, section: tuple[float, float], least: float = _LEAST_M
+) -> tuple[np.ndarray, np.ndarray]:
     """Return centre and half size, (3,) each, of the skin along a section of its bone, with a margin."""
     along = local[:, 1] / length
     inside = local[(along >= section[0]) & (along <= section[1])]
@@ -97,7 +116,7 @@ def _extent(local: np.ndarray, length: float, section: tuple[float, float]) -> t
     if not len(points):
         return np.array([0.0, 0.5 * length, 0.0]), np.full(3, 0.25 * length)
     low, high = points.min(axis=0), points.max(axis=0)
-    return (low + high) / 2, _MARGIN * (high - low) / 2 + _LEAST_M
+    return (low + high) / 2, _MARGIN * (high - low) / 2 + least
 
 
 def _rounded(power: float, plane: tuple[int, int], share: float = 1.0) -> np.ndarray:

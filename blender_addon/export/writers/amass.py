@@ -6,53 +6,79 @@ from pathlib import Path
 
 import numpy as np
 
-from ..._exchange.body_layout import SMPL
+from ..._exchange.body_layout import SMPL, SMPL_HANDS
+from ..._exchange.finger_joints import to_flat
+from ..._exchange.npz import read_arrays
 from ..._exchange.progress import Progress
-from ..._exchange.so3 import rotvec_from_matrix
+from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...body.body_choice import body_path_of
-from ...body.body_file import read_body
+from ...body.body_file import default_hands_path, read_body
 from ...body.shape import get_betas
 from ...conventions.coordinates import R_ARMATURE_BODY
-from ...conventions.skeleton import NUM_JOINTS, PARENTS
 from ...errors import NothingToExport
 from ..plain_take import is_body
 from ..pose_samples import PoseSamples, sample_joints
 from ..take import ExportTake, uniform_scale
 
-POSE_WIDTH = 156
-"""SMPL-H: root, 21 body joints, 2 x 15 finger joints, 3 numbers each (Mahmood et al. 2019)."""
 _BODY = 1 + SMPL.num_solved
 """Joints that AMASS shares with SMPL."""
 _SCALED = 1e-3
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:
-    """Write a take of this add-on.
+    """Write a take of this add-on, as SMPL-H: ``poses`` (F, 156).
 
-    SMPL's hand joints, which AMASS does not know, go into ``hand_pose``; the joints into ``joints``.
+    Fingers turn from a flat hand, as AMASS has it. SMPL's hand joints, which AMASS does not know, go into
+    ``hand_pose``; the joints into ``joints``.
 
     Raises:
         NothingToExport: it is not known which shape the body has.
         BodyMissing: its shape was changed, and the file of the body it was solved for is not at hand.
     """
+    arrays, parts = _read_take(take, progress)
+    poses = np.concatenate([parts["root_orient"], parts["pose_body"], parts["pose_hand"]], axis=1)
+    np.savez_compressed(path, poses=poses, surface_model_type=np.array("smplh"), **arrays)
+
+
+def export_amass_x(path: Path, take: ExportTake, progress: Progress) -> None:
+    """Write a take of this add-on, as SMPL-X: ``poses`` (F, 165), and its parts by their names; jaw and eyes rest.
+
+    Raises:
+        NothingToExport, BodyMissing: see ``export_amass``.
+    """
+    arrays, parts = _read_take(take, progress)
+    frames = len(parts["root_orient"])
+    parts |= {"pose_jaw": np.zeros((frames, 3)), "pose_eye": np.zeros((frames, 6))}
+    order = ("root_orient", "pose_body", "pose_jaw", "pose_eye", "pose_hand")
+    poses = np.concatenate([parts[key] for key in order], axis=1)
+    np.savez_compressed(path, poses=poses, surface_model_type=np.array("smplx"), **arrays, **parts)
+
+
+def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+    """Return what both models share, and root (F, 3), body (F, 63) and fingers (F, 90) by AMASS's names."""
     betas, rest_pelvis = _shape(take)
     _require_own_size(take)
     pose = sample_joints(take, progress)
-    rotvec = local_rotvec(pose)
-    poses = np.zeros((pose.num_frames, POSE_WIDTH))
-    poses[:, : 3 * _BODY] = rotvec[:, :_BODY].reshape(pose.num_frames, -1)
-    np.savez_compressed(
-        path,
-        poses=poses,
-        trans=pose.heads[:, 0] - rest_pelvis,
-        betas=betas,
-        gender=np.array("neutral"),
-        mocap_framerate=np.array(pose.fps),
-        surface_model_type=np.array("smplh"),
-        hand_pose=rotvec[:, _BODY:].reshape(pose.num_frames, -1),
-        joints=pose.heads,
-        body=np.array(take.armature["body"]),
-    )
+    rotvec, frames = local_rotvec(pose), pose.num_frames
+    arrays = {
+        "trans": pose.heads[:, 0] - rest_pelvis, "betas": betas, "gender": np.array("neutral"),
+        "mocap_framerate": np.array(pose.fps), "joints": pose.heads, "body": np.array(take.armature["body"]),
+    }  # fmt: skip
+    beyond, fingers = rotvec[:, _BODY:], np.zeros((frames, 30, 3))
+    if rotvec.shape[1] == SMPL_HANDS.num_joints:
+        fingers = _fingers(beyond, str(take.armature["body"]))
+    else:
+        arrays["hand_pose"] = beyond.reshape(frames, -1)
+    body = rotvec[:, 1:_BODY].reshape(frames, -1)
+    return arrays, {"root_orient": rotvec[:, 0], "pose_body": body, "pose_hand": fingers.reshape(frames, -1)}
+
+
+def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
+    """Return (F, 30, 3) axis-angles of fingers from a flat hand, of those from the rest of a body."""
+    hands = read_arrays(default_hands_path(), required=("body_id", "flat"))
+    if body != str(hands["body_id"]):
+        return rotvec
+    return rotvec_from_matrix(to_flat(matrix_from_rotvec(rotvec), np.asarray(hands["flat"], np.float64)))
 
 
 def _require_own_size(take: ExportTake) -> None:
@@ -86,9 +112,10 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
 
 
 def local_rotvec(pose: PoseSamples) -> np.ndarray:
-    """Return the (F, 24, 3) axis-angles in the body's frame: the root's to the world, the others' to their parents'."""
+    """Return the (F, J, 3) axis-angles in the body's frame: the root's to the world, the others' to their parents'."""
     world = pose.rotations @ R_ARMATURE_BODY
     local = world.copy()
-    for j in range(1, NUM_JOINTS):
-        local[:, j] = world[:, PARENTS[j]].swapaxes(1, 2) @ world[:, j]
+    for j, parent in enumerate(pose.parents):
+        if parent >= 0:
+            local[:, j] = world[:, parent].swapaxes(1, 2) @ world[:, j]
     return rotvec_from_matrix(local)

@@ -11,8 +11,9 @@ import numpy as np
 
 from ..._exchange.motion_file import MotionFile
 from ...body.body_file import BodyFile
-from ...body.posed_body import pose_joints
+from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
+from ...conventions.skeleton import SMPL
 
 
 @dataclass(frozen=True)
@@ -100,7 +101,10 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
         body: the body it was solved for.
     """
     rest = body.rest_joints(motion.betas)
-    G, joints = pose_joints(rest, motion.rotvec, motion.transl)
+    motion = with_own_hands(motion, body)
+    G, joints = pose_joints(rest, rotvec_on(motion, body.layout), motion.transl)
+    standing_for = list(body.layout.standing_for(SMPL))
+    rest, G, joints = rest[standing_for], G[:, standing_for], joints[:, standing_for]
     soles = (body.shaped(motion.betas) @ R_ARMATURE_BODY.T)[:, 2].min()
     standing = rest @ R_ARMATURE_BODY.T - [0.0, 0.0, soles]
     return Actor(motion.name, standing, G @ R_ARMATURE_BODY.T, joints, motion.fps, motion.contacts)

@@ -159,7 +159,7 @@ def take_motion(
     """
     scene, settings = context.scene, context.scene.mocap
     motion = read_motion(files.motion)
-    body = read_body(body_path_of(motion.provenance))
+    body = read_body(body_path_of(motion.provenance), motion.body_layout)
     capture: bpy.types.PropertyGroup = settings.capture if of is None else of
     whom = person_of(motion.provenance)
     index = capture.person_named(whom)
@@ -170,7 +170,7 @@ def take_motion(
     former = None if again is None else bpy.data.actions.get(again.take)
     if former is not None:
         start = int(former["frame_start"])
-    needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion.body)
+    needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion, body)
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
     if former is not None and again is not None and not needs_body:
@@ -221,7 +221,7 @@ def add_motion(
         MocapError: a file is missing or wrong.
     """
     motion = read_motion(file)
-    figure = read_body(body or body_path_of(motion.provenance))
+    figure = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     source = read_capture(capture) if capture else None
     refused: tuple[str, ...] = ()
     if source is not None and capture is not None and not context.scene.mocap.reading.footage_anywhere:

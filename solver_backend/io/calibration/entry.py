@@ -47,6 +47,8 @@ class Calibration:
     """File or folder."""
     size_known: tuple[bool, ...] = ()
     """Whether the file states each camera's image size."""
+    guessed_unit: str = ""
+    """The unit that only the distance of the cameras suggests; '' where it is stated."""
     notes: tuple[str, ...] = ()
     """Units and axes found."""
     problems: tuple[str, ...] = field(default=())

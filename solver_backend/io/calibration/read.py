@@ -118,8 +118,9 @@ def _finished(
         raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
     if kind == "Qualisys":
         metric, unit_note = entries, "Lengths are read as mm, focal lengths as 1/64 pixel (Qualisys)."
+        guessed = ""
     else:
-        metric, unit_note = in_metres(entries, unit)
+        metric, unit_note, guessed = in_metres(entries, unit)
     try:
         cameras = build_cameras(metric, where=str(path))
     except CalibrationInvalid as error:
@@ -132,6 +133,7 @@ def _finished(
     return Calibration(
         cameras=with_up_axis(cameras, up_axis or "z"),
         source=path,
+        guessed_unit=guessed,
         size_known=tuple(e.image_size is not None for e in metric),
         notes=(note, unit_note, axis_note),
         problems=tuple(problems),

@@ -15,8 +15,8 @@ WIDEST_RIG_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
 
 
-def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str]:
-    """Return the entries in metres and a sentence that says how the unit was found.
+def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str, str]:
+    """Return the entries in metres, a sentence on how the unit was found, and the unit where it is guessed, else "".
 
     Args:
         entries: cameras in the file's unit.
@@ -26,6 +26,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     Raises:
         JobInvalid: the unit is unknown.
     """
+    guessed = unit is None
     if unit is None:
         width = _rig_width(entries)
         unit = "mm" if width > WIDEST_RIG_M else "m"
@@ -33,7 +34,8 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     else:
         reason = "as stated"
     scale = metres_in(unit)
-    return [replace(e, t=np.asarray(e.t) * scale) for e in entries], f"Lengths are read as {unit} ({reason})."
+    metric = [replace(e, t=np.asarray(e.t) * scale) for e in entries]
+    return metric, f"Lengths are read as {unit} ({reason}).", unit if guessed else ""
 
 
 def _rig_width(entries: list[CameraEntry]) -> float:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.as_meant import as_meant, in_persons_unit
 from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.own_keypoints import find_own_keypoints
@@ -20,10 +20,7 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.start_times import InTime, bring_to_one_time, reads_apart
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.calibration_fit import fit_calibration
-from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, PersonInViews
@@ -69,14 +66,19 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     one = len(sources) == 1
     in_time = InTime(detections) if one else bring_to_one_time(calibration.cameras, detections, rate, options)
     detections = in_time.detections
-    calibration = calibration if one else _as_meant(calibration, detections, options)
+    if not (options.as_calibrated or one):
+        calibration = as_meant(calibration, detections, options.up_axis)
+    to_plausible = 1.0
+    if not one:
+        kept = options.as_calibrated or options.scale != 1.0
+        calibration, to_plausible = in_persons_unit(calibration, detections, keep=kept)
 
     def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
         if one:
             return select_in_one_view(detections, rate)
         return select_people(cameras, detections, rate, options.progress)
 
-    cameras, people, scaled = find_people(calibration.cameras, select, options)
+    cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis)
     length_problems = () if in_time.first_rows else _length_problems(videos, detections.num_frames)
@@ -125,17 +127,6 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
         return replace(capture, problems=(*capture.problems, problem))
     note = f"Frames {first} to {stop - 1} of {capture.num_frames}, as Config.toml says; others: --frames FIRST LAST."
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
-
-
-def _as_meant(calibration: Calibration, detections: Detections, options: ReadOptions) -> Calibration:
-    """Return the calibration read as the views say it is meant, with what was corrected among its problems."""
-    if options.as_calibrated:
-        return calibration
-    fit = fit_calibration(calibration.cameras, detections, rotation_to_z_up(options.up_axis or "z"))
-    if not fit.changed:
-        return calibration
-    problem = f"{fit.sentence()} To keep it as written: --as-calibrated."
-    return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, problem))
 
 
 def _frame_rate(

@@ -8,10 +8,10 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange import motion_file
+from solver_backend.exchange.amass_poses import AMASS_POSE_WIDTH
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.motion_file import (
-    AMASS_POSE_WIDTH,
     FORMAT,
     STORED,
     VERSION,

@@ -7,15 +7,26 @@ import numpy as np
 PER_CENT = 100.0
 _TYPICAL_PER_CENT = 10.0
 """Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
+_FLAT, _FEWEST = 1e-3, 100
+"""Relative spread of confidences that say nothing (detectors' is 0.1-0.5), and of how many points it is looked at."""
 
 
 def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
     """Return confidences in 0..1, notes and problems: per cent are divided by 100, other values above 1 taken as 1.
 
+    One small value for every point that is seen is no doubt about all of them: it is taken as 1.
+
     Args:
         confidence: of any shape, 0 where unseen.
     """
     largest = float(confidence.max(initial=0.0))
+    seen = confidence[confidence > 0]
+    if len(seen) >= _FEWEST and largest < 1 and float(seen.min()) >= (1 - _FLAT) * largest:
+        sentence = (
+            f"Every keypoint that is seen has the same confidence, {largest:.3g}; it says nothing about which to "
+            f"trust. It is taken as 1, and keypoints are weighed by their agreement alone."
+        )
+        return np.where(confidence > 0, 1.0, 0.0), (), (sentence,)
     if largest <= 1:
         return confidence, (), ()
     if largest <= PER_CENT and float(np.median(confidence[confidence > 0])) > _TYPICAL_PER_CENT:

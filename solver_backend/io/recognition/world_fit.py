@@ -67,7 +67,10 @@ def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSetting
 
 
 def find_people(
-    cameras: Cameras, select: Callable[[Cameras], tuple[SelectedPerson, ...]], settings: WorldSettings
+    cameras: Cameras,
+    select: Callable[[Cameras], tuple[SelectedPerson, ...]],
+    settings: WorldSettings,
+    to_plausible: float = 1.0,
 ) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[str, ...]]:
     """Return the cameras in the scale that was asked for, who is seen by them, and what was done.
 
@@ -77,14 +80,17 @@ def find_people(
         cameras: as calibrated.
         select: finds people, the main one first.
         settings: see ``scale_world``.
+        to_plausible: factor on the cameras' lengths by which a person has a possible size, see ``unit_by_person``.
 
     Raises:
         JobInvalid: see ``scale_world``.
     """
-    people = select(cameras)
+    plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
+    people = select(plausible)
     scaled, said = scale_world(cameras, people[0].keypoints, settings)
-    size = [float(np.abs(c.t).max()) + 1e-9 for c in (cameras, scaled)]
-    return scaled, select(scaled) if abs(np.log(size[1] / size[0])) > SAME_SCALE else people, said
+    size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
+    again = bool(said) and abs(np.log(size[1] / size[0])) > SAME_SCALE
+    return scaled, select(scaled) if again else people, said
 
 
 def fit_world(

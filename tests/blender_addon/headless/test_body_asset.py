@@ -12,6 +12,7 @@ import pytest
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import OutputExists
 from blender_addon._exchange.progress import silent
+from blender_addon.body.controls.fingers import has_finger_controls
 from blender_addon.body.controls.limbs import CONTROLS, ROOT
 from blender_addon.body.shape import get_betas, set_betas
 from blender_addon.body.sliders import sliders
@@ -26,6 +27,14 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("library ü") / "Body.blend"
     run_body(BodyRequest(path, betas=(1.0, -0.5)), silent)
     return path
+
+
+def test_an_asset_has_fingers_where_they_are_asked_for(library: Path, tmp_path: Path) -> None:
+    main(["body", "--out", str(tmp_path / "Hands.blend"), "--fingers"])
+    for path, has_fingers in ((library, False), (tmp_path / "Hands.blend", True)):
+        bpy.ops.wm.open_mainfile(filepath=str(path), load_ui=False)
+        [armature] = [obj for obj in bpy.data.objects if obj.type == "ARMATURE"]
+        assert has_finger_controls(armature) == has_fingers == ("left_index1" in armature.data.bones)
 
 
 def test_asset_says_what_it_is(library: Path) -> None:

@@ -1,0 +1,113 @@
+"""Finger joints for a body's skin: our own body's from the file of its hands, SMPL-H's and SMPL-X's as they are."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from .body_layout import SMPL, SMPL_H, SMPL_HANDS, BodyLayout
+from .errors import BodyInvalid
+
+HANDS_FILE = "hands_neutral.npz"
+"""Of the body that ships, beside its file: finger joints, weights and correctives of its hands."""
+HANDS_KEYS = ("body_id", "vertices", "weights", "J_regressor", "posedirs", "flat")
+"""Arrays of that file that are read."""
+FIRST_FINGER = 1 + SMPL.num_solved
+"""The first finger joint of ``SMPL_HANDS``."""
+
+
+@dataclass(frozen=True, eq=False)
+class Skinning:
+    """How J joints carry a skin of V vertices."""
+
+    weights: np.ndarray
+    """(V, J), rows sum to 1."""
+    J_regressor: np.ndarray
+    """(J, V), rows sum to 1."""
+    posedirs: np.ndarray | None
+    """(V, 3, 9 (J - 1)) metres per unit of pose feature; None: the body has none."""
+
+
+def needs_hands_file(layout: BodyLayout) -> bool:
+    """Return whether a body of this layout gets its finger joints from ``HANDS_FILE``."""
+    return not set(SMPL_H.joints) <= set(layout.joints)
+
+
+def with_finger_joints(
+    layout: BodyLayout, skinning: Skinning, body_id: str, hands: Mapping[str, np.ndarray] | None
+) -> Skinning:
+    """Return the skinning by the joints of ``SMPL_HANDS``; with fingers at rest it does as the one given.
+
+    SMPL-X's jaw and eyes rest: what they carry, the head does.
+
+    Args:
+        layout: of the skinning given.
+        skinning: of the body.
+        body_id: of the body.
+        hands: arrays of ``HANDS_FILE``, where it is needed.
+
+    Raises:
+        BodyInvalid: the body has no fingers, and the hands are not its own.
+    """
+    if layout.joints == SMPL_HANDS.joints:
+        return skinning
+    if not needs_hands_file(layout):
+        return _without_face(layout, skinning)
+    if layout.joints != SMPL.joints or hands is None or str(hands["body_id"]) != body_id:
+        raise BodyInvalid(
+            f"The body {body_id} has no finger joints.", where=body_id,
+            hint="Use the body that ships, or an SMPL-H or SMPL-X file.",
+        )  # fmt: skip
+    count, chosen = len(skinning.weights), hands["vertices"].astype(np.int64)
+    if len(chosen) and chosen.max() >= count:
+        raise BodyInvalid("The hands name vertices that the body does not have.", where=body_id)
+    kept, features = slice(0, FIRST_FINGER), 9 * SMPL.num_solved
+    weights = np.zeros((count, SMPL_HANDS.num_joints))
+    weights[:, kept] = skinning.weights[:, kept]
+    weights[chosen] = hands["weights"]
+    regressor = np.zeros((SMPL_HANDS.num_joints, count))
+    regressor[kept] = skinning.J_regressor[kept]
+    regressor[FIRST_FINGER:, chosen] = hands["J_regressor"]
+    posedirs = np.zeros((count, 3, 9 * (SMPL_HANDS.num_joints - 1)))
+    if skinning.posedirs is not None:
+        posedirs[..., :features] = skinning.posedirs[..., :features]
+    posedirs[chosen, :, features:] = hands["posedirs"]
+    return Skinning(weights / weights.sum(axis=1, keepdims=True), regressor, posedirs)
+
+
+def from_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """Return finger rotations since rest of those since a flat hand: ``R_j = F_pᵀ R'_j F_j``.
+
+    A bone that points along d at rest points along ``F d`` in the flat hand, so that its rotation since rest is
+    ``G' F``; the first joint's parent, the wrist, has no F.
+
+    Args:
+        rotations: (..., 30, 3, 3) R', each joint's against its parent.
+        flat: (30, 3, 3) F, of ``HANDS_FILE``.
+    """
+    return np.swapaxes(_of_parents(flat), -1, -2) @ rotations @ flat
+
+
+def to_flat(rotations: np.ndarray, flat: np.ndarray) -> np.ndarray:
+    """Return finger rotations since a flat hand of those since rest; see ``from_flat``."""
+    return _of_parents(flat) @ rotations @ np.swapaxes(flat, -1, -2)
+
+
+def _of_parents(flat: np.ndarray) -> np.ndarray:
+    above = np.tile(np.eye(3), (len(flat), 1, 1))
+    beyond = np.arange(len(flat)) % 3 > 0
+    above[beyond] = flat[np.flatnonzero(beyond) - 1]
+    return above
+
+
+def _without_face(layout: BodyLayout, skinning: Skinning) -> Skinning:
+    names = layout.joints
+    kept = [names.index(name) for name in SMPL_HANDS.joints]
+    weights, posedirs = skinning.weights.copy(), skinning.posedirs
+    weights[:, names.index("head")] += weights[:, list(layout.group("face"))].sum(axis=1)
+    if posedirs is not None:
+        blocks = posedirs.reshape(*posedirs.shape[:2], -1, 9)[:, :, [j - 1 for j in kept[1:]]]
+        posedirs = blocks.reshape(*posedirs.shape[:2], -1)
+    return Skinning(weights[:, kept], skinning.J_regressor[kept], posedirs)

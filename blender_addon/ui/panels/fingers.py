@@ -1,0 +1,42 @@
+"""Fingers: a curl and a spread a finger, and a fist a hand."""
+
+from __future__ import annotations
+
+import bpy
+
+from ..._exchange.hand_points import FINGERS, SIDES
+from ...body.controls.fingers import finger_control, fist_control, has_finger_controls
+from ..translation import CONTEXT
+from .parts import StagePanel, wrapped
+
+_CURL, _SPREAD = 0, 2
+"""Axes of a control by which it curls and spreads."""
+
+
+class VIEW3D_PT_mocap_fingers(StagePanel, bpy.types.Panel):
+    """The controls of the solved body's fingers."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_fingers"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Fingers"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 5
+
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a body with finger controls."""
+        return has_finger_controls(settings.review.armature)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the controls of both hands."""
+        bones = context.scene.mocap.review.armature.pose.bones
+        for side in SIDES:
+            column = self.layout.column(align=True)
+            column.label(text=f"{side.title()} Hand", text_ctxt=CONTEXT)
+            rows = [("Fist", fist_control(side)), *((f.title(), finger_control(side, f)) for f in FINGERS)]
+            for label, name in rows:
+                row = column.row(align=True)
+                row.prop(bones[name], "rotation_euler", index=_CURL, text=label, text_ctxt=CONTEXT)
+                row.prop(bones[name], "rotation_euler", index=_SPREAD, text="Spread", text_ctxt=CONTEXT)
+        wrapped(self.layout, context, "Controls add to what the finger bones are keyed to.", "INFO")

@@ -1,0 +1,46 @@
+"""A calibration that was read, made what it is meant as: by the views, and by the person's size."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.recognition.person_unit import unit_by_person
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.people.calibration_fit import fit_calibration
+from solver_backend.people.detections import Detections
+
+KEEP = "To keep it as written: --as-calibrated."
+READ_AS = "Lengths are read as"
+"""How the note on a calibration's unit begins."""
+
+
+def as_meant(calibration: Calibration, detections: Detections, up_axis: str | None = None) -> Calibration:
+    """Return the calibration read as the views say it is meant, with what was corrected among its problems.
+
+    Args:
+        calibration: of the cameras of the detections.
+        detections: in step.
+        up_axis: axis of the file's world that was said to point up.
+    """
+    fit = fit_calibration(calibration.cameras, detections, rotation_to_z_up(up_axis or "z"))
+    if not fit.changed:
+        return calibration
+    problems = (*calibration.problems, f"{fit.sentence()} {KEEP}")
+    return replace(calibration, cameras=fit.cameras, problems=problems)
+
+
+def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
+    """Return the calibration in the unit that makes the person possible, and the factor by which people are found.
+
+    Args:
+        calibration: of the cameras of the detections.
+        detections: in step.
+        keep: leave the unit as it is.
+    """
+    found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
+    if not found.problems:
+        return calibration, found.to_plausible
+    notes = tuple(note for note in calibration.notes if not note.startswith(READ_AS))
+    problems = (*calibration.problems, *found.problems)
+    return replace(calibration, cameras=found.cameras, notes=notes, problems=problems), 1.0

@@ -1,0 +1,101 @@
+"""The unit of a calibration by the person who stands in it: nobody is 0.17 m tall, nor 69 m."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.io.recognition.length_unit import METRES
+from solver_backend.io.recognition.world_check import LEG_SHARE
+from solver_backend.people.detections import Detections
+from solver_backend.people.main_person import main_person, well_seen_frames
+from solver_backend.people.sightings import compared_keypoints
+from solver_backend.types import Cameras
+
+STATURES_M = (1.25, 2.15)
+"""A unit is taken where it makes the person so tall."""
+POSSIBLE_M = (0.6, 2.9)
+"""Children and giants: with such a person the unit that the cameras' distance shows stays."""
+MEAN_STATURE_M = 1.7
+OFF_LINE = 0.05
+"""Median residual over the person's extent up to which views agree."""
+_UNITS = ("m", "cm", "mm", "inch")
+"""Each makes a person of another one impossible. A foot does not: 5.8 of them are 5.8 squares of a board, or of what
+structure from motion counts in."""
+_RIG_M = 6.0
+"""Width that cameras are given to triangulate, whose limits are in metres."""
+
+
+@dataclass(frozen=True)
+class PersonUnit:
+    """Cameras in the unit that the person shows."""
+
+    cameras: Cameras
+    """In metres, where a known unit explains the person."""
+    to_plausible: float = 1.0
+    """Factor by which people in these cameras are found: 1 where the person has a possible size."""
+    problems: tuple[str, ...] = ()
+    """What was corrected."""
+
+
+def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") -> PersonUnit:
+    """Return cameras in the unit that makes the person possible.
+
+    Args:
+        cameras: in metres as far as their calibration says.
+        detections: of everybody; the largest person of each picture counts, if the views agree on that one.
+        guessed: the unit that the calibration was read in, where only the cameras' distance suggests it; '' where it is
+            known, and stays.
+    """
+    stature = stature_between(cameras, detections)
+    if not np.isfinite(stature) or POSSIBLE_M[0] <= stature <= POSSIBLE_M[1]:
+        return PersonUnit(cameras)
+    factors = {unit: METRES[unit] / METRES[guessed] for unit in _UNITS} if guessed else {}
+    fitting = [unit for unit, factor in factors.items() if STATURES_M[0] <= stature * factor <= STATURES_M[1]]
+    if len(fitting) != 1:
+        return PersonUnit(cameras, MEAN_STATURE_M / stature)
+    (unit,) = fitting
+    said = (
+        f"The calibration's lengths are read as {unit}: the person is {stature * factors[unit]:.2f} m tall with that, "
+        f"and {stature:.3g} m as {guessed}. To keep them: --unit {guessed}."
+    )
+    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(said,))
+
+
+def stature_between(cameras: Cameras, detections: Detections) -> float:
+    """Return the main person's stature by the legs in the cameras' unit, NaN where the views agree on nobody.
+
+    Args:
+        cameras: C cameras in any unit.
+        detections: of everybody.
+    """
+    xy, confidence = main_person(detections)
+    frames = well_seen_frames(confidence)
+    centres = cameras.centres
+    width = float(np.linalg.norm(np.ptp(centres, axis=0)))
+    if len(frames) == 0 or not width > 0:
+        return float("nan")
+    scale = _RIG_M / width
+    rig = replace(cameras, t=cameras.t * scale)
+    found = triangulate(rig, xy[:, frames], confidence[:, frames])
+    points, residual = np.asarray(found.points), np.asarray(found.residual_px)
+    seen = np.where((confidence > 0)[..., None], xy, np.nan)[:, frames]
+    extent = np.linalg.norm(np.nanmax(seen, axis=2) - np.nanmin(seen, axis=2), axis=-1)
+    off = residual / extent[..., None]
+    if not np.isfinite(off).any() or np.nanmedian(off) > OFF_LINE:
+        return float("nan")
+    columns, _ = compared_keypoints(detections.joint_set)
+    names = [detections.joint_set.keypoints[c] for c in columns]
+    return sum(_length(points, names, *ends) for ends in (("hip", "knee"), ("knee", "ankle"))) / LEG_SHARE / scale
+
+
+def _length(points: np.ndarray, names: list[str], upper: str, lower: str) -> float:
+    """Return the median length of a bone of both sides."""
+    lengths = [
+        np.linalg.norm(points[:, names.index(f"{side}_{upper}")] - points[:, names.index(f"{side}_{lower}")], axis=-1)
+        for side in ("left", "right")
+    ]
+    both = np.concatenate(lengths)
+    return float(np.nanmedian(both)) if np.isfinite(both).any() else float("nan")

@@ -1,0 +1,125 @@
+"""Ten benchmark captures of four cameras as strangers bring them, each spoiled in every one of ``KINDS`` and ``LIES``.
+
+Each is written as a Pose2Sim trial, read and solved without options; where a stature is asked for, it is given. Solved
+are those within 1.15 times the error of the same frames unspoiled (joints, laid over the truth rigidly); silent are
+results beyond that without a warning or refusal. Needs the motions kept beside the repository (or MOCAP_SHARED_DATA).
+``python -m tests.benchmarks.bench_spoiled [--seeds N] [KIND ...]`` prints every seed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from dataclasses import dataclass, replace
+from functools import cache, lru_cache
+
+import numpy as np
+
+from research.simulation.benchmark import BenchmarkSettings
+from solver_backend.body.body import load_body
+from solver_backend.types import Capture
+from tests.benchmarks.bench_sync import TAKES
+from tests.benchmarks.comparison.captures import filmed
+from tests.benchmarks.metric import Metric
+from tests.benchmarks.spoiled_views.kinds import KINDS, Recording
+from tests.benchmarks.spoiled_views.lies import LIES
+from tests.benchmarks.spoiled_views.trial import Result, result_of
+
+SEEDS = 10
+FILM_FRAMES, TAKE_FRAMES = 900, 240
+"""A film is long enough for cameras that start apart; others record its last four seconds."""
+WITHIN = 1.15
+"""Times the unspoiled error."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of one seed of one kind."""
+
+    result: Result
+    unspoiled_mm: float
+
+    @property
+    def solved(self) -> bool:
+        """Whether the error is about that of the unspoiled capture."""
+        return self.result.error_mm <= WITHIN * self.unspoiled_mm
+
+    @property
+    def silent(self) -> bool:
+        """Whether it is wrong and nothing says so."""
+        return not self.solved and self.result.silent
+
+
+def run() -> list[Metric]:
+    """Solve every seed of every kind."""
+    metrics = []
+    for kind in KINDS | LIES:
+        found = [tried(kind, seed) for seed in range(SEEDS)]
+        key = kind.replace(",", "").replace(" ", "_")
+        metrics += [
+            Metric(f"{key}_solved", sum(f.solved for f in found) / SEEDS, "of 1", "higher"),
+            Metric(f"{key}_silent", float(sum(f.silent for f in found)), "seeds"),
+        ]
+    return metrics
+
+
+def tried(kind: str, seed: int) -> Found:
+    """Spoil a seed's capture, read and solve it."""
+    capture = _film(seed)
+    spoiled = (KINDS | LIES)[kind](_recording(capture), np.random.default_rng(seed), seed)
+    first = FILM_FRAMES - TAKE_FRAMES
+    if spoiled.starts is None:
+        spoiled = _from(spoiled, first)
+    else:
+        first = int(spoiled.starts.max())
+    joints = np.asarray(capture.truth["joints"])
+    result = result_of(capture, spoiled, joints)
+    if "--stature" in result.refused:
+        body = load_body()
+        rest = body.v_template + body.shapedirs[..., :10] @ capture.truth["betas"][:10]
+        result = result_of(capture, spoiled, joints, stature=float(np.ptp(rest[:, 1])))
+    return Found(result, _unspoiled_mm(seed, first))
+
+
+@cache
+def _unspoiled_mm(seed: int, first: int) -> float:
+    capture = _film(seed)
+    return result_of(capture, _from(_recording(capture), first), np.asarray(capture.truth["joints"])[first:]).error_mm
+
+
+@lru_cache(maxsize=2)
+def _film(seed: int) -> Capture:
+    name, start = TAKES[seed % len(TAKES)]
+    start = min(start, 200) if name == "03_04" else start
+    return filmed(f"{name}:{start}+{FILM_FRAMES}", BenchmarkSettings(seed=seed))
+
+
+def _recording(capture: Capture) -> Recording:
+    cameras, keypoints = capture.require_multiview()
+    return Recording(keypoints.xy, keypoints.confidence, cameras, cameras.names)
+
+
+def _from(recording: Recording, first: int) -> Recording:
+    return replace(recording, xy=recording.xy[:, first:], confidence=recording.confidence[:, first:])
+
+
+def main(argv: list[str]) -> int:
+    """Print what became of every seed."""
+    parser = argparse.ArgumentParser(prog="bench_spoiled", description=__doc__)
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS | LIES)}; all if left out")
+    parser.add_argument("--seeds", type=int, default=SEEDS)
+    args = parser.parse_args(argv)
+    for kind in args.kinds or KINDS | LIES:
+        for seed in range(args.seeds):
+            found = tried(kind, seed)
+            state = "solved" if found.solved else "SILENT" if found.silent else "said"
+            said = found.result.refused or " ".join(found.result.warnings)
+            sys.stdout.write(
+                f"{kind}, seed {seed}: {state}, {found.result.error_mm:.1f} of {found.unspoiled_mm:.1f} mm. {said}\n"
+            )
+            sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,1 @@
+"""Captures of several views spoiled as people's are, and what becomes of them."""

@@ -1,0 +1,126 @@
+"""Ways in which a recording or its calibration is not as it should be, one or two at once."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import Cameras
+
+METRES_PER_INCH = 0.0254
+OWN_UNITS = 3.3
+"""Units a metre of a calibration in squares of a board."""
+TILT = np.radians(35.0)
+LATEST_FRAMES = 600
+"""By how much cameras start apart at most: 10 s at 60 frames a second."""
+
+
+@dataclass(frozen=True)
+class Recording:
+    """What lies in a folder: pixels of C cameras, their calibration, and what the user adds to the command."""
+
+    xy: np.ndarray
+    """(C, F, K, 2) px, NaN where unseen."""
+    confidence: np.ndarray
+    """(C, F, K)."""
+    cameras: Cameras
+    """As they are written; K and image size of pictures as they were calibrated."""
+    names: tuple[str, ...]
+    """Of the folders."""
+    transposed_K: bool = False
+    """Intrinsics are written transposed."""
+    starts: np.ndarray | None = None
+    """(C,) frames by which cameras start after the first of all; None: together."""
+
+
+def half_size(recording: Recording, chosen: np.ndarray | slice = slice(None)) -> Recording:
+    """Return the recording detected in pictures of half the size: ``u' + 0.5 = (u + 0.5) / 2`` px."""
+    xy = recording.xy.copy()
+    xy[chosen] = (xy[chosen] + 0.5) / 2 - 0.5
+    return replace(recording, xy=xy)
+
+
+def quarter_turn(recording: Recording, chosen: np.ndarray, clockwise: bool) -> Recording:
+    """Return the recording detected in pictures turned by 90°, calibrated as they were."""
+    xy = recording.xy.copy()
+    for c in chosen:
+        width, height = recording.cameras.image_size[c]
+        u, v = xy[c, ..., 0].copy(), xy[c, ..., 1].copy()
+        xy[c] = np.stack([height - 1 - v, u] if clockwise else [v, width - 1 - u], axis=-1)
+    return replace(recording, xy=xy)
+
+
+def in_unit(recording: Recording, units_per_metre: float) -> Recording:
+    """Return the recording calibrated in another unit."""
+    return replace(recording, cameras=replace(recording.cameras, t=recording.cameras.t * units_per_metre))
+
+
+def camera_to_world(recording: Recording) -> Recording:
+    """Return the recording whose calibration holds the cameras' axes and places."""
+    cameras = recording.cameras
+    return replace(recording, cameras=replace(cameras, R=cameras.R.swapaxes(1, 2), t=cameras.centres))
+
+
+def tilted(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Return the recording in a world that leans by ``TILT`` and whose floor is somewhere else."""
+    heading = rng.uniform(0, 2 * np.pi)
+    turn = exp_so3(TILT * np.array([np.cos(heading), np.sin(heading), 0.0]))
+    R = recording.cameras.R @ turn.T
+    t = recording.cameras.t + R @ np.array([0.0, 0.0, rng.uniform(-1.0, 1.0)])
+    return replace(recording, cameras=replace(recording.cameras, R=R, t=t))
+
+
+def started_apart(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Return the recording whose cameras were started by hand, the last ``LATEST_FRAMES`` after the first at most."""
+    starts = np.round(rng.uniform(0, LATEST_FRAMES, len(recording.cameras))).astype(int)
+    return replace(recording, starts=starts - starts.min())
+
+
+_PREFIXED = (
+    ("trial1_cam{n}", "cam{n}"), ("Walk_01_Miqus_{n}_2898{n}", "2898{n}"), ("2024-05-01_take2_{word}", "{word}"),
+    ("take{n0}_{letter}", "{letter}"), ("P01_S2_{letter}_4k", "cam{letter}"), ("GoPro{n}-squat 03", "GoPro{n}"),
+    ("squat_left{n}_synced", "left{n}"), ("jump_3_cam_{n}", "int_cam_{n}_img"), ("{word}_trial03", "{word}"),
+    ("S12.T4.{n}", "{n}"),
+)  # fmt: skip
+_WORDS = "front", "back", "left", "right", "top", "door", "window", "wall"
+
+
+def prefixed(recording: Recording, seed: int) -> Recording:
+    """Return the recording whose folders are named by take and camera, its calibration by camera alone."""
+    recorded, calibrated = _PREFIXED[seed % len(_PREFIXED)]
+
+    def named(pattern: str) -> tuple[str, ...]:
+        return tuple(
+            pattern.format(n=c + 1, n0=7, word=_WORDS[c], letter="ABCDEFGH"[c]) for c in range(len(recording.cameras))
+        )
+
+    return replace(recording, names=named(recorded), cameras=replace(recording.cameras, names=named(calibrated)))
+
+
+def _some(rng: np.random.Generator, cameras: Cameras, count: int) -> np.ndarray:
+    return rng.permutation(len(cameras))[:count]
+
+
+KINDS: dict[str, Callable[[Recording, np.random.Generator, int], Recording]] = {
+    "as it should be": lambda r, g, seed: r,
+    "half size": lambda r, g, seed: half_size(r),
+    "one half size": lambda r, g, seed: half_size(r, _some(g, r.cameras, 1)),
+    "turned": lambda r, g, seed: quarter_turn(r, np.arange(len(r.cameras)), seed % 2 == 0),
+    "two turned": lambda r, g, seed: quarter_turn(r, _some(g, r.cameras, 2), seed % 2 == 0),
+    "cm": lambda r, g, seed: in_unit(r, 100.0),
+    "inch": lambda r, g, seed: in_unit(r, 1 / METRES_PER_INCH),
+    "own unit": lambda r, g, seed: in_unit(r, OWN_UNITS),
+    "camera to world": lambda r, g, seed: camera_to_world(r),
+    "transposed K": lambda r, g, seed: replace(r, transposed_K=True),
+    "tilt": lambda r, g, seed: tilted(r, g),
+    "starts apart": lambda r, g, seed: started_apart(r, g),
+    "names": lambda r, g, seed: prefixed(r, seed),
+    "turned, half size": lambda r, g, seed: half_size(quarter_turn(r, np.arange(len(r.cameras)), seed % 2 == 0)),
+    "half size, apart": lambda r, g, seed: started_apart(half_size(r), g),
+    "cm, camera to world": lambda r, g, seed: in_unit(camera_to_world(r), 100.0),
+    "tilt, inch": lambda r, g, seed: in_unit(tilted(r, g), 1 / METRES_PER_INCH),
+}
+"""What is done to a recording, given randomness and the seed."""

@@ -1,0 +1,100 @@
+"""A spoiled recording written as a trial of Pose2Sim, read and solved as a stranger's, and held against the truth."""
+
+from __future__ import annotations
+
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.diagnostics import sentence, warnings_in
+from solver_backend.exchange.diagnostics.refusal import refuse_errors
+from solver_backend.exchange.errors import MocapError
+from solver_backend.fitters import solve
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.load import load_capture
+from solver_backend.report.diagnose import diagnose
+from solver_backend.types import Capture
+from tests.benchmarks.spoiled_views.kinds import Recording
+from tests.support.calibration_files import toml_text
+from tests.support.trial_files import write_detections
+
+
+@dataclass(frozen=True)
+class Result:
+    """What became of a recording."""
+
+    error_mm: float
+    """Mean error of the joints, the take laid over the truth rigidly; NaN where it was refused."""
+    warnings: tuple[str, ...]
+    """What the solve warned of."""
+    refused: str = ""
+    """Why it was refused, with what to do."""
+
+    @property
+    def silent(self) -> bool:
+        """Whether a result came without a warning."""
+        return not self.warnings and not self.refused
+
+
+def result_of(capture: Capture, recording: Recording, joints: np.ndarray, **options: Any) -> Result:
+    """Return what becomes of a recording in a folder of its own.
+
+    Args:
+        capture: gives confidences, joint set and frame rate.
+        recording: what is written.
+        joints: (F, 24, 3) of the whole film, metres; the take is laid over the part that it fits best.
+        options: fields of ``ReadOptions``.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trial"
+        _write(path, capture, recording)
+        try:
+            read = load_capture(path, **options)
+            motion = solve(read, SolveSettings()).motion
+            found = refuse_errors(diagnose(read, motion), (), "")
+        except MocapError as error:
+            return Result(float("nan"), (), f"{error.message} [{error.hint}]")
+    return Result(error_mm(motion.joints, joints), tuple(sentence(item, motion.fps) for item in warnings_in(found)))
+
+
+def _write(path: Path, capture: Capture, recording: Recording) -> None:
+    keypoints = capture.keypoints
+    assert keypoints is not None
+    count, total = recording.xy.shape[:2]
+    starts = np.zeros(count, int) if recording.starts is None else recording.starts
+    lengths = total - starts
+    xy, confidence = np.full_like(recording.xy, np.nan), np.zeros(recording.xy.shape[:3])
+    for c, start in enumerate(starts):
+        xy[c, : lengths[c]] = recording.xy[c, start:]
+        confidence[c, : lengths[c]] = recording.confidence[c, start:]
+    write_detections(path / "pose", recording.names, [(xy, confidence)], frames=lengths.tolist())
+    cameras = recording.cameras
+    if recording.transposed_K:
+        cameras = replace(cameras, K=cameras.K.swapaxes(1, 2))
+    (path / "calibration").mkdir()
+    (path / "calibration" / "Calib.toml").write_text(toml_text(cameras), encoding="utf-8")
+    (path / "Config.toml").write_text(f"[project]\nframe_rate = {keypoints.fps:g}\n", encoding="utf-8")
+
+
+def error_mm(found: np.ndarray, joints: np.ndarray) -> float:
+    """Return the mean distance of joints (N, 24, 3) from those of the best N of F frames (F, 24, 3), laid over them."""
+    few = np.unique(np.linspace(0, len(found) - 1, _COMPARED).astype(int))
+    shifts = range(len(joints) - len(found) + 1)
+    best = min(shifts, key=lambda shift: _off(found[few], joints[shift + few]), default=None)
+    return float("nan") if best is None else 1e3 * _off(found, joints[best : best + len(found)])
+
+
+_COMPARED = 12
+"""Frames by which the take is found in the film."""
+
+
+def _off(found: np.ndarray, joints: np.ndarray) -> float:
+    """Return the mean distance after the rigid motion that lays one over the other (Kabsch 1976)."""
+    a, b = (points[:, :24].reshape(-1, 3) for points in (found, joints))
+    a, b = a - a.mean(0), b - b.mean(0)
+    U, _, Vt = np.linalg.svd(b.T @ a)
+    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
+    return float(np.linalg.norm(a @ R.T - b, axis=-1).mean())

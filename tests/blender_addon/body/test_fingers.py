@@ -1,0 +1,117 @@
+"""Bodies with finger bones: the skin follows them as the model says; motions without fingers fit all the same."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon._exchange.body_layout import SMPL, SMPL_HANDS
+from blender_addon._exchange.motion_file import MotionFile, read_motion
+from blender_addon.animation.deviation import measure_deviation
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.body.posed_body import pose_joints, skin, with_own_hands
+from blender_addon.scene.add_take import add_take, plays_body
+from blender_addon.scene.bake import BakeSettings, bake_take
+from solver_backend.body.hands import load_body_with_hands
+from solver_backend.body.mesh import pose_mesh
+from solver_backend.geometry.rotations import exp_so3
+from tests.support.moving_fingers import FRAMES, moving_fingers
+
+PLAIN = BakeSettings(floor=False)
+
+
+@pytest.fixture(scope="module")
+def hands():
+    return read_body(default_body_path(), SMPL_HANDS)
+
+
+def test_both_programs_have_the_same_body_with_fingers(hands):
+    solvers, motion = load_body_with_hands(), moving_fingers()
+    assert hands.layout == SMPL_HANDS and hands.layout.joints == solvers.layout.joints
+    R = exp_so3(motion.rotvec)
+    expected = pose_mesh(solvers, motion.betas, R[:2, 0], R[:2, 1:], motion.transl[:2])
+    np.testing.assert_allclose(skin(hands, motion, [0, 1]), expected, atol=1e-6)
+
+
+def test_bones_and_skin_follow_every_finger(scene, hands):
+    motion = moving_fingers()
+    take = bake_take(scene, motion, hands, settings=PLAIN)
+    bones = take.armature.data.bones
+    assert set(SMPL_HANDS.joints) <= set(bones.keys()) and "left_hand" not in bones
+    assert {"Fingers Left", "Fingers Right"} <= {c.name for c in take.armature.data.collections}
+    found = measure_deviation(scene, take.armature, take.mesh, hands, motion, take.timing, [0, 7, FRAMES - 1])
+    assert found.joints_mm < 0.05 and found.skin_mm < 0.1
+
+
+def test_a_positive_turn_about_x_bends_every_finger_into_the_palm(scene, hands):
+    still = MotionFile("rest", np.zeros((1, 52, 3)), np.zeros((1, 3)), np.zeros(10), 30.0, hands.id, SMPL_HANDS)
+    take = bake_take(scene, still, hands, settings=PLAIN)
+    take.armature.animation_data_clear()
+    bones = take.armature.pose.bones
+    for side in ("left", "right"):
+        for finger in ("index", "middle", "ring", "pinky", "thumb"):
+            bpy.context.view_layer.update()
+            last = bones[f"{side}_{finger}3"]
+            before, wrist = last.tail.copy(), bones[f"{side}_wrist"]
+            down = wrist.z_axis.copy()
+            bones[f"{side}_{finger}1"].rotation_quaternion = (np.cos(0.2), np.sin(0.2), 0.0, 0.0)
+            bpy.context.view_layer.update()
+            assert (last.tail - before).dot(down) > 0.004, (side, finger)
+
+
+def test_a_motion_without_fingers_rests_the_hands_of_a_body_with_fingers(scene, hands, files):
+    armature, _ = add_take(scene, "first", moving_fingers(), hands, None, None, 1)
+    motion = replace(files.motion, body=hands.id, joints=None)
+    again, action = add_take(scene, "second", motion, hands, armature, None, 1)
+    assert again is armature
+    scene.frame_set(1)
+    assert all(armature.pose.bones[name].rotation_quaternion[0] == 1.0 for name in SMPL_HANDS.joints[22:])
+    _, expected = pose_joints(read_body(default_body_path()).rest_joints(motion.betas), motion.rotvec, motion.transl)
+    wrist = armature.matrix_world @ armature.pose.bones["left_wrist"].head
+    assert action is armature.animation_data.action
+    # The sliders stay at the first take's shape until they are set: only the wrist's turn is compared.
+    assert np.isfinite(np.array(wrist)).all() and expected.shape[1] == 24
+
+
+def test_a_motion_with_fingers_gets_a_body_with_fingers(scene, hands, files):
+    plain = read_body(default_body_path())
+    armature, _ = add_take(scene, "plain", replace(files.motion, body=plain.id, joints=None), plain, None, None, 1)
+    assert "left_hand" in armature.data.bones
+    assert not plays_body(armature, moving_fingers(), hands)
+    again, _ = add_take(scene, "fingers", moving_fingers(), hands, armature, None, 1)
+    assert again is not armature and "left_index1" in again.data.bones
+
+
+def test_a_body_without_fingers_rests_its_hands_and_says_so(scene, files):
+    stand_in = read_body(files.body_path, SMPL_HANDS) if hasattr(files, "body_path") else files.body
+    assert stand_in.layout == SMPL
+    take = bake_take(scene, moving_fingers(stand_in.id), stand_in, settings=PLAIN)
+    assert "The body has no finger joints: its hands rest." in take.notes
+    assert "left_hand" in take.armature.data.bones
+
+
+@pytest.mark.parametrize("width", [156, 165])
+def test_fingers_of_amass_turn_from_a_flat_hand(hands, tmp_path: Path, width: int):
+    poses = np.zeros((3, width))
+    poses[2, -90:] = 0.3 * np.random.default_rng(2).normal(size=90)
+    np.savez(tmp_path / "amass.npz", poses=poses, trans=np.zeros((3, 3)), mocap_framerate=30.0)
+    motion = read_motion(tmp_path / "amass.npz")
+    assert motion.body_layout == SMPL_HANDS and motion.flat_hands
+    own = with_own_hands(motion, hands)
+    _, joints = pose_joints(hands.rest_joints(np.zeros(10)), own.rotvec, own.transl)
+    for first in (22, 25, 28, 31, 37, 40, 43, 46):
+        bones = np.diff(joints[0, first : first + 3], axis=0)
+        bones /= np.linalg.norm(bones, axis=1, keepdims=True)
+        assert bones[0] @ bones[1] > np.cos(np.radians(10.0)), "a flat hand's fingers are straight"
+    assert not own.flat_hands and np.abs(own.rotvec[0, 22:]).max() > 0.2
+
+
+def test_amass_without_fingers_is_read_as_before(tmp_path: Path):
+    np.savez(tmp_path / "amass.npz", poses=np.ones((2, 156)) * ([1] * 66 + [0] * 90), trans=np.zeros((2, 3)),
+             mocap_framerate=30.0)  # fmt: skip
+    motion = read_motion(tmp_path / "amass.npz")
+    assert motion.body_layout == SMPL and not motion.flat_hands and motion.rotvec.shape == (2, 24, 3)

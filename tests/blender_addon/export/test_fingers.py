@@ -1,0 +1,72 @@
+"""Fingers leave Blender in every format, and come back."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon._exchange.body_layout import SMPL_HANDS
+from blender_addon._exchange.motion_file import read_motion
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.body.posed_body import pose_joints, with_own_hands
+from blender_addon.export.formats import FORMATS
+from blender_addon.export.take import take_of
+from blender_addon.export.write import export_take
+from blender_addon.scene.bake import BakeSettings, bake_take
+from solver_backend.io.motions.amass import read_amass
+from solver_backend.io.motions.bvh import read_bvh
+from tests.support.moving_fingers import FRAMES, moving_fingers
+
+
+@pytest.fixture
+def exported(scene, tmp_path):
+    """Return a function that exports a take with fingers; its joints (F, 52, 3); and its motion."""
+    body, motion = read_body(default_body_path(), SMPL_HANDS), moving_fingers()
+    take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
+    joints = np.stack([evaluated_joints(scene, take.armature, frame) for frame in range(1, FRAMES + 1)])
+
+    def export(name):
+        path = tmp_path / f"take{FORMATS[name].suffix}"
+        return export_take(take_of(scene, take.armature), name, path)
+
+    return export, joints, motion
+
+
+def test_bvh(exported):
+    export, joints, _ = exported
+    clip = read_bvh(export("bvh"))
+    order = [clip.names.index(joint) for joint in SMPL_HANDS.joints]
+    assert np.linalg.norm(clip.positions()[:, order] - joints, axis=-1).max() < 1e-4
+
+
+@pytest.mark.parametrize(("name", "operator"), [("fbx", "import_scene.fbx"), ("gltf", "import_scene.gltf")])
+def test_fbx_and_gltf(exported, name, operator):
+    export, joints, _ = exported
+    path = export(name)
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.render.fps = 30
+    group, function = operator.split(".")
+    assert getattr(getattr(bpy.ops, group), function)(filepath=str(path)) == {"FINISHED"}
+    [rig] = [obj for obj in bpy.data.objects if obj.type == "ARMATURE"]
+    assert set(SMPL_HANDS.joints) <= set(rig.data.bones.keys())
+    start = rig.animation_data.action.frame_range[0]
+    found = np.stack([evaluated_joints(scene, rig, start + frame) for frame in range(FRAMES)])
+    assert np.linalg.norm(found - joints, axis=-1).max() < 1e-3
+
+
+@pytest.mark.parametrize(("name", "width"), [("amass", 156), ("amass-x", 165)])
+def test_amass(exported, name, width):
+    export, joints, motion = exported
+    path = export(name)
+    with np.load(path) as stored:
+        assert stored["poses"].shape == (FRAMES, width)
+    clip = read_amass(path)
+    assert clip.hand_pose is not None and clip.hand_pose.shape == (FRAMES, 90)
+    assert np.abs(clip.hand_pose.reshape(FRAMES, 30, 3) - motion.rotvec[:, 22:]).max() > 0.2, "from a flat hand"
+    body = read_body(default_body_path(), SMPL_HANDS)
+    again = with_own_hands(read_motion(path), body)
+    _, found = pose_joints(body.rest_joints(again.betas), again.rotvec, again.transl)
+    np.testing.assert_allclose(found, joints, atol=2e-4)

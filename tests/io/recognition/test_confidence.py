@@ -1,0 +1,48 @@
+"""Confidences on whatever scale a detector writes them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from solver_backend.io.recognition.confidence import on_unit_scale
+
+
+@pytest.fixture
+def rng() -> np.random.Generator:
+    return np.random.default_rng(0)
+
+
+def doubts(rng: np.random.Generator) -> np.ndarray:
+    """Return confidences as a detector gives them, a fifth of the points unseen."""
+    return np.where(rng.uniform(size=(4, 50, 25)) < 0.2, 0.0, rng.beta(5, 2, (4, 50, 25)))
+
+
+@pytest.mark.parametrize("value", [0.01, 0.5, 0.9])
+def test_one_value_for_everything_says_nothing_and_is_reported(rng, value: float) -> None:
+    seen = doubts(rng) > 0
+    found, notes, problems = on_unit_scale(np.where(seen, value, 0.0))
+    assert np.array_equal(found, seen.astype(float))
+    assert not notes and len(problems) == 1 and f"{value:g}" in problems[0]
+
+
+def test_confidences_that_differ_stay_however_small(rng) -> None:
+    for scale in (1.0, 0.01):
+        given = scale * doubts(rng)
+        found, *said = on_unit_scale(given)
+        assert np.array_equal(found, given) and said == [(), ()]
+
+
+def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
+    ones = (doubts(rng) > 0).astype(float)
+    assert on_unit_scale(ones)[1:] == ((), ()) and np.array_equal(on_unit_scale(ones)[0], ones)
+    few = np.full((1, 1, 50), 0.3)
+    assert np.array_equal(on_unit_scale(few)[0], few)
+    assert np.array_equal(on_unit_scale(np.zeros((2, 3, 25)))[0], np.zeros((2, 3, 25)))
+
+
+def test_per_cent_and_larger_scores(rng) -> None:
+    given = doubts(rng)
+    found, _, problems = on_unit_scale(100 * given)
+    assert found == pytest.approx(given) and "per cent" in problems[0]
+    assert on_unit_scale(np.where(given > 0, 500.0, 0.0))[0].max() == 1.0

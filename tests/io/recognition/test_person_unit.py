@@ -1,0 +1,85 @@
+"""The unit of a calibration is the one that makes the person possible; what no unit explains stays, and is found."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.io.load import load_capture
+from solver_backend.io.recognition.person_unit import PersonUnit, stature_between, unit_by_person
+from solver_backend.people.detections import Detections
+from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.support.trial_files import write_trial
+
+DEMO = demo_capture(num_frames=90)
+CAMERAS, KEYPOINTS = DEMO.require_multiview()
+UNITS = {"cm": 100.0, "inch": 1 / 0.0254, "mm": 1000.0, "m": 1.0}
+
+
+def unit_of(units_per_metre: float, guessed: str, xy: np.ndarray = KEYPOINTS.xy) -> PersonUnit:
+    """Return what is found of the demo, read as ``guessed`` where its file is in other units."""
+    metres = {"m": 1.0, "mm": 0.001, "": 1.0}[guessed]
+    seen = Detections(CAMERAS.names, xy[:, :, None], KEYPOINTS.confidence[:, :, None], KEYPOINTS.joint_set)
+    return unit_by_person(replace(CAMERAS, t=CAMERAS.t * units_per_metre * metres), seen, guessed)
+
+
+@pytest.mark.parametrize("guessed", ["m", "mm"])
+@pytest.mark.parametrize("unit", UNITS)
+def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
+    found = unit_of(UNITS[unit], guessed)
+    np.testing.assert_allclose(found.cameras.t, CAMERAS.t, rtol=1e-9)
+    assert found.to_plausible == 1.0
+    assert [f"read as {unit}" in problem for problem in found.problems] == [True] * (unit != guessed)
+
+
+def test_lengths_of_no_known_unit_stay_and_people_are_found_by_a_factor() -> None:
+    found = unit_of(3.3, "m")
+    np.testing.assert_allclose(found.cameras.t, 3.3 * CAMERAS.t)
+    assert found.to_plausible == pytest.approx(1 / 3.3, rel=0.1) and not found.problems
+
+
+@pytest.mark.parametrize(("scale", "guessed"), [(0.5, "m"), (1.5, "m"), (100.0, "")])
+def test_children_giants_and_stated_units_stay(scale: float, guessed: str) -> None:
+    found = unit_of(scale, guessed)
+    np.testing.assert_allclose(found.cameras.t, scale * CAMERAS.t)
+    assert not found.problems
+
+
+def test_views_that_agree_on_nobody_tell_no_unit() -> None:
+    nonsense = np.random.default_rng(0).uniform(0, 1000, KEYPOINTS.xy.shape)
+    found = unit_of(100.0, "m", nonsense)
+    assert (found.to_plausible, found.problems) == (1.0, ())
+
+
+def test_stature_is_in_the_cameras_unit() -> None:
+    seen = Detections(
+        CAMERAS.names, KEYPOINTS.xy[:, :, None], KEYPOINTS.confidence[:, :, None], KEYPOINTS.joint_set
+    )  # fmt: skip
+    in_metres = stature_between(CAMERAS, seen)
+    assert 1.6 < in_metres < 1.9
+    assert stature_between(replace(CAMERAS, t=1e3 * CAMERAS.t), seen) == pytest.approx(1e3 * in_metres)
+
+
+@pytest.mark.parametrize(("units_per_metre", "unit"), [(100.0, "cm"), (1 / 0.0254, "inch")])
+def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: str) -> None:
+    scaled = replace(CAMERAS, t=CAMERAS.t * units_per_metre)
+    write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
+    capture = load_capture(tmp_path)
+    np.testing.assert_allclose(capture.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
+    assert any(f"read as {unit}" in problem for problem in capture.problems)
+    assert not any("read as mm (" in note for note in capture.notes)
+    kept = load_capture(tmp_path, unit=unit)
+    assert not any("read as" in problem for problem in kept.problems)
+    np.testing.assert_allclose(kept.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
+
+
+def test_a_trial_in_squares_of_a_board_is_found_and_scaled_by_a_stature(tmp_path: Path) -> None:
+    scaled = replace(CAMERAS, t=CAMERAS.t * 14.7)
+    write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
+    odd = load_capture(tmp_path)
+    assert any("m tall" in problem for problem in odd.problems)
+    known = load_capture(tmp_path, stature=1.75)
+    np.testing.assert_allclose(known.require_multiview()[0].t, CAMERAS.t, rtol=0.05, atol=0.05)
