@@ -103,7 +103,7 @@ def _add_export_options(export: argparse.ArgumentParser) -> None:
 
 def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     add = retarget.add_argument
-    add("source", type=Path, metavar="SOURCE", help="motion file, or a moving armature (.blend, .fbx, .glb, .bvh)")
+    add("source", type=Path, metavar="SOURCE", help="motion, a moving armature (.blend, .fbx, .glb, .bvh), or a folder")
     add(
         "--target",
         type=Path,
@@ -125,6 +125,7 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
     way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")
     add("--frame-start", type=int, default=1, metavar="N", help="scene frame of the first frame; 1")
+    add("--export", nargs="+", choices=_FORMATS, default=[], metavar="FORMAT", help="of a folder: a file a clip, too")
 
 
 def _add_motion_options(motion: argparse.ArgumentParser) -> None:

@@ -30,7 +30,9 @@ from .export import ExportRequest, run_export
 from .motion import MotionRequest, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
-from .retarget import RetargetRequest, run_retarget
+from .retarget import run_retarget
+from .retarget_clips import run_retarget_clips
+from .retarget_request import RetargetRequest
 from .solver import run_solver
 from .studio import StudioRequest, run_studio
 
@@ -149,6 +151,8 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]
         options.action, options.preset, options.map, options.save_map, options.limbs, options.in_place,
         options.root_motion, options.body, options.scale, options.frame_start, options.overwrite,
     )  # fmt: skip
+    if request.source.is_dir():
+        return run_retarget_clips(request, tuple(dict.fromkeys(options.export)), progress)
     return run_retarget(request, progress)
 
 

@@ -20,6 +20,7 @@ TASKS: dict[str, dict[str, str]] = {
     "Videos": {
         "detect": "detect cam01.mp4 cam02.mp4 --out capture.npz",
         "detector-noise": "detector-noise capture.npz --out noise.json",
+        "find-hands": "find-hands trial --model hand_landmark_full.tflite --python litert/bin/python --out hands.npz",
     },
     "Markers": {
         "label": "label take.c3d --out labelled.c3d",

@@ -8,7 +8,7 @@ from typing import Any
 
 from solver_backend.cli.setting_options import ROWS, WORLD_ROWS, add_settings
 
-VIDEO_VERBS = ("detect", "from-videos", "detector-noise")
+VIDEO_VERBS = ("detect", "from-videos", "detector-noise", "find-hands")
 
 
 def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
@@ -64,6 +64,13 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     noise.add_argument("captures", nargs="+", type=Path, metavar="CAPTURE", help="captures of known cameras")
     noise.add_argument("--detector-name", metavar="NAME", help="what it is for; read from the captures if left out")
     noise.add_argument("--out", type=Path, required=True, metavar="NOISE.json")
+    hands = verbs.add_parser(
+        "find-hands", parents=[writing, common], help="find the hands of a capture's person in its footage"
+    )
+    hands.add_argument("capture", type=Path, metavar="CAPTURE", help="calibrated, with keypoints and footage")
+    hands.add_argument("--model", type=Path, required=True, metavar="MODEL.tflite", help="hand_landmark_full.tflite")
+    hands.add_argument("--python", type=Path, metavar="PATH", help="Python that has ai-edge-litert")
+    hands.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
 
 
 def _detector() -> argparse.ArgumentParser:

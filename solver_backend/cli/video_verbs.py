@@ -171,6 +171,24 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome(text, {"noise": str(args.out), **noise.as_dict()})
 
 
+def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Find the hands of a capture's person in its footage."""
+    from solver_backend.io.load import load_capture
+    from solver_backend.io.native.capture_file import write_capture
+    from solver_backend.videos.detect import find_hands as hands
+    from solver_backend.videos.detect.choice import chosen_hand_detector
+
+    overwrite = bool(args.overwrite)
+    check_output(args.out, overwrite=overwrite)
+    choice = chosen_hand_detector(args.model, python=args.python)
+    capture = hands.find_hands(load_capture(args.capture, progress=progress), choice, progress)
+    write_capture(args.out, capture, overwrite=overwrite)
+    shares = hands.seen_by_two(capture)
+    rows = [f"  {side:<11} seen by two views in {share:.0f} % of the frames" for side, share in shares.items()]
+    text = "\n".join([f"Hands of {capture.name}", *rows, f"  written     {args.out}"])
+    return Outcome(text, {"capture": str(args.out), "seen_by_two_percent": shares})
+
+
 def _choice(args: argparse.Namespace) -> Any:
     from solver_backend.videos.detect.choice import chosen_detector
 

@@ -22,6 +22,7 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.hand_clouds import split_hands
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
@@ -198,9 +199,12 @@ def prepare(
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)
     if capture.keypoints is None and capture.markers is not None:
+        markers, hands = split_hands(capture.markers)
         if method.finds_shape and person is None:
-            return Problem.of(body, prior, measure_markers(known_markers_of(capture.markers), body, like))
-        return marker_problem(capture.markers, body, prior, like, settings, progress, person)
+            problem = Problem.of(body, prior, measure_markers(known_markers_of(markers), body, like))
+        else:
+            problem = marker_problem(markers, body, prior, like, settings, progress, person)
+        return replace(problem, measurements=replace(problem.measurements, hands=hands))
     seen = without_views(meant, settings.leave_out)
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))

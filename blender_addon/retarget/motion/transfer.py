@@ -14,6 +14,7 @@ from .fingers import bend_fingers
 from .limbs import bend_to, longest_reach, within_reach
 from .proportions import length, measure_proportions, scale_of
 from .root_path import ground_path
+from .touch import keep_hands_together
 from .trunk import between, spine_heights, trunk_of, turn_at
 
 _NECK, _HEAD, _HIPS = 12, 15, (1, 2)
@@ -28,7 +29,7 @@ class TransferSettings:
     root_motion: bool = False
     """Let the root bone carry the way over the ground and the heading."""
     hold_contacts: bool = True
-    """Hold feet where they stand, if the motion says when."""
+    """Hold feet where they stand, if the motion says when, and hands together that touch."""
     scale: float = 0.0
     """Size of the way and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
 
@@ -76,6 +77,8 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
+    if settings.hold_contacts:
+        goals = keep_hands_together(actor, target, turns, goals)
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
     if travels:

@@ -11,11 +11,14 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.quaternions import quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3, skew
 from solver_backend.types.shapes import Float
 
 STEPS = 3
 """Gauss-Newton steps; shifts are a few centimetres at most."""
+PRONATION = 0.5
+"""Share of a hand's twist about the forearm that the elbow takes, as in the recordings that the pose prior knows."""
 LOADING_M2 = 1e-4
 """Of the normal matrix: a stretched arm reaches no further, whatever it turns."""
 
@@ -59,8 +62,19 @@ def follow_hand(
         posed = forward_kinematics(body, betas, root, local, transl)
     still = ~moved & (np.linalg.norm(turn, axis=1) == 0)
     turned = _since(posed.G[:, elbow], hand)
-    local[:, wrist - 1] = np.where(still[:, None, None], local[:, wrist - 1], turned)
+    rest = body.rest_joints(betas)
+    twist = exp_so3(PRONATION * _twist(turned, rest[wrist] - rest[elbow]))
+    for joint, R in ((elbow, local[:, elbow - 1] @ twist), (wrist, np.swapaxes(twist, 1, 2) @ turned)):
+        local[:, joint - 1] = np.where(still[:, None, None], local[:, joint - 1], R)
     return replace(frames, local=local)
+
+
+def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return (F, 3) the rotation vectors about an axis nearest to rotations: ``2 atan2(q·a, w)`` of a quaternion."""
+    axis = axis / np.linalg.norm(axis)
+    q = quat_from_matrix(R)
+    angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
+    return ((angle + np.pi) % (2.0 * np.pi) - np.pi)[:, None] * axis
 
 
 def _since(parent: np.ndarray, G: np.ndarray) -> np.ndarray:

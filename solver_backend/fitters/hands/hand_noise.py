@@ -15,6 +15,10 @@ PALM_M = 0.09
 MODEL_ERROR_M = 0.004
 """Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
 
+ALONE = 0.04
+"""What a hand counts that one view alone shows: nothing tells a palm from its mirror image in depth there, and a wrist
+that follows the wrong one turns by half a circle."""
+
 
 def hand_term(
     views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], sigma_px: Float[np.ndarray, " points"]
@@ -34,6 +38,8 @@ def hand_term(
     sigma = np.hypot(sigma_px * small, MODEL_ERROR_M * px_per_m)
     xy, confidence = views.xy[:, :, side], views.confidence[:, :, side]
     seen = np.isfinite(xy).all(-1) & (confidence > 0)
+    alone = seen.any(axis=-1).sum(axis=0) < 2
+    confidence = np.where(alone[:, None], ALONE * confidence, confidence)
     cameras = views.cameras
     return ReprojectionTerm(
         cameras.K, cameras.distortion, cameras.R, cameras.t, cameras.distortion_model,

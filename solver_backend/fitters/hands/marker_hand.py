@@ -72,17 +72,32 @@ def solve_marker_hand(
     own = tuple(labels[k] for k in known)
     skeleton = skeleton.scaled(marker_size(skeleton, own, positions))
     markers = hand_markers(skeleton, own)
-    path = palm_path(markers, positions, fps)
+    return calibrated_hand(positions, markers, skeleton, palm_path(markers, positions, fps), fps, settings)
+
+
+def calibrated_hand(
+    positions: Float[np.ndarray, "frames markers 3"], markers: HandMarkers, skeleton: HandSkeleton, path: WristPath,
+    fps: float, settings: SolveSettings,
+) -> MarkerHand:  # fmt: skip
+    """Return a hand of known size, its markers' offsets calibrated between the solves.
+
+    Args:
+        positions: (F, L, 3) metres of the hand's markers, NaN where missing.
+        markers: these.
+        skeleton: of the hand.
+        path: where the palm's markers, or a body, have the wrist.
+        fps: frames per second.
+        settings: robust scale and iterations.
+    """
     layout = KeyframeLayout.even(len(positions), max(2, round(WINDOW * fps / REFERENCE_FPS)))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
     keys[:, FINGERS] = prior.mean
     seen = np.isfinite(positions).all(-1)
-    sigma = np.full(positions.shape[1], np.hypot(MARKER_SIGMA_M, PLACE_SIGMA_M))
-    scale = settings.robust_scale
     filled = np.where(seen[..., None], positions, 0.0)
+    sigma = np.hypot(MARKER_SIGMA_M, PLACE_SIGMA_M)
     problem = HandProblem(skeleton, markers.sites, path, PositionTerm(filled, seen / sigma**2), prior, fps)
-    model = KeyModel(problem, layout)
+    model, scale = KeyModel(problem, layout), settings.robust_scale
     for number in range(ROUNDS):
         scales = (4 * scale, 2 * scale, scale) if number == 0 else (scale,)
         keys = solve_keys(model, keys, scales, settings.iterations, lambda: None).keys

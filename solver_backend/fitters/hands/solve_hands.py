@@ -10,18 +10,20 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.hand_markers import hand_markers
 from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
 from solver_backend.fitters.hands.hand_noise import hand_term
 from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
+from solver_backend.fitters.hands.marker_hand import calibrated_hand, marker_size
 from solver_backend.fitters.hands.sides import sort_hands
 from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
 from solver_backend.fitters.hands.start import hand_size
@@ -67,34 +69,44 @@ def solve_hands(
         settings: as of the body.
         progress: called as the sides advance.
     """
-    views = measurements.hands
-    if views is None or len(solved.frames.transl) < LEAST_FRAMES:
+    measured = measurements.hands
+    if measured is None or len(solved.frames.transl) < LEAST_FRAMES:
         return solved, None
     try:
         body = with_fingers(solved.subject.body)
     except BodyInvalid:
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
     betas = to_numpy(solved.subject.betas)
-    wrists, elbows = _joints_of_arms(solved)
-    sorted_hands = sort_hands(views, wrists.places, elbows)
-    views = sorted_hands.views
-    seen = [side for side in range(2) if (views.confidence[:, :, side] > 0).any()]
-    located = {side: _located(views, side) for side in seen}
     skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
-    sizes = [hand_size(skeletons[side], located[side].points) for side in seen]
+    wrists, elbows = _joints_of_arms(solved)
+    found: tuple[Diagnostic, ...] = ()
+    if isinstance(measured, HandViews):
+        kept = sort_hands(measured, wrists.places, elbows)
+        measured, found = kept.views, kept.diagnostics
+        located = {side: _located(measured, side) for side in range(2) if (measured.confidence[:, :, side] > 0).any()}
+        sizes = [hand_size(skeletons[side], hand.points) for side, hand in located.items()]
+    else:
+        located = {}
+        sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
     size = float(np.mean(sizes)) if sizes else 1.0
     skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
-    hands: dict[int, SolvedHand] = {}
+    seen, hands = [*located] if isinstance(measured, HandViews) else [*measured.positions], dict[int, SolvedHand]()
     for number, side in enumerate(seen):
-        path = wrists.of(side)
-        term = hand_term(views, side, path.places, located[side].sigma_px)
-        skeleton = skeletons[side]
-        problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps)
-        alive = partial(progress, STAGE, number, len(seen))
-        hands[side] = solve_hand(problem, located[side].points, settings, alive)
+        alive, path, skeleton = partial(progress, STAGE, number, len(seen)), wrists.of(side), skeletons[side]
+        alive()
+        if isinstance(measured, HandViews):
+            term = hand_term(measured, side, path.places, located[side].sigma_px)
+            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps)
+            start = located[side].points
+        else:
+            markers = hand_markers(skeleton, measured.labels[side])
+            cloud = measured.positions[side]
+            problem = calibrated_hand(cloud, markers, skeleton, path, measurements.fps, settings).problem
+            start = np.full((len(cloud), NUM_HAND_POINTS, 3), np.nan)
+        hands[side] = solve_hand(problem, start, settings, alive)
         solved = _with_arm(solved, hands[side], side, betas)
     progress(STAGE, len(seen), len(seen))
-    solved = replace(solved, diagnostics=(*solved.diagnostics, *sorted_hands.diagnostics))
+    solved = replace(solved, diagnostics=(*solved.diagnostics, *found))
     return solved, SolvedHands(body, skeletons, hands, size)
 
 
@@ -158,11 +170,13 @@ def statistics(hands: SolvedHands) -> dict[str, Any]:
     """Return what a motion records of its hands: size, and for each side how much is seen and how far it misses."""
     found: dict[str, Any] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
-        error = hand.problem.term.residuals(hand.problem.points(_states(hand)))
-        px = np.linalg.norm(error.error[error.measured], axis=-1)
+        left = hand.problem.term.residuals(hand.problem.points(_states(hand)))
+        far = np.linalg.norm(left.error[left.measured], axis=-1)
+        # Views err in pixels; markers, of three dimensions, in metres.
+        name, unit = ("reprojection_median_px", 1.0) if left.error.shape[-1] == 2 else ("residual_median_mm", 1000.0)
         found[SIDES[side]] = {
             "seen_percent": round(100.0 * float(hand.informed.any(axis=1).mean()), 1),
-            "reprojection_median_px": round(float(np.median(px)), 3) if len(px) else None,
+            name: round(unit * float(np.median(far)), 3) if len(far) else None,
             "status": hand.convergence.status,
         }
     return found

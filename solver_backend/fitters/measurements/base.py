@@ -8,6 +8,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
@@ -90,8 +91,8 @@ class Measurements:
     """What is known of the points but for a shift of all of them: a lifted pose."""
     one_view: OneView | None = None
     """What one camera leaves open, where there is but one."""
-    hands: HandViews | None = None
-    """The hands that views show beside the points; None where none does."""
+    hands: HandViews | HandClouds | None = None
+    """The hands that views or markers show beside the points; None where none does."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -72,6 +72,23 @@ def chosen_detector(
     return DetectorChoice("onnx_pose", python or Path(sys.executable), {**options, "model": os.path.abspath(model)})
 
 
+def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:
+    """Return MediaPipe's hand model run by LiteRT.
+
+    Args:
+        model: ``hand_landmark_full.tflite``, which the user takes from the npm package @mediapipe/hands.
+        python: Python that has ai-edge-litert; our own if None.
+
+    Raises:
+        DetectorMissing: there is no such model or Python.
+    """
+    if python is not None and not python.is_file():
+        raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
+    if not model.is_file():
+        raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
+    return DetectorChoice("litert_hands", python or Path(sys.executable), {"model": os.path.abspath(model)})
+
+
 def _mediapipe_python(environment: Mapping[str, str]) -> Path:
     named = environment.get(PYTHON_VARIABLE)
     if named:

@@ -34,4 +34,17 @@ def test_the_wrist_goes_where_its_hand_is(side: int) -> None:
     np.testing.assert_array_equal(moved.local[:, others], frames.local[:, others])
     np.testing.assert_array_equal(moved.local[2], frames.local[2])
     turned = log_so3(np.swapaxes(frames.local[:, arm[:2]], -1, -2) @ moved.local[:, arm[:2]])
-    assert np.rad2deg(np.linalg.norm(turned, axis=-1)).max() < 25
+    assert np.rad2deg(np.linalg.norm(turned[:, 0], axis=-1)).max() < 25
+
+
+@pytest.mark.parametrize("side", [0, 1])
+def test_a_turned_palm_turns_half_in_the_forearm(side: int) -> None:
+    body, name = load_body(), ("left", "right")[side]
+    elbow, wrist = (body.layout.joints.index(f"{name}_{part}") for part in ("elbow", "wrist"))
+    local = np.tile(np.eye(3), (1, body.layout.num_solved, 1, 1))
+    still = PosedFrames(np.eye(3)[None], local, np.zeros((1, 3)))
+    along = body.joints_template[wrist] - body.joints_template[elbow]
+    turn = 1.2 * along / np.linalg.norm(along)
+    moved = follow_hand(body, np.zeros(10), still, side, turn[None], np.zeros((1, 3)))
+    for joint in (elbow, wrist):
+        np.testing.assert_allclose(log_so3(moved.local[0, joint - 1]), 0.5 * turn, atol=1e-6)

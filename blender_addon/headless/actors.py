@@ -1,0 +1,98 @@
+"""The motions that a file holds, read as actors: of bodies and of any other rig, one a clip."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from .._exchange.motion_file import read_motion
+from ..body.body_choice import body_path_of, require_body
+from ..body.body_file import read_body
+
+if TYPE_CHECKING:
+    import bpy
+
+    from ..retarget.motion.figures import Actor
+
+
+@dataclass(frozen=True)
+class ReadActor:
+    """A motion and what is to say about it."""
+
+    actor: Actor
+    notes: tuple[str, ...] = ()
+
+
+def read_source(path: Path, body: Path | None = None, armature: str = "", action: str = "") -> ReadActor:
+    """Return the motion of a file: a motion file, or the armature of any file that Blender reads.
+
+    Args:
+        path: the file.
+        body: body file for a motion; None for the one that the motion was solved for.
+        armature: which one, where several move.
+        action: which of its actions; "" for the one that it shows.
+
+    Raises:
+        MocapError: the file is missing or wrong, or its actor is not clear.
+    """
+    from ..retarget.clips import play_action
+
+    if path.suffix.lower() in (".npz", ""):
+        return ReadActor(_of_motion(path, body))
+    scene, rig = _opened(path, armature)
+    if action:
+        play_action(rig, action)
+    return _of_rig(rig, scene)
+
+
+def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iterator[ReadActor]:
+    """Yield every clip of a file: one of a motion file, one an action of others; clips are named by file and action.
+
+    Raises:
+        MocapError: see ``read_source``.
+    """
+    from ..retarget.clips import clips_of, play_action
+
+    if path.suffix.lower() == ".npz":
+        yield ReadActor(replace(_of_motion(path, body), name=path.stem))
+        return
+    scene, rig = _opened(path, armature)
+    names = [action.name for action in clips_of(rig)]
+    for name in names:
+        play_action(rig, name)
+        read = _of_rig(rig, scene)
+        own = path.stem if len(names) == 1 else f"{path.stem} {name}"
+        yield ReadActor(replace(read.actor, name=own), read.notes)
+    if not names:
+        yield _of_rig(rig, scene)  # which names what is missing
+
+
+def _of_motion(path: Path, body: Path | None) -> Actor:
+    from ..retarget.motion.figures import actor_of_motion
+
+    motion = read_motion(path)
+    chosen = read_body(body or body_path_of(motion.provenance), motion.body_layout)
+    require_body(motion, chosen)
+    return actor_of_motion(motion, chosen)
+
+
+def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
+    from ..retarget.clips import chosen_actor
+    from ..retarget.scene_files import open_scene
+
+    scene = open_scene(path)
+    return scene, chosen_actor(scene, armature, str(path))
+
+
+def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
+    from ..retarget.actor_rig import is_actor, read_actor
+    from ..retarget.recognition import map_rig
+    from ..retarget.rig_actor import read_rig_actor
+    from ..retarget.user_presets import user_presets_folder
+
+    if is_actor(rig):
+        return ReadActor(read_actor(rig, scene)[0])
+    actor, _, notes = read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
+    return ReadActor(actor, notes)
