@@ -12,11 +12,11 @@ from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.armature import bone_axes
 from ..body.sliders import body_mesh, sliders
-from ..conventions.skeleton import PARENTS, SMPL, layout_of
+from ..conventions.skeleton import SMPL, layout_of
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.alone import alone
-from .motion.figures import Actor
+from .motion.figures import Actor, own_hands
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
@@ -28,7 +28,7 @@ def is_actor(armature: bpy.types.Object | None) -> bool:
     return (
         armature is not None
         and armature.type == "ARMATURE"
-        and set(_joints(armature)) <= set(armature.pose.bones.keys())
+        and set(layout_of(armature.pose.bones).joints) <= set(armature.pose.bones.keys())
     )
 
 
@@ -49,39 +49,30 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
     fps = float(action.get("fps", rate))
     step = (laid_rate(action) if "fps" in action else rate) / fps
     times = first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
-    joints = _joints(armature)
-    matrices = np.empty((len(times), len(joints), 4, 4))
+    layout = layout_of(armature.data.bones)
+    matrices = np.empty((len(times), layout.num_joints, 4, 4))
     with alone(armature, scene) as (stage, depsgraph):
         for f, time in enumerate(times):
             go_to_frame(stage, float(time))
             bones = armature.evaluated_get(depsgraph).pose.bones
-            matrices[f] = [bones[joint].matrix for joint in joints]
+            matrices[f] = [bones[joint].matrix for joint in layout.joints]
     rest = _rest_joints(armature)
-    turns = matrices[..., :3, :3] @ bone_axes(armature)[_columns(armature)].swapaxes(1, 2)
-    actor = Actor(action.name, rest, turns, matrices[..., :3, 3], fps, _contacts(action, len(times)))
+    turns = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2)
+    hands, columns = own_hands(layout, rest, turns), list(layout.standing_for(SMPL))
+    places, contacts = matrices[..., :3, 3][:, columns], _contacts(action, len(times))
+    actor = Actor(action.name, rest[columns], turns[:, columns], places, fps, contacts, hands=hands)
     return actor, TakeTiming(float(first), rate)
 
 
-def _columns(armature: bpy.types.Object) -> list[int]:
-    """Return which of the body's joints stand for SMPL's."""
-    return list(layout_of(armature.data.bones).standing_for(SMPL))
-
-
-def _joints(armature: bpy.types.Object) -> tuple[str, ...]:
-    """Return the bones that stand for SMPL's joints."""
-    layout = layout_of(armature.data.bones)
-    return tuple(layout.joints[j] for j in layout.standing_for(SMPL))
-
-
 def _rest_joints(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (24, 3) joints of the shaped body at rest, over the floor: bones are moved to them by drivers."""
-    joints = _joints(armature)
-    heads = np.array([armature.data.bones[joint].head_local for joint in joints], np.float64)
-    axes = bone_axes(armature)[_columns(armature)]
-    ways = np.array([armature.pose.bones[joint].location for joint in joints[1:]], np.float64)
+    """Return the (J, 3) joints of the shaped body at rest, over the floor: bones are moved to them by drivers."""
+    layout = layout_of(armature.data.bones)
+    heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
+    axes = bone_axes(armature)
+    ways = np.array([armature.pose.bones[joint].location for joint in layout.joints[1:]], np.float64)
     local = np.concatenate([np.zeros((1, 3)), (axes[1:] @ ways[..., None])[..., 0]])
     joints = heads.copy()
-    for j, parent in enumerate(PARENTS):
+    for j, parent in enumerate(layout.parents):
         if parent >= 0:
             joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
     return joints - [0.0, 0.0, _sole(armature, joints)]

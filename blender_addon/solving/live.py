@@ -52,6 +52,8 @@ class LivePose:
     """How far the pose is behind its source."""
     dropped: int = 0
     """Frames that were not fitted, so that poses are not late."""
+    face: dict[str, float] = field(default_factory=dict)
+    """Value of each channel of the face, by the sender's name for it."""
 
 
 @dataclass
@@ -159,7 +161,7 @@ def read_pose_line(line: str) -> LivePose | None:
         rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
         *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
-        dropped=0 if math.isnan(dropped) else max(int(dropped), 0),
+        dropped=0 if math.isnan(dropped) else max(int(dropped), 0), face=_channels(values.get("face")),
     )  # fmt: skip
 
 
@@ -167,6 +169,14 @@ def _number(value: Any) -> float:
     """Return a finite number, NaN for anything else."""
     found = _numbers(value, 1)
     return math.nan if found is None else float(found[0])
+
+
+def _channels(values: Any) -> dict[str, float]:
+    """Return the finite values of a face by name; what is none is left out."""
+    if not isinstance(values, dict):
+        return {}
+    found = {plain(str(name)): _number(value) for name, value in values.items()}
+    return {name: value for name, value in found.items() if not math.isnan(value)}
 
 
 def _shares(values: Any) -> dict[str, float]:

@@ -173,6 +173,13 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     record: bpy.props.BoolProperty(
         name="Record", description="Keep the points as a take to be solved, or the poses as a motion", default=True
     )
+    face_mesh: bpy.props.StringProperty(
+        name="Face", description="Mesh whose shape keys follow the face of the other program, as long as it is live"
+    )
+    face_table: bpy.props.StringProperty(
+        name="Face Table", subtype="FILE_PATH", options=RELATIVE,
+        description="JSON file with the shape key of each channel; empty where they have the same names",
+    )  # fmt: skip
 
 
 class MocapSettings(bpy.types.PropertyGroup):

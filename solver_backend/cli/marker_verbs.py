@@ -14,6 +14,7 @@ from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
+    from solver_backend.types import Capture
 
 __all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live", "marker_places"]
 
@@ -49,6 +50,10 @@ def add_marker_verbs(
         metavar="LABELS.json",
         help="user-assigned labels; the solver never overrides them",
     )
+    label.add_argument(
+        "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
+        "and marker layout",
+    )  # fmt: skip
     add_live(verbs, reading, writing, common)
     export = verbs.add_parser(
         "export-markers", parents=[writing, common], help="write a motion's markers as C3D or TRC"
@@ -78,28 +83,50 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_first import labelled_capture, said_of
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
-    from solver_backend.io.native.capture_file import write_capture
     from solver_backend.io.native.told_file import read_told
     from solver_backend.report.labelling import labelling_html
 
     capture = loaded(args, progress)
     if capture.markers is None:
         raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC.")
+    if args.like is not None:
+        return _label_like(args, capture, progress)
     told = {} if args.told is None else read_told(args.told, capture.markers)
     labelled, take = labelled_capture(capture, progress, told=told, always=True)
     assert take is not None and labelled.markers is not None
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
-    if suffix == ".npz":
-        write_capture(args.out, labelled, overwrite=overwrite)
-    else:
-        (write_c3d if suffix == ".c3d" else write_trc)(args.out, labelled.markers, overwrite=overwrite)
+    _write(args.out, labelled, overwrite=overwrite)
     said = said_of(take)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
     problems = [problem for problem in labelled.problems if problem not in capture.problems]
     return Outcome("\n  ".join([*said, f"written     {args.out}"]), {**data, "problems": problems})
+
+
+def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
+    """Name the points of a take after another take, and write them."""
+    if args.told is not None or args.report is not None:
+        raise CommandLineInvalid("--like goes without --labels and --report.", where="--like")
+    from solver_backend.fitters.label_like import labelled_like
+    from solver_backend.io.load import load_capture
+
+    labelled, _ = labelled_like(capture, load_capture(args.like), progress)
+    _write(args.out, labelled, overwrite=bool(args.overwrite))
+    problems = [problem for problem in labelled.problems if problem not in capture.problems]
+    data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
+    return Outcome("\n  ".join([labelled.notes[-1], f"written     {args.out}"]), data)
+
+
+def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
+    from solver_backend.io.markers.c3d_writer import write_c3d
+    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.native.capture_file import write_capture
+
+    assert labelled.markers is not None
+    if path.suffix.lower() == ".npz":
+        write_capture(path, labelled, overwrite=overwrite)
+    else:
+        (write_c3d if path.suffix.lower() == ".c3d" else write_trc)(path, labelled.markers, overwrite=overwrite)
 
 
 def summary(take: LabelledTake) -> dict[str, Any]:

@@ -20,6 +20,11 @@ JUMP_S = 1.0
 """Seconds by which a sender's clock may disagree with ours from one frame to the next; beyond it was set anew."""
 FARTHEST_M = 1e4
 """No person is farther from the origin, in metres."""
+FACE = "/VMC/Ext/Blend/Val"
+MOST_CHANNELS = 256
+"""Channels of a face that are kept; ARKit has 52."""
+_LARGEST = 10.0
+"""No channel has a value as large."""
 _LATEST = 8
 """Packets that are remembered, to know doubled ones."""
 _LONGEST_NAME = 40
@@ -40,6 +45,8 @@ class BoneFrame:
     """(3,) metres of the same bones, relative to their parents."""
     root: tuple[np.ndarray, np.ndarray]
     """Unit quaternion wxyz and (3,) metres of the root, in Unity's world."""
+    face: dict[str, float]
+    """Value of each channel of the face, of a sender that has some; 0 to 1 as a rule."""
 
 
 @dataclass
@@ -62,6 +69,7 @@ class FrameAssembly:
         self._quat: dict[str, np.ndarray] = {}
         self._place: dict[str, np.ndarray] = {}
         self._root = (np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+        self._face: dict[str, float] = {}
         self._came: set[str] = set()
         self._whole: frozenset[str] = frozenset()
         self._begun: tuple[float | None, float] = (None, 0.0)
@@ -93,6 +101,8 @@ class FrameAssembly:
             elif message.address == ROOT:
                 if (root := self._numbers(message)) is not None:
                     self._root = root
+            elif message.address == FACE:
+                self._add_face(message)
             elif not message.address.startswith("/VMC/"):
                 self._name("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
         if self._whole and self._came >= self._whole:
@@ -146,6 +156,15 @@ class FrameAssembly:
         self._came.add(name)
         self._quat[name], self._place[name] = quat, place
 
+    def _add_face(self, message: OscMessage) -> None:
+        name, value = (*message.values, None, None)[:2]
+        if isinstance(name, str) and isinstance(value, float) and abs(value) < _LARGEST:  # NaN is not
+            channel = name[:_LONGEST_NAME]
+            if len(self._face) < MOST_CHANNELS or channel in self._face:
+                self._face[channel] = value
+                return
+        self._name("face_impossible", f"A channel of the face cannot be, or is one too many: {_shown(name)}.")
+
     def _frame(self) -> BoneFrame:
         """Return what came as a frame, and begin the next."""
         clock, arrived = self._begun
@@ -157,7 +176,7 @@ class FrameAssembly:
             self._time += max(passed, 0.0)
         self._last, self._whole = self._begun, frozenset(self._came)
         self._came.clear()
-        return BoneFrame(self._time, arrived, dict(self._quat), dict(self._place), self._root)
+        return BoneFrame(self._time, arrived, dict(self._quat), dict(self._place), self._root, dict(self._face))
 
     def _name(self, kind: str, message: str) -> None:
         """Count something that is wrong; the first of its kind is news."""

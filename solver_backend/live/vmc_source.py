@@ -195,6 +195,7 @@ def pose_lines(
             "frame": number, "t": round(item.time, 6), "state": "tracking", "root": np.round(rotvec[0], 6).tolist(),
             "pose": np.round(rotvec[1:], 6).ravel().tolist(), "trans": np.round(transl, 6).tolist(),
             "points": 0, "latency_ms": round(1e3 * (now - taken), 3), "lag_ms": round(1e3 * (now - item.arrived), 3),
+            **({"face": {name: round(value, 4) for name, value in item.face.items()}} if item.face else {}),
         }  # fmt: skip
         number += 1
 

@@ -1,12 +1,16 @@
 """How far joints at rest are from where people have them: ``python -m tests.benchmarks.resting_spread``.
 
 Prints by anchor and joint the standard deviations along the anchor bone's axes that ``SPREAD_MM`` holds, and how many
-of the recorded joints lie inside the 50, 80 and 95 % ellipsoids. Needs the recordings (MOCAP_SHARED_DATA).
+of the joints lie inside the 50, 80 and 95 % ellipsoids, for each group of recordings: CMU's skeletons, and takes of
+markers solved with all of them. Needs the recordings (MOCAP_SHARED_DATA) and some minutes; with ``--held`` it measures
+the table as it stands.
 """
 
 from __future__ import annotations
 
 import sys
+from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,25 +18,38 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.resting_posture import PARTS, rest_rotations
-from solver_backend.fitters.partial_body.resting_spread import SPREAD_MM
+from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.partial_body.resting_spread import MOST_DEG, SPREAD_MM, TILT_DEG, grows
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.markers.read import read_markers
 from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
 from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
-from solver_backend.types import SMPL_JOINTS
-from tests.benchmarks.comparison.judgement import HELD
+from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
+from tests.benchmarks.marker_takes.takes import ui_prmd
 from tests.support.recordings import recordings_folder
 
-EVERY = 3
-"""Of the frames, which are 30 a second."""
+EVERY = 9
+"""Of CMU's frames, which are 30 a second."""
 UP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """The recordings' Y is up."""
-TAILS = 5.0
-"""Degrees of freedom of the t distribution by which axes are weighed: the few who lie, leap or kneel do not shape the
-ellipsoids of all others."""
+BOUNDS = np.array([2.366, 4.642, 7.815])
+"""Squared distances of the 50, 80 and 95 % ellipsoids, in deviations."""
+PROMISED, TOLERANCE = np.array([0.50, 0.80, 0.95]), np.array([0.05, 0.05, 0.03])
+WEIGHTS = {"cmu": 0.45, "ui_prmd": 0.40, "nimble": 0.15}
+"""What each group of recordings counts, however many its frames."""
+STEPS, FACTOR = 400, 3.0
+"""Tries of the search for three deviations, and how far each may be from the root mean square."""
+RATE, FRAMES, KEPT = 25.0, 400, 60
+"""Frames a second and frames at most that are solved of a take, and about as many are looked at."""
 RESTING = {
     "pelvis": ("trunk", "head", "upper_arm", "forearm", "thigh", "shank"), "spine3": ("head", "upper_arm", "forearm"),
     "shoulder": ("forearm",), "hip": ("shank",),
 }  # fmt: skip
 """Parts that hang on an anchor."""
+NIMBLE = (
+    "Sprinter/run0350cms", "Sprinter/run0700cms", "Subject4/MarkerData/squats1", "Subject4/MarkerData/STS1",
+    "Subject4/MarkerData/walking1", "Subject4/MarkerData/DJ1",
+)  # fmt: skip
 
 
 def recorded_poses(data: Path) -> np.ndarray:
@@ -46,54 +63,95 @@ def recorded_poses(data: Path) -> np.ndarray:
     return np.concatenate(poses).astype(np.float64)
 
 
+def solved_poses(takes: Iterator[MarkerCloud]) -> np.ndarray:
+    """Return (N, 22, 3, 3) rotations of takes, solved with all their markers."""
+    poses = []
+    for cloud in takes:
+        step = max(1, int(cloud.fps // RATE))
+        cloud = replace(cloud, positions=cloud.positions[::step][:FRAMES], residual=None, fps=cloud.fps / step)
+        motion = solve(Capture("take", markers=cloud), SolveSettings(contacts=False)).motion
+        local = exp_so3(motion.body_pose[:, :63].reshape(-1, 21, 3))
+        rotations = np.concatenate([exp_so3(motion.global_orient)[:, None], local], axis=1)
+        poses.append(rotations[:: max(1, len(rotations) // KEPT)][:KEPT])
+    return np.concatenate(poses)
+
+
+def marker_takes(data: Path) -> dict[str, Iterator[MarkerCloud]]:
+    """Return takes by group: two of each of UI-PRMD's movements, by different people, and running laboratories'."""
+    clips: dict[str, list[Path]] = {}
+    for path in sorted((data / "markers" / "ui_prmd").glob("m*_s*_e*.npz")):
+        clips.setdefault(path.stem[:3], []).append(path)
+    chosen = [paths[(7 * k + 23 * j) % len(paths)] for k, paths in enumerate(clips.values()) for j in (0, 1)]
+    nimble = data / "markers" / "nimble"
+    return {
+        "ui_prmd": (ui_prmd(path) for path in chosen),
+        "nimble": (read_markers(nimble / f"{name}.trc").cloud for name in NIMBLE),
+    }
+
+
 def distances(poses: np.ndarray, anchor: str, joint: str) -> np.ndarray:
-    """Return (N, 3) of a joint from its place at rest in the anchor's frame, metres, right sides mirrored."""
+    """Return (N, 3) of a joint from its place at rest in the anchor's frame, as of one upright: right sides mirrored.
+
+    Metres, divided by how much the spread grows as the pelvis leans.
+    """
     body, still = load_body(), (np.zeros(10), poses[:, 0])
     wanted = tuple(part for part in PARTS if part.removeprefix("left_").removeprefix("right_") in RESTING[anchor])
     rested = rest_rotations(body, poses[:, 0], poses[:, 1:], wanted)
     true, rest = (
         forward_kinematics(body, *still, local, np.zeros((len(poses), 3))) for local in (poses[:, 1:], rested)
     )
+    lean = np.degrees(np.arccos(np.clip(poses[:, 0, 2, 1], -1.0, 1.0)))
+    growth = 1.0 + np.minimum(lean, MOST_DEG) / TILT_DEG if grows(anchor, joint) else np.ones(len(poses))
     sides = ("left_", "right_") if f"left_{joint}" in SMPL_JOINTS else ("",)
     found = []
     for side in sides:
         a = SMPL_JOINTS.index(anchor if anchor in SMPL_JOINTS else side + anchor)
         j = SMPL_JOINTS.index(side + joint)
         away = (true.joints[:, j] - true.joints[:, a]) - (rest.joints[:, j] - rest.joints[:, a])
-        found.append(
-            (np.swapaxes(true.G[:, a], -1, -2) @ away[..., None])[..., 0] * [-1 if side == "right_" else 1, 1, 1]
-        )
+        own = (np.swapaxes(true.G[:, a], -1, -2) @ away[..., None])[..., 0] * [-1 if side == "right_" else 1, 1, 1]
+        found.append(own / growth[:, None])
     return np.concatenate(found)
 
 
-def spread(away: np.ndarray) -> np.ndarray:
-    """Return the (3,) standard deviations along the axes whose ellipsoids come nearest to what they promise."""
-    variance = (away**2).mean(axis=0)
-    for _ in range(20):
-        weight = (TAILS + 3.0) / (TAILS + (away**2 / variance).sum(axis=-1))
-        variance = (weight[:, None] * away**2).mean(axis=0)
-    scales = np.linspace(0.3, 4.0, 150)
-    tolerance = {"held50": 5.0, "held80": 5.0, "held95": 3.0}
-    promised = {"held50": 0.50, "held80": 0.80, "held95": 0.95}
-
-    def miss(scale: float) -> float:
-        shares = held(away, scale * variance)
-        return sum((100 * (shares[key] - promised[key]) / tolerance[key]) ** 2 for key in HELD)
-
-    return np.sqrt(variance * min(scales, key=miss))
+def held(away: np.ndarray, weight: np.ndarray, sigma: np.ndarray) -> np.ndarray:
+    """Return (3,) shares inside the 50, 80 and 95 % ellipsoids."""
+    squared = ((away / sigma) ** 2).sum(axis=-1)
+    return np.array([weight @ (squared < bound) for bound in BOUNDS])
 
 
-def held(away: np.ndarray, variance: np.ndarray) -> dict[str, float]:
-    """Return the shares inside the ellipsoids."""
-    squared = (away**2 / variance).sum(axis=-1)
-    return {key: float((squared < bound).mean()) for key, bound in HELD.items()}
+def spread(away: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return the (3,) standard deviations whose ellipsoids come nearest to what they promise, by random search."""
+    rms, rng, step = np.sqrt(weight @ away**2), np.random.default_rng(0), 0.6
+
+    def miss(sigma: np.ndarray) -> float:
+        ratio = np.abs(np.log(sigma / rms))
+        strange = 0.02 * ratio.sum() + 100.0 * np.maximum(ratio - np.log(FACTOR), 0.0).sum()
+        return float((((held(away, weight, sigma) - PROMISED) / TOLERANCE) ** 2).sum() + strange)
+
+    best, least = rms, miss(rms)
+    for _ in range(STEPS):
+        tried = best * np.exp(step * rng.normal(size=3) * (rng.random(3) < 0.6))
+        if (cost := miss(tried)) < least:
+            best, least = tried, cost
+        step = max(0.03, 0.99 * step)
+    return best
 
 
 if __name__ == "__main__":
-    recorded = recorded_poses(recordings_folder())
+    data = recordings_folder()
+    poses = {"cmu": recorded_poses(data), **{name: solved_poses(takes) for name, takes in marker_takes(data).items()}}
+    total = {name: np.zeros(3) for name in WEIGHTS}
     for anchor, table in SPREAD_MM.items():
-        for joint in table:
-            away = distances(recorded, anchor, joint)
-            sigma = spread(away)
-            shares = ", ".join(f"{100 * share:.0f}" for share in held(away, sigma**2).values())
-            sys.stdout.write(f"{anchor:<9}{joint:<9}{np.round(1000 * sigma).astype(int)} mm, holds {shares} %\n")
+        for joint, known in table.items():
+            away = {name: distances(poses[name], anchor, joint) for name in WEIGHTS}
+            weight = {name: np.full(len(away[name]), 1.0 / len(away[name])) for name in WEIGHTS}
+            every = np.concatenate([WEIGHTS[name] * weight[name] for name in WEIGHTS])
+            together = np.concatenate([away[name] for name in WEIGHTS])
+            sigma = 1e-3 * np.array(known) if "--held" in sys.argv else spread(together, every)
+            shares = {name: held(away[name], weight[name], sigma) for name in WEIGHTS}
+            total = {name: total[name] + shares[name] for name in WEIGHTS}
+            texts = [f"{name} {'/'.join(f'{100 * share:.0f}' for share in shares[name])}" for name in WEIGHTS]
+            sys.stdout.write(f"{anchor:<9}{joint:<9}{np.round(1000 * sigma).astype(int)} mm, {', '.join(texts)} %\n")
+    count = sum(map(len, SPREAD_MM.values()))
+    for name, shares in total.items():
+        sys.stdout.write(f"{name}: {'/'.join(f'{100 * share / count:.0f}' for share in shares)} %\n")

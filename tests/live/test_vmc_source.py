@@ -19,7 +19,7 @@ from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
 from solver_backend.live.motion_replay import rest_joints
-from solver_backend.live.vmc_frames import BoneFrame, FrameAssembly
+from solver_backend.live.vmc_frames import MOST_CHANNELS, BoneFrame, FrameAssembly
 from solver_backend.live.vmc_source import BonesOnBody, Event, _received, listen, pose_lines
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import messages_of
@@ -166,7 +166,10 @@ def test_two_senders_are_not_mixed(packets):
         (encode_message("/VMC/Ext/Bone/Pos", ["Hips", *["a"] * 7]), "numbers_impossible"),
         (encode_message("/VMC/Ext/Root/Pos", ["root", float("inf"), *[0.0] * 6]), "numbers_impossible"),
         (encode_message("/elsewhere", [1]), "message_unknown"), (b"nonsense", "packet_invalid"),
-        (encode_message("/VMC/Ext/Blend/Val", ["A", 0.5]), None), (encode_message("/VMC/Ext/T", ["soon"]), None),
+        (encode_message("/VMC/Ext/Blend/Val", ["A", 0.5]), None),
+        (encode_message("/VMC/Ext/Blend/Val", ["A", float("nan")]), "face_impossible"),
+        (encode_message("/VMC/Ext/Blend/Val", [0.5]), "face_impossible"),
+        (encode_message("/VMC/Ext/T", ["soon"]), None),
         (encode_message("/VMC/Ext/T", [float("nan")]), None),
     ],
 )  # fmt: skip
@@ -177,6 +180,18 @@ def test_what_cannot_be_is_named_once_and_frames_go_on(packets, message, kind):
     assert len(frames) == FRAMES and all(np.isfinite(list(frame.quat.values())).all() for frame in frames)
     assert [named for named, _ in assembly.news] == ([] if kind is None else [kind])
     assert assembly.counts == ({} if kind is None else {kind: FRAMES})
+
+
+def test_channels_of_a_face_come_with_the_pose_and_their_number_has_an_end(packets):
+    face = [encode_message("/VMC/Ext/Blend/Val", [f"channel {k}", 0.25]) for k in range(MOST_CHANNELS + 50)]
+    assembly = FrameAssembly()
+    frames = taken(assembly, [encode_bundle(face), packets[0], *face[:2], packets[1]])
+    assert set(frames[0].face) == {"channel 0", "channel 1"}  # what came before any bone was nobody's
+    frames = taken(assembly, [encode_bundle(face), *packets[2:4]], start=0.1)
+    assert frames[-1].face["channel 3"] == 0.25 and len(frames[-1].face) == MOST_CHANNELS
+    assert assembly.counts == {"face_impossible": 50}
+    (line,) = [line for line in pose_lines(frames[-1:], BonesOnBody(load_body(), np.zeros(10))) if "frame" in line]
+    assert line["face"]["channel 0"] == 0.25
 
 
 def spoil(packet: bytes, rng: random.Random) -> bytes:

@@ -10,10 +10,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..._exchange.motion_file import MotionFile
+from ..._exchange.rigs.roles import FINGERS, SIDES
 from ...body.body_file import BodyFile
 from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
-from ...conventions.skeleton import SMPL
+from ...conventions.skeleton import SMPL, BodyLayout
+
+_BONES_OF_A_FINGER = 3
+_AT_REST = 0.005
+"""Radians below which the fingers of a whole take are at rest: the motion has none."""
 
 
 @dataclass(frozen=True)
@@ -103,11 +108,38 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
     rest = body.rest_joints(motion.betas)
     motion = with_own_hands(motion, body)
     G, joints = pose_joints(rest, rotvec_on(motion, body.layout), motion.transl)
-    standing_for = list(body.layout.standing_for(SMPL))
-    rest, G, joints = rest[standing_for], G[:, standing_for], joints[:, standing_for]
     soles = (body.shaped(motion.betas) @ R_ARMATURE_BODY.T)[:, 2].min()
     standing = rest @ R_ARMATURE_BODY.T - [0.0, 0.0, soles]
-    return Actor(motion.name, standing, G @ R_ARMATURE_BODY.T, joints, motion.fps, motion.contacts)
+    turns, columns = G @ R_ARMATURE_BODY.T, list(body.layout.standing_for(SMPL))
+    hands = own_hands(body.layout, standing, turns)
+    return Actor(
+        motion.name, standing[columns], turns[:, columns], joints[:, columns], motion.fps, motion.contacts, hands=hands,
+    )  # fmt: skip
+
+
+def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
+    """Return the hands of our own body; none where it has no fingers, or they stay at rest.
+
+    Args:
+        layout: names of its J joints.
+        rest: (J, 3) joints at rest on the stage.
+        turns: (F, J, 3, 3) rotations of the joints from rest.
+    """
+    index = {joint: j for j, joint in enumerate(layout.joints)}
+    hands = []
+    for side in SIDES:
+        roles = [f"{side}_{finger}_{bone}" for finger in FINGERS for bone in range(1, 1 + _BONES_OF_A_FINGER)]
+        joints = np.array([index.get("".join(role.rsplit("_", 1)), -1) for role in roles])
+        if (joints < 0).any():
+            continue
+        # The last bone of a finger points on from the one before.
+        starts = joints - (np.arange(len(joints)) % _BONES_OF_A_FINGER == _BONES_OF_A_FINGER - 1)
+        ways = rest[starts + 1] - rest[starts]
+        ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
+        bends = turns[:, [index[f"{side}_wrist"]]].swapaxes(-1, -2) @ turns[:, joints]
+        if np.abs(bends - np.eye(3)).max() > _AT_REST:
+            hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0)))
+    return tuple(hands)
 
 
 def carried_places(target: Target, turns: np.ndarray, carrier: int, path: np.ndarray) -> np.ndarray:

@@ -16,6 +16,7 @@ from ..sending_properties import allowed_address, sending_options
 from .base import MocapOperator
 
 if TYPE_CHECKING:
+    from ...scene.live_face import LiveFace
     from ...scene.live_figure import LiveFigure
     from ...solving.live import LiveRun
 
@@ -30,6 +31,8 @@ class CurrentLive:
         self.figure: LiveFigure | None = None
         self.told: Callable[[str], None] | None = None
         """Called with the recording at the end."""
+        self.face: LiveFace | None = None
+        """What the face of another program moves."""
         self.of_sensors = False
         """Whether the run, or the last one, is of the Rig panel's sensors; else it is of the Live panel."""
         self.failure = ""
@@ -42,8 +45,9 @@ class CurrentLive:
         return self.run is not None
 
     def begin(
-        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True, told: Callable[[str], None] | None = None
-    ) -> None:
+        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True, told: Callable[[str], None] | None = None,
+        face: LiveFace | None = None,
+    ) -> None:  # fmt: skip
         """Show a run in a scene from now on, with a body or points alone; say where it recorded to at its end.
 
         Sensors' runs alone are told of a recording: it is a folder of the rig's.
@@ -62,6 +66,7 @@ class CurrentLive:
             run.process.kill()
             raise
         self.run, self.figure, self.told, self.of_sensors = run, figure, told, told is not None
+        self.face = face
         self.failure = self.recorded = ""
         if not bpy.app.timers.is_registered(self.tick):
             bpy.app.timers.register(self.tick, first_interval=_INTERVAL_S)
@@ -75,6 +80,8 @@ class CurrentLive:
         if run.betas is not None and not (run.betas == figure.betas).all():
             figure.reshape(run.betas)
         if pose is not None:
+            if self.face is not None and pose.face:
+                self.face.show(pose.face)
             there = figure.show_points(pose.points)
             if pose.rotvec is not None and pose.transl is not None:
                 there = figure.pose(pose.rotvec, pose.transl) and there
@@ -102,7 +109,7 @@ class CurrentLive:
         if self.run is not None:
             self.run.process.kill()
             self.run.process.wait()
-        self.run = self.figure = self.told = None
+        self.run = self.figure = self.told = self.face = None
         self.failure = self.recorded = ""
 
 
@@ -132,13 +139,17 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the solver's process and make what shows it."""
         from ..._exchange.motion_file import is_motion
+        from ...scene.live_face import LiveFace, read_face_table
         from ...solving.live import start_live
 
         scene, settings = context.scene, context.scene.mocap.live
-        options, subject = sending_options(settings), settings.subject
+        options, subject, face = sending_options(settings), settings.subject, None
         if settings.kind == "VMC":
             source, suffix = str(allowed_address(settings.listen)), ".npz"
-            require_there(subject)
+            require_there(subject, settings.face_table)
+            if settings.face_mesh:
+                table = read_face_table(absolute(settings.face_table)) if settings.face_table else {}
+                face = LiveFace(settings.face_mesh, table)
         else:
             require_there(source_of(scene), subject)
             source = absolute(source_of(scene))
@@ -150,7 +161,7 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
             source, chosen_python(context), folder, subject=absolute(subject) if subject else None, record=record,
             options=options,
         )  # fmt: skip
-        live.begin(run, scene)
+        live.begin(run, scene, face=face)
         return {"FINISHED"}
 
 

@@ -41,6 +41,9 @@ class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
         column = layout.column(align=True)
         if settings.kind == "VMC":
             column.prop(settings, "listen", text="", icon="IMPORT")
+            column.prop_search(settings, "face_mesh", context.scene, "objects", text="", icon="SHAPEKEY_DATA")
+            if settings.face_mesh:
+                column.prop(settings, "face_table", text="", icon="FILE", placeholder="Face Table")
         else:
             column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")

@@ -16,25 +16,32 @@ ANCHORS = {
 read backwards."""
 SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "pelvis": {
-        "spine2": (10, 5, 26), "spine3": (16, 11, 41), "neck": (43, 23, 82), "head": (49, 47, 98),
-        "collar": (32, 22, 69), "shoulder": (27, 44, 73), "elbow": (97, 162, 221), "wrist": (146, 403, 251),
-        "hand": (177, 492, 266), "knee": (59, 77, 156), "ankle": (102, 157, 159), "foot": (122, 153, 178),
+        "spine2": (5, 9, 10), "spine3": (7, 19, 18), "neck": (17, 36, 35), "head": (20, 64, 39),
+        "collar": (16, 34, 26), "shoulder": (19, 18, 36), "elbow": (113, 362, 119), "wrist": (132, 522, 234),
+        "hand": (152, 554, 298), "knee": (44, 131, 69), "ankle": (38, 211, 161), "foot": (42, 250, 252),
     },
-    "spine3": {"head": (7, 12, 14), "elbow": (90, 184, 138), "wrist": (128, 448, 140), "hand": (153, 535, 150)},
-    "shoulder": {"wrist": (182, 130, 68), "hand": (241, 190, 77)},
-    "hip": {"ankle": (12, 179, 260), "foot": (32, 142, 290)},
+    "spine3": {"head": (5, 29, 8), "elbow": (140, 252, 84), "wrist": (281, 411, 131), "hand": (145, 590, 199)},
+    "shoulder": {"wrist": (130, 222, 88), "hand": (396, 108, 235)},
+    "hip": {"ankle": (13, 398, 81), "foot": (13, 352, 166)},
 }  # fmt: skip
-"""Standard deviations along the anchor bone's axes (left, up and front of the body at rest), millimetres, by anchor
-without its side: fitted to the distances between recorded joints and ``rest_rotations`` in 27,326 poses of 228 takes
-of CMU so that ellipsoids hold 50, 80 and 95 %. Poses have heavier tails than a normal distribution: 80 % are held
-within 1, 50 % hold 50 to 68 and 95 % hold 85 to 95. ``python -m tests.benchmarks.resting_spread`` finds them."""
+"""Standard deviations along the anchor bone's axes (left, up and front of the body at rest) of a person whose pelvis is
+upright, millimetres, by anchor without its side: fitted to the distances between joints and ``rest_rotations`` in
+recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as near as one can to 50, 80 and 95 %.
+Poses have heavier tails than a normal distribution: arms' ellipsoids hold 50, 80 and 95 %, others 55 to 60, 77 to 80
+and 88 to 92. ``python -m tests.benchmarks.resting_spread`` finds them."""
+TILT_DEG, MOST_DEG = 15.0, 60.0
+"""Degrees by which the pelvis leans where the spread of trunk, head and legs is twice that of one upright, and beyond
+which it grows no more: who bends, sits, kneels or lies has them three times as far from their rest as who stands."""
+_ARM = ("elbow", "wrist", "hand")
 
 
 def with_resting_spread(
     covariance: np.ndarray, rotations: np.ndarray, layout: BodyLayout, below: dict[str, tuple[str, ...]],
     shares: dict[str, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
-    """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + G D² Gᵀ)``.
+    """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
+
+    k is 1 for arms and for what hangs on the chest, else ``1 + min(θ, MOST_DEG) / TILT_DEG``, θ the pelvis' lean.
 
     Args:
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
@@ -44,6 +51,8 @@ def with_resting_spread(
         shares: (F,) of each part, s.
     """
     found = unpacked(covariance)
+    lean = np.degrees(np.arccos(np.clip(rotations[:, layout.joints.index("pelvis"), 2, 1], -1.0, 1.0)))
+    leaning = (1.0 + np.minimum(lean, MOST_DEG) / TILT_DEG)[:, None, None] ** 2
     for part in reversed(ANCHORS):
         if part not in shares:
             continue
@@ -53,9 +62,17 @@ def with_resting_spread(
         for name in below[part]:
             if _bare(name) in table:  # a body may have joints that no recording shows
                 variance = (1e-3 * np.array(table[_bare(name)])) ** 2
+                own = (G * variance) @ np.swapaxes(G, -1, -2)
+                if grows(_bare(ANCHORS[part]), _bare(name)):
+                    own = leaning * own
                 j = layout.joints.index(name)
-                found[:, j] += share * (found[:, anchor] + (G * variance) @ np.swapaxes(G, -1, -2) - found[:, j])
+                found[:, j] += share * (found[:, anchor] + own - found[:, j])
     return packed(found)
+
+
+def grows(anchor: str, joint: str) -> bool:
+    """Return whether the spread of a joint about its anchor, both without sides, grows as the pelvis leans."""
+    return anchor in ("pelvis", "hip") and joint not in _ARM
 
 
 def _bare(name: str) -> str:

@@ -41,8 +41,8 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    Cameras that match as they are stay. Else the calibration is read as the views in step show; else other frame rates
-    and readings are tried at all offsets. Offsets are found last.
+    One camera alone agrees with itself. Cameras that match as they are stay. Else the calibration is read as the views
+    in step show; else other frame rates and readings are tried at all offsets. Offsets are found last.
 
     Args:
         calibration: of C cameras.
@@ -54,6 +54,8 @@ def bring_to_agreement(
     Raises:
         JobInvalid, NotSynchronised, FrameCountMismatch: see ``bring_to_one_time``.
     """
+    if len(detections.cameras) == 1:
+        return Agreeing(calibration, InTime(detections), (False,))
     ratios, problems = np.ones(len(detections.cameras)), ()
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     if not views_match(calibration.cameras, detections):

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import TooFewViews
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import find_calibration, levels_above
@@ -24,8 +23,9 @@ from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.start_times import reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.person_selection import select_people
-from solver_backend.types import Capture, PersonInViews
+from solver_backend.people.one_view import select_in_one_view
+from solver_backend.people.person_selection import SelectedPerson, select_people
+from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
 _KIND = (
@@ -46,15 +46,9 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
         KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
         FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_agreement``.
-        TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
+        TooFewViews, NoDetections: fewer than two of several views hold detections, or no two agree on anybody.
     """
     sources = camera_sources(root)
-    if len(sources) < 2:
-        raise TooFewViews(
-            f"Only one camera is recorded, {listing(sources)}; two are needed.",
-            where=str(root),
-            hint="Add the detections of another camera.",
-        )
     levels = levels_above(root)
     config = read_config(levels)
     calibration = find_calibration(
@@ -78,12 +72,17 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     in_time, calibration = agreeing.in_time, agreeing.calibration
     detections = in_time.detections
     footage = tuple(None if moved else path for path, moved in zip(footage, agreeing.resampled, strict=True))
-    calibration, to_plausible = in_persons_unit(
-        calibration, detections, keep=options.as_calibrated or options.scale != 1.0
-    )
-    cameras, people, scaled = find_people(
-        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options, to_plausible
-    )
+    kept = options.as_calibrated or options.scale != 1.0
+    calibration, to_plausible = in_persons_unit(calibration, detections, keep=kept)
+
+    one = len(sources) == 1
+
+    def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
+        if one:
+            return select_in_one_view(detections, rate)
+        return select_people(cameras, detections, rate, options.progress)
+
+    cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
@@ -115,6 +114,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         + world.notes
         + world.check.notes(),
         problems=sum(problems, ()) + world.problems + world.check.problems(),
+        stature_m=options.stature if one else 0.0,
+        floor_from_person=world.from_person,
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
 

@@ -14,11 +14,17 @@ from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.animation.deviation import measure_deviation
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.posed_body import pose_joints, skin, with_own_hands
+from blender_addon.conventions.coordinates import R_ARMATURE_BODY
+from blender_addon.retarget.actor_rig import is_actor, read_actor
+from blender_addon.retarget.motion.figures import Target, actor_of_motion
+from blender_addon.retarget.motion.fingers import bend_fingers
 from blender_addon.scene.add_take import add_take, plays_body
 from blender_addon.scene.bake import BakeSettings, bake_take
-from solver_backend.body.hands import load_body_with_hands
+from solver_backend.body.body import load_body
+from solver_backend.body.hands import load_body_with_hands, with_fingers
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
+from tests.body.oracle import model
 from tests.support.moving_fingers import FRAMES, moving_fingers
 
 PLAIN = BakeSettings(floor=False)
@@ -115,3 +121,48 @@ def test_amass_without_fingers_is_read_as_before(tmp_path: Path):
              mocap_framerate=30.0)  # fmt: skip
     motion = read_motion(tmp_path / "amass.npz")
     assert motion.body_layout == SMPL and not motion.flat_hands and motion.rotvec.shape == (2, 24, 3)
+
+
+@pytest.mark.parametrize("family", ["SMPL-H", "SMPL-X"])
+def test_files_of_the_smpl_family_move_their_own_fingers(tmp_path: Path, family: str):
+    np.savez(tmp_path / "model.npz", **{key: value for key, value in model(family).items() if key != "joint2num"})
+    own, solvers = read_body(tmp_path / "model.npz", SMPL_HANDS), with_fingers(load_body(tmp_path / "model.npz"))
+    assert own.layout == SMPL_HANDS and own.flat_hands is None, "a hand at rest is flat"
+    motion = moving_fingers(own.id)
+    R = exp_so3(motion.rotvec)
+    expected = pose_mesh(solvers, motion.betas, R[:2, 0], R[:2, 1:], motion.transl[:2])
+    np.testing.assert_allclose(skin(own, motion, [0, 1]), expected, atol=1e-5)
+
+
+def test_an_actor_with_fingers_is_retargeted_by_its_body(scene, hands):
+    motion = moving_fingers()
+    take = bake_take(scene, motion, hands, settings=PLAIN)
+    assert is_actor(take.armature)
+    shown, (played, _) = actor_of_motion(motion, hands), read_actor(take.armature, scene)
+    assert shown.joints.shape == (FRAMES, 24, 3) and played.turns.shape == (FRAMES, 24, 3, 3)
+    np.testing.assert_allclose(played.joints, shown.joints, atol=1e-4)
+    np.testing.assert_allclose(played.turns, shown.turns, atol=1e-4)
+    np.testing.assert_allclose(played.rest[:, :2], shown.rest[:, :2], atol=1e-4)
+    assert [len(hand.roles) for hand in shown.hands] == [15, 15]
+    for a, b in zip(shown.hands, played.hands, strict=True):
+        assert a.roles == b.roles
+        np.testing.assert_allclose(a.directions, b.directions, atol=1e-4)
+        np.testing.assert_allclose(a.bends, b.bends, atol=1e-4)
+
+
+def test_another_body_with_fingers_bends_them_as_the_actor_does(hands):
+    motion = moving_fingers()
+    actor = actor_of_motion(motion, hands)
+    rest = hands.rest_joints(motion.betas) @ R_ARMATURE_BODY.T
+    names = (*(f"{side}_hand" for side in ("left", "right")), *(role for hand in actor.hands for role in hand.roles))
+    joints = [SMPL_HANDS.joints.index(f"{side}_wrist") for side in ("left", "right")]
+    joints += [SMPL_HANDS.joints.index("".join(role.rsplit("_", 1))) for role in names[2:]]
+    count, eye = len(names), np.tile(np.eye(3), (len(names), 1, 1))
+    target = Target(names, names, rest[joints], np.full((count, 3), np.nan), eye, eye, np.full(count, -1),
+                    np.full(count, -1), np.eye(3), 1.0, np.zeros(3))  # fmt: skip
+    turns = np.tile(np.eye(3), (count, FRAMES, 1, 1))
+    G, _ = pose_joints(hands.rest_joints(motion.betas), motion.rotvec, motion.transl)
+    expected = np.moveaxis(G[:, joints] @ R_ARMATURE_BODY.T, 1, 0)
+    turns[:2] = expected[:2]
+    bend_fingers(actor, target, eye, turns)
+    np.testing.assert_allclose(turns, expected, atol=1e-6)

@@ -16,6 +16,7 @@ from blender_addon.ui.operators.send_take import playing
 from blender_addon.ui.sending_properties import allowed_address, sending_options
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF
+from solver_backend.exchange.vmc.osc import encode_message
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.sending import PoseSender
@@ -115,7 +116,7 @@ def test_nothing_is_sent_unasked(mocap):
 
 @pytest.mark.parametrize(("kind", "send"), [("FILE", True), ("VMC", True), ("VMC", False)])
 def test_nothing_is_cut_off_in_a_narrow_sidebar(mocap, kind, send):
-    mocap.live.kind, mocap.live.send, mocap.rig.send = kind, send, send
+    mocap.live.kind, mocap.live.send, mocap.rig.send, mocap.live.face_mesh = kind, send, send, "Kopf"
     for panel in ("live", "rig"):
         assert not draw_panel(getattr(bpy.types, f"VIEW3D_PT_mocap_{panel}"), 200).cut
 
@@ -124,7 +125,11 @@ def test_nothing_is_cut_off_in_a_narrow_sidebar(mocap, kind, send):
 def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
     address = VmcAddress("127.0.0.1", there.getsockname()[1])
     there.close()
-    mocap.live.kind, mocap.live.listen = "VMC", str(address)
+    head = bpy.data.objects.new("Kopf", bpy.data.meshes.new("head"))
+    bpy.context.scene.collection.objects.link(head)
+    for name in ("Basis", "jawOpen"):
+        head.shape_key_add(name=name)
+    mocap.live.kind, mocap.live.listen, mocap.live.face_mesh = "VMC", str(address), "Kopf"
     assert bpy.ops.mocap.live_start() == {"FINISHED"}
     run, motion, end = live.run, short_motion(30), time.monotonic() + _LONGEST_S
     assert run is not None
@@ -133,13 +138,15 @@ def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
         live.tick()
         time.sleep(0.02)
     with PoseSender(address, lambda: (motion.body_layout, rest_joints(motion))) as sender:
-        for _ in sender.watched(replayed_poses(motion)):
-            pass
+        for number, _ in enumerate(sender.watched(replayed_poses(motion))):
+            if number == 5:
+                sender._packets.send(encode_message("/VMC/Ext/Blend/Val", ["JawOpen", 0.5]))
     while run.latest is None or run.shown + run.dropped < motion.num_frames:
         assert time.monotonic() < end, live.failure
         live.tick()
         time.sleep(0.02)
     assert np.abs(run.latest.transl - motion.transl[-1]).max() < 2e-3 and run.betas is not None
+    assert head.data.shape_keys.key_blocks["jawOpen"].value == 0.5
     assert bpy.ops.mocap.live_stop() == {"FINISHED"}
     while live.busy:
         assert time.monotonic() < end

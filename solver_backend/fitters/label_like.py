@@ -1,0 +1,94 @@
+"""A take named after another of the same person and layout: by distances, and by the network where it knows more."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.label_first import has_own_names
+from solver_backend.fitters.recipes.live import fit_average_person
+from solver_backend.labelling.label_like import LikeTake, label_like
+from solver_backend.labelling.label_take import label_take
+from solver_backend.labelling.outputs import GHOST, MARKERS
+from solver_backend.labelling.point_network import PointNetwork, load_network
+from solver_backend.labelling.reference_take import reference_of
+from solver_backend.types import Capture, MarkerCloud
+
+UNSURE_SHARE = 0.05
+"""Of the points that stay without a name; where more do, the take is to be looked at."""
+LEAST_SEEN = 10
+"""Frames in which the labelled take shows a marker."""
+
+
+def labelled_like(
+    capture: Capture, like: Capture, progress: Progress = silent, network: PointNetwork | None = None
+) -> tuple[Capture, LikeTake]:  # fmt: skip
+    """Return a capture whose points have the names of another's markers, and how.
+
+    Args:
+        capture: whose points are named; the names that they have are not looked at.
+        like: a labelled take of the same person and layout.
+        progress: called as frames are read.
+        network: the one that ships if None.
+
+    Raises:
+        NoDetections: one of both has no markers, or no frame shows enough of them.
+        MarkersUnknown: the other take names too few.
+    """
+    if capture.markers is None or like.markers is None:
+        raise NoDetections("Takes of markers are named after takes of markers.", hint="Choose C3D, TRC or CSV files.")
+    cloud, reference = capture.markers, worn(like.markers)
+    if len(reference.labels or ()) < LEAST_MARKERS:
+        raise MarkersUnknown(
+            f"The take to name after holds {len(reference.labels or ())} named markers; {LEAST_MARKERS} are needed.",
+            where=like.name, hint="Choose a take in which somebody named the markers.",
+        )  # fmt: skip
+    persistent = has_own_names(cloud)
+    proposed = _proposed(cloud, reference, progress, network, persistent=persistent)
+    take = label_like(cloud, reference_of(reference), persistent=persistent, proposed=proposed)
+    there = np.isfinite(cloud.positions).all(-1)
+    found = take.point_labels[there]
+    unknown, places = float((found < 0).mean()), len(set(found[found >= 0].tolist()))
+    note = f"Named after {like.name}: {100 * (1 - unknown):.1f} % of the points, as {places} markers."
+    doubts = [f"{100 * unknown:.0f} % of the points could not be named surely."] if unknown > UNSURE_SHARE else []
+    kept = [problem for problem in capture.problems if "markers are known" not in str(problem)]
+    return replace(
+        capture, markers=take.cloud(cloud), notes=(*capture.notes, note), problems=(*kept, *doubts)
+    ), take  # fmt: skip
+
+
+def worn(cloud: MarkerCloud) -> MarkerCloud:
+    """Return the markers of a labelled take that somebody wears and named: no computed points, none hardly seen."""
+    labels = cloud.labels or ()
+    virtual = set(name_markers([label for label in labels if not is_unnamed(label)]).virtual)
+    seen = np.isfinite(cloud.positions).all(-1).sum(0)
+    least = min(LEAST_SEEN, len(cloud.positions))
+    kept = [
+        i for i, label in enumerate(labels) if not is_unnamed(label) and label not in virtual and seen[i] >= least
+    ]  # fmt: skip
+    return cloud.columns(kept, tuple(labels[i] for i in kept))
+
+
+def _proposed(
+    cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
+) -> np.ndarray | None:
+    """Return (F, N) what the network names the points, in the reference's labels; None where it cannot."""
+    labels = reference.labels or ()
+    known = name_markers(labels).known
+    column = np.full(GHOST + 1, -1)
+    for i, label in enumerate(labels):
+        if known.get(label) in MARKERS:
+            column[MARKERS.index(known[label])] = i
+    if (column >= 0).sum() < LEAST_MARKERS:
+        return None
+    try:
+        take = label_take(
+            replace(cloud, labels=None), network or load_network(), fit_average_person, progress, persistent=persistent
+        )  # fmt: skip
+    except (FileMissing, NoDetections):
+        return None
+    return np.where(take.labels >= 0, column[take.labels], -1)

@@ -1,0 +1,252 @@
+"""Names for the points of a take from one labelled take of the same person and layout.
+
+Pairs of markers on one bone keep their distance, others stay near theirs. At the moment that shows most points, a beam
+search places the labels, those first that are most rigid with what is placed; triple products exclude mirror images.
+From there names spread over time: a stretch gets the label whose distances to the named points fit, if no other fits.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.labelling.reference_take import ReferenceTake, distance_statistics, triple_products
+from solver_backend.labelling.tracklets import Tracklets, tracklets_of
+from solver_backend.types import MarkerCloud
+
+BEAM, FIRST_BEAM = 150, 3000
+"""Hypotheses that are kept, and while fewer than ``SEED`` labels are laid."""
+SEED = 5
+CAP = 6.0
+"""Most that one pair counts, in halves of squared deviations: a bent joint, or a wrong pair, counts no more."""
+SKIP = 2.0
+"""What a pair counts of a label that is laid on no point; a right one counts 0.5."""
+VOLUMES, VOLUME_WEIGHT = 3, 3.0
+"""Triple products of each new label, and what each counts besides a rigid pair."""
+FITS, CLEAR = 4.0, 0.2
+"""A stretch fits a label up to this mean over its pairs, and the next label fits worse by this at least."""
+SAMPLES, ROUNDS = 24, 6
+"""Frames of a stretch that are looked at, and rounds in which names spread."""
+
+
+@dataclass(frozen=True)
+class LikeTake:
+    """A take named after another."""
+
+    tracklets: Tracklets
+    chain_label: np.ndarray
+    """(C,) label of each chain of stretches, -1 where none is sure."""
+    labels: tuple[str, ...]
+    """Of the reference."""
+
+    @property
+    def point_labels(self) -> np.ndarray:
+        """(F, N) label of each point, -1 where none."""
+        number = self.tracklets.number
+        by_stretch = self.chain_label[self.tracklets.chain]
+        return np.where(number >= 0, by_stretch[number], -1)
+
+    def cloud(self, source: MarkerCloud) -> MarkerCloud:
+        """Return the points by label, and those without a name after them."""
+        found, frames = self.point_labels, len(source.positions)
+        named = np.full((frames, len(self.labels), 3), np.nan)
+        f, n = np.nonzero(found >= 0)
+        named[f, found[f, n]] = source.positions[f, n]
+        rest = np.where((found < 0)[..., None], source.positions, np.nan)
+        rest = rest[:, np.isfinite(rest).all(-1).any(0)]
+        labels = (*self.labels, *(f"*{i}" for i in range(rest.shape[1])))
+        return MarkerCloud(np.concatenate([named, rest], axis=1), source.fps, labels)
+
+
+def label_like(
+    cloud: MarkerCloud, reference: ReferenceTake, *, persistent: bool = False, proposed: np.ndarray | None = None
+) -> LikeTake:
+    """Return the names of a take's points.
+
+    Args:
+        cloud: F frames of N points of the person, their names not looked at.
+        reference: the labelled take.
+        persistent: each column is one marker throughout.
+        proposed: (F, N) labels by somebody else, -1 where none: another start; what fits better in the end is taken.
+
+    Raises:
+        NoDetections: no frame shows enough of the points.
+    """
+    tracklets = tracklets_of(cloud.positions, cloud.fps, persistent=persistent)
+    tracks = _by_chain(cloud.positions, tracklets)
+    alive = np.isfinite(tracks[..., 0])
+    length = np.minimum(alive.sum(0), 2.0 * cloud.fps)
+    start = int(np.argmax(alive @ length))
+    chains = np.flatnonzero(alive[start])
+    if len(chains) < SEED:
+        raise NoDetections("No frame shows enough points to name them.", hint="Choose another recording.")
+    around = slice(max(0, start - int(2 * cloud.fps)), start + int(2 * cloud.fps) + 1)
+    found = np.full(tracks.shape[1], -1)
+    found[chains] = _lay(tracks[around][:, chains], tracks[start, chains], reference)
+    starts = [found]
+    if proposed is not None:
+        starts.append(_voted(proposed, tracklets, len(reference.labels)))
+    results = [_spread(tracks, alive, first, reference) for first in starts]
+    best, _ = max(results, key=lambda result: result[1])
+    return LikeTake(tracklets, best, reference.labels)
+
+
+def _voted(proposed: np.ndarray, tracklets: Tracklets, count: int) -> np.ndarray:
+    """Return the label that most points of each chain have, -1 where they have none."""
+    votes = np.zeros((tracklets.num_chains, count))
+    f, n = np.nonzero((tracklets.number >= 0) & (proposed >= 0))
+    np.add.at(votes, (tracklets.chain[tracklets.number[f, n]], proposed[f, n]), 1.0)
+    return np.where(votes.any(1), votes.argmax(1), -1)
+
+
+def _by_chain(positions: np.ndarray, tracklets: Tracklets) -> np.ndarray:
+    """Return (F, C, 3) the points of each chain."""
+    tracks = np.full((len(positions), tracklets.num_chains, 3), np.nan)
+    f, n = np.nonzero(tracklets.number >= 0)
+    tracks[f, tracklets.chain[tracklets.number[f, n]]] = positions[f, n]
+    return tracks
+
+
+def _lay(points: np.ndarray, now: np.ndarray, reference: ReferenceTake) -> np.ndarray:
+    """Return (N,) the label of each point at one moment, -1 where none is.
+
+    Args:
+        points: (F, N, 3) around that moment, NaN where missing.
+        now: (N, 3) at it.
+        reference: L labels.
+    """
+    some = np.unique(np.linspace(0, len(points) - 1, 60).astype(int))
+    mean, variance = distance_statistics(points[some])
+    at_once = np.linalg.norm(now[:, None] - now[None], axis=-1)
+    mean, variance = np.where(np.isfinite(mean), mean, at_once), np.nan_to_num(variance)
+    order = _order(reference)
+    laid = np.full((1, 0), -1)
+    cost = np.zeros(1)
+    for k, label in enumerate(order):
+        weight = reference.weight[label, order[:k]]
+        added = np.zeros((len(laid), len(now)))
+        for i in range(k):
+            if weight[i] <= 0.02:
+                continue
+            d, v = reference.distance[label, order[i]], reference.variance[label, order[i]]
+            row = np.minimum(0.5 * ((mean - d) ** 2 + variance) / v, CAP)
+            there = laid[:, i] >= 0
+            added += weight[i] * np.where(there[:, None], row[laid[:, i]], SKIP)
+        added += _volumes(now, laid, order[:k], label, reference)
+        taken = (laid[:, :, None] == np.arange(len(now))).any(1)
+        skip = SKIP * weight.sum() + (1.0 if k else 100.0)
+        options = np.concatenate([np.where(taken, np.inf, added), np.full((len(laid), 1), skip)], axis=1)
+        totals = (cost[:, None] + options).ravel()
+        width = FIRST_BEAM if k < SEED else BEAM
+        best = np.argsort(totals, kind="stable")[:width]
+        best = best[np.isfinite(totals[best])]
+        rows, columns = np.divmod(best, len(now) + 1)
+        new = np.where(columns == len(now), -1, columns)
+        laid, cost = np.concatenate([laid[rows], new[:, None]], axis=1), totals[best]
+    found = np.full(len(now), -1)
+    there = laid[0] >= 0
+    found[laid[0, there]] = order[there]
+    return found
+
+
+def _order(reference: ReferenceTake) -> np.ndarray:
+    """Return the labels, each the one that is most rigid with three of those before it."""
+    weight = reference.weight
+    first = int(np.argmax(np.sort(weight, axis=1)[:, -4:].sum(1)))
+    order, left = [first], set(range(len(weight))) - {first}
+    while left:
+        bound = {j: np.sort(weight[j, order])[-3:].sum() for j in left}
+        order.append(max(sorted(left), key=bound.__getitem__))
+        left.remove(order[-1])
+    return np.array(order)
+
+
+def _volumes(now: np.ndarray, laid: np.ndarray, before: np.ndarray, label: int, reference: ReferenceTake) -> np.ndarray:
+    """Return (B, N) what triple products with the labels laid before add."""
+    added = np.zeros((len(laid), len(now)))
+    if len(before) < 3:
+        return added
+    rigid = np.argsort(-reference.weight[label, before], kind="stable")[: 2 + VOLUMES]
+    for third in range(2, len(rigid)):
+        three = rigid[[0, 1, third]]
+        mean, variance = reference.volume(label, before[three])
+        if not np.isfinite(variance):
+            continue
+        there = (laid[:, three] >= 0).all(1)
+        found = triple_products(now[None, :], now[laid[:, three]][:, None])
+        cost = np.minimum(0.5 * (np.nan_to_num(found) - mean) ** 2 / variance, CAP)
+        share = reference.weight[label, before[three]].min()
+        added += np.where(there[:, None], VOLUME_WEIGHT * share * cost, 0.0)
+    return added
+
+
+def _spread(
+    tracks: np.ndarray, alive: np.ndarray, found: np.ndarray, reference: ReferenceTake
+) -> tuple[np.ndarray, float]:  # fmt: skip
+    """Return the label of every chain, named from those that have one, and how well all fit: the more the better."""
+    samples = [_samples(alive[:, c]) for c in range(tracks.shape[1])]
+    for _ in range(ROUNDS):
+        named = _named(tracks, found, len(reference.labels))
+        cost = np.stack([_cost(tracks[s, c], named[s], found[c], reference) for c, s in enumerate(samples)])
+        before, found = found, _chosen(cost, alive)
+        if np.array_equal(before, found):
+            break
+    named = _named(tracks, found, len(reference.labels))
+    there = np.flatnonzero(found >= 0)
+    cost = [_cost(tracks[samples[c], c], named[samples[c]], found[c], reference)[found[c]] for c in there]
+    return found, float(alive.sum(0)[there] @ (CAP - np.minimum(cost, CAP)))
+
+
+def _samples(seen: np.ndarray) -> np.ndarray:
+    frames = np.flatnonzero(seen)
+    return frames[np.unique(np.linspace(0, len(frames) - 1, SAMPLES).astype(int))]
+
+
+def _named(tracks: np.ndarray, found: np.ndarray, count: int) -> np.ndarray:
+    """Return (F, L, 3) the named points."""
+    named = np.full((len(tracks), count, 3), np.nan)
+    for c in np.flatnonzero(found >= 0):
+        there = np.isfinite(tracks[:, c, 0])
+        named[there, found[c]] = tracks[there, c]
+    return named
+
+
+def _cost(points: np.ndarray, named: np.ndarray, own: int, reference: ReferenceTake) -> np.ndarray:
+    """Return (L,) the mean over pairs of how badly a stretch's distances to the named points fit each label.
+
+    Args:
+        points: (S, 3) of the stretch.
+        named: (S, L, 3).
+        own: the stretch's own label, which does not count as a named point, -1 where it has none.
+        reference: L labels.
+    """
+    distance = np.linalg.norm(named - points[:, None], axis=-1)
+    if own >= 0:
+        distance[:, own] = np.nan
+    there = np.isfinite(distance)[:, None] & np.isfinite(reference.distance)
+    off = np.where(there, distance[:, None] - reference.distance, 0.0)
+    weight = there * reference.weight
+    each = np.minimum(0.5 * off**2 / np.where(np.isfinite(reference.variance), reference.variance, 1.0), CAP)
+    total = weight.sum((0, 2))
+    return np.where(total > 0.5, (weight * each).sum((0, 2)) / np.maximum(total, 1e-9), np.inf)
+
+
+def _chosen(cost: np.ndarray, alive: np.ndarray) -> np.ndarray:
+    """Return the label of each chain: the clearest first, none twice in a frame."""
+    found, used = np.full(len(cost), -1), np.zeros((alive.shape[0], cost.shape[1]), dtype=bool)
+    two = np.sort(cost, axis=1)[:, :2]
+    with np.errstate(invalid="ignore"):
+        margin = np.nan_to_num(two[:, 1] - two[:, 0], nan=0.0)
+    rank = np.argsort(-margin * np.sqrt(alive.sum(0)), kind="stable")
+    for c in rank:
+        frames = alive[:, c]
+        free = ~used[frames].any(0)
+        own = np.where(free, cost[c], np.inf)
+        best = int(np.argmin(own))
+        rest = np.delete(own, best).min(initial=np.inf)
+        if own[best] < FITS and rest - own[best] > CLEAR * min(1.0, own[best] + 0.5):
+            found[c] = best
+            used[frames, best] = True
+    return found

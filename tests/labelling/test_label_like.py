@@ -1,0 +1,106 @@
+"""Takes named after another take of the person: pieces of tracks, mirror images, other poses, strangers' layouts."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import MarkersUnknown
+from solver_backend.fitters.label_like import labelled_like, worn
+from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.read import read_markers
+from solver_backend.labelling.label_like import label_like
+from solver_backend.labelling.reference_take import reference_of, triple_products
+from solver_backend.types import Capture, MarkerCloud
+from tests.support.worn_markers import worn_markers
+
+CLUSTERS = (
+    "LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "LSHO", "LUPA", "LELB", "LFRM", "LWRA", "LWRB", "LFIN",
+    "RSHO", "RUPA", "RELB", "RFRM", "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB",
+    "LANK", "LHEE", "LTOE", "RTHI", "RKNE", "RTIB", "RANK", "RHEE", "RTOE",
+)  # fmt: skip
+
+
+def pieces(cloud: MarkerCloud, seed: int, cuts_per_s: float = 0.3) -> tuple[MarkerCloud, np.ndarray]:
+    """Return a take whose tracks are cut at random into columns without names, and each point's true marker."""
+    rng, points = np.random.default_rng(seed), cloud.positions
+    parts: list[tuple[int, int, int]] = []
+    for marker in range(points.shape[1]):
+        cuts = np.flatnonzero(rng.random(len(points) - 1) < cuts_per_s / cloud.fps) + 1
+        parts += [(marker, a, b) for a, b in pairwise([0, *cuts.tolist(), len(points)])]
+    found, truth = np.full((len(points), len(parts), 3), np.nan), np.full((len(points), len(parts)), -1)
+    for column, i in enumerate(rng.permutation(len(parts))):
+        marker, a, b = parts[i]
+        found[a:b, column] = points[a:b, marker]
+        truth[a:b, column] = np.where(np.isfinite(points[a:b, marker, 0]), marker, -1)
+    return MarkerCloud(found, cloud.fps), truth
+
+
+def shares(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Return percent right and percent wrong of the points."""
+    there = truth >= 0
+    return 100 * float((found == truth)[there].mean()), 100 * float(((found != truth) & (found >= 0))[there].mean())
+
+
+def halves() -> tuple[MarkerCloud, MarkerCloud]:
+    cloud = worn_markers(CLUSTERS, 240, fps=30.0).cloud
+    return replace(cloud, positions=cloud.positions[:100]), replace(cloud, positions=cloud.positions[140:])
+
+
+def test_the_other_half_of_a_take_gets_its_names() -> None:
+    first, second = halves()
+    bare, truth = pieces(second, 1)
+    right, wrong = shares(label_like(bare, reference_of(first)).point_labels, truth)
+    assert right >= 99.0 and wrong <= 0.5
+
+
+def test_a_mirror_image_has_the_other_triple_product() -> None:
+    points = np.random.default_rng(0).normal(size=(5, 4, 3))
+    mirrored = points * [1.0, -1.0, 1.0]
+    here, there = (triple_products(p[:, 0], p[:, 1:]) for p in (points, mirrored))
+    np.testing.assert_allclose(here, -there)
+    assert (np.abs(here) <= 1.0).all()
+
+
+@pytest.mark.parametrize(
+    ("like", "take"),
+    [
+        ("nimble/Sprinter/run0350cms.trc", "nimble/Sprinter/run0700cms.trc"),
+        ("nimble/Subject4/MarkerData/squats1.trc", "nimble/Subject4/MarkerData/walking1.trc"),
+        ("opensim/walking2.c3d", "opensim/walking5.c3d"),
+    ],
+)
+def test_recordings_of_other_layouts(shared_data: Path, like: str, take: str) -> None:
+    one, two = (read_markers(shared_data / "markers" / name).cloud for name in (like, take))
+    one = worn(one)
+    labels = tuple(label for label in one.labels or () if label in (two.labels or ()))
+    one, two = (cloud.columns([(cloud.labels or ()).index(label) for label in labels], labels) for cloud in (one, two))
+    step = max(1, int(two.fps // 60))
+    two = replace(two, positions=two.positions[::step][:300], fps=two.fps / step, residual=None)
+    bare, truth = pieces(two, 2)
+    right, wrong = shares(label_like(bare, reference_of(one)).point_labels, truth)
+    assert right >= 99.0 and wrong <= 0.5
+
+
+def test_the_verb_writes_the_names(tmp_path: Path) -> None:
+    first, second = halves()
+    like = write_c3d(tmp_path / "like.c3d", first)
+    bare, _ = pieces(second, 3, 0.0)
+    write_c3d(tmp_path / "bare.c3d", replace(bare, labels=tuple(f"*{i}" for i in range(bare.positions.shape[1]))))
+    assert main(["label", str(tmp_path / "bare.c3d"), "--like", str(like), "--out", str(tmp_path / "out.c3d")]) == 0
+    found = read_markers(tmp_path / "out.c3d").cloud
+    assert found.labels is not None and set(CLUSTERS) <= set(found.labels)
+    columns = [found.labels.index(label) for label in CLUSTERS]
+    np.testing.assert_allclose(found.positions[:, columns], second.positions, atol=1e-4)
+
+
+def test_a_take_without_names_names_nobody() -> None:
+    first, second = halves()
+    nameless = Capture("like", markers=replace(first, labels=None))
+    with pytest.raises(MarkersUnknown, match="holds 0 named markers"):
+        labelled_like(Capture("take", markers=second), nameless)
