@@ -6,6 +6,8 @@ import re
 from collections.abc import Iterable, Sequence
 
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
+_COUNTING_DIGITS = 3
+"""A longer number is a serial number."""
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
@@ -63,6 +65,17 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
     return [name_key(name[start : len(name) - end]) for name in names]
 
 
+def _own_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
+    """Return the same of calibrated names; as they are where only counting is left: gopro_1 is no cam01."""
+    parts = _distinct_parts(names)
+    return _name_keys(names) if any(map(_counts, parts)) else parts
+
+
+def _counts(key: tuple[str, ...]) -> bool:
+    """Whether a key is a number that counts cameras, no serial number."""
+    return len(key) == 1 and key[0].isdigit() and len(key[0]) <= _COUNTING_DIGITS
+
+
 def _shared_start(names: Sequence[str]) -> int:
     """Return how many characters all names begin with."""
     return next(
@@ -86,7 +99,9 @@ def _by_contained_names(recorded: Sequence[str], calibrated: Sequence[str]) -> l
 
 def _by_containing_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
     """Return the index of the one calibrated name that has each recorded name's words side by side."""
-    found = _by_contained_names(calibrated, recorded) if len(calibrated) == len(recorded) else None
+    if len(calibrated) != len(recorded) or any(map(_counts, _name_keys(recorded))):
+        return None
+    found = _by_contained_names(calibrated, recorded)
     return None if found is None else [found.index(i) for i in range(len(recorded))]
 
 
@@ -97,7 +112,7 @@ def _camera_part(name: str) -> tuple[str, ...]:
 
 _WAYS = (
     (_name_keys, _name_keys), (_camera_parts, _name_keys), (_distinct_parts, _name_keys),
-    (_camera_parts, _camera_parts), (_name_keys, _distinct_parts), (_distinct_parts, _distinct_parts),
+    (_camera_parts, _camera_parts), (_name_keys, _own_parts), (_distinct_parts, _own_parts),
 )  # fmt: skip
 """How recorded and calibrated names are read to be compared, the strictest first."""
 
