@@ -2,6 +2,8 @@
 
 Fingertips in the world, flexion of knuckles and middle joints, and the share of finger joints in their 95 % ellipsoids,
 over frames in which two views or more show a hand. A solve without hands is timed beside, by processor time.
+Real finger exercises (Ganguly et al. 2021), every sixth recording: flexion of the markers that the solved hand carries
+against the recorded ones', from 26 and from 10 markers; they need the recordings kept beside the repository.
 """
 
 from __future__ import annotations
@@ -13,11 +15,14 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.fitters.pipeline import solve
+from tests.benchmarks.hands.marker_exercises import exercise_errors
 from tests.benchmarks.hands.studio_takes import draw_take, errors_of
 from tests.benchmarks.metric import Metric
+from tests.support.recordings import recordings_folder
 
 SEEDS, FRAMES, FPS = (11, 12, 13, 14), 150, 30.0
 RADIUS_M = 3.2
+EVERY = 6
 
 
 def run() -> list[Metric]:
@@ -44,6 +49,7 @@ def run() -> list[Metric]:
         return np.concatenate([getattr(errors, name).ravel() for errors in found])
 
     return [
+        *_exercises(),
         Metric("fingertips_rms_mm", _rms(all_of("tips_mm")), "mm"),
         Metric("fingertips_mean_mm", float(all_of("tips_mm").mean()), "mm"),
         Metric("flexion_rms_deg", _rms(all_of("angles_deg")), "deg"),
@@ -51,6 +57,18 @@ def run() -> list[Metric]:
         Metric("in_ellipsoids_percent", 100.0 * float(all_of("held").mean()), "%", "higher"),
         Metric("times_the_body_alone", float(spent[1] / spent[0]), "", rel_tol=0.2),
     ]
+
+
+def _exercises() -> list[Metric]:
+    """Return the figures of real hands; none where they are not here."""
+    paths = sorted((recordings_folder() / "hands" / "leap").glob("*.npz"))[::EVERY]
+    figures = []
+    for layout in ("hand26", "hand10") if paths else ():
+        alike, joints = zip(*(exercise_errors(path, layout) for path in paths), strict=True)
+        both = [_rms(np.concatenate([e[np.isfinite(e).all(1)] for e in errors])) for errors in (alike, joints)]
+        sys.stdout.write(f"  {layout}: flexion {both[0]:.1f}° of its markers, {both[1]:.1f}° of its joints\n")
+        figures.append(Metric(f"{layout}_flexion_rms_deg", both[0], "deg"))
+    return figures
 
 
 def _rms(values: np.ndarray) -> float:

@@ -66,7 +66,7 @@ def with_hands(motion: Motion, hands: SolvedHands) -> Motion:
         body_layout=layout,
         joint_covariance=None if motion.joint_covariance is None else covariance,
         joint_sigma=None if motion.joint_covariance is None else mean_sigma(covariance),
-        resting=resting if resting.any() else motion.resting if motion.resting is None else resting,
+        resting=resting if motion.resting is not None or resting.any() else None,
         flags=None if flags is None else flags.astype(np.uint8),
         provenance={**motion.provenance, "hands": statistics(hands)},
     )

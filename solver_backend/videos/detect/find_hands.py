@@ -22,6 +22,8 @@ from solver_backend.videos.files.read import Picture, read_pictures
 
 PRESENT = 0.5
 """Presence from which a hand is one."""
+AWAY_M = 0.1
+"""A hand that was followed has its wrist so near the arm's at most."""
 _STEP = 25
 
 Look = Callable[[np.ndarray], tuple[np.ndarray, float]]
@@ -63,7 +65,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
                 return found["points"].astype(np.float64), float(found["presence"][0])
 
             for frame, picture in _frames(path, firsts[view], keypoints.num_frames):
-                hands[view, frame] = look_at(picture.rgb, cameras, view, arms[:, frame], look)
+                before = hands[view, frame - 1] if frame else None
+                hands[view, frame] = look_at(picture.rgb, cameras, view, arms[:, frame], look, before)
                 if frame % _STEP == 0:
                     progress("Finding hands", done + frame, total)
         done += keypoints.num_frames
@@ -78,7 +81,9 @@ def seen_by_two(capture: Capture) -> dict[str, float]:
     return {side: round(100.0 * float((views[:, s] >= 2).mean()), 1) for s, side in enumerate(SIDES)}
 
 
-def look_at(rgb: np.ndarray, cameras: Cameras, view: int, arms: np.ndarray, look: Look) -> np.ndarray:
+def look_at(
+    rgb: np.ndarray, cameras: Cameras, view: int, arms: np.ndarray, look: Look, before: np.ndarray | None = None
+) -> np.ndarray:
     """Return (2, 21, 3) x, y and confidence of both hands in a picture; unseen where there is none.
 
     Args:
@@ -87,6 +92,7 @@ def look_at(rgb: np.ndarray, cameras: Cameras, view: int, arms: np.ndarray, look
         view: which of them took it.
         arms: (2, 2, 3) metres: elbow and wrist, of each side.
         look: finds a hand in a crop.
+        before: (2, 21, 3) what the picture before showed: a hand that is still there is looked for once.
     """
     found = np.tile(np.array(UNSEEN_POINT), (2, NUM_HAND_POINTS, 1))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, arms, cameras.distortion_model)[view]
@@ -96,6 +102,12 @@ def look_at(rgb: np.ndarray, cameras: Cameras, view: int, arms: np.ndarray, look
         inside = np.isfinite(wrist).all() and ((wrist >= 0) & (wrist < rgb.shape[1::-1])).all()
         if not inside or not np.isfinite(elbow).all() or depth[side] <= 0.1:
             continue
+        if before is not None and before[side, 0, 2] > 0:
+            points, presence = _in_crop(rgb, second_crop(before[side, :, :2], side), look)
+            reach = AWAY_M * float(cameras.K[view, 0, 0]) / float(depth[side])
+            if presence >= PRESENT and np.linalg.norm(points[0] - wrist) < reach:
+                found[side] = np.column_stack([points, np.full(len(points), presence)])
+                continue
         points, presence = _in_crop(rgb, first_crop(cameras, view, wrist, elbow, float(depth[side]), side), look)
         if presence < PRESENT:
             continue

@@ -32,18 +32,21 @@ class HandCrop:
 
     def cut(self, rgb: np.ndarray) -> np.ndarray:
         """Return the (224, 224, 3) uint8 crop, bilinear; black beyond the picture."""
-        grid = np.stack(np.meshgrid(np.arange(SIDE), np.arange(SIDE)), axis=-1).astype(np.float32)
-        at = grid @ self.A.T.astype(np.float32) + self.b.astype(np.float32)
         high, wide = rgb.shape[:2]
-        outside = ((at < 0) | (at > [wide - 1, high - 1])).any(axis=-1)
-        x, y = np.clip(at[..., 0], 0, wide - 1), np.clip(at[..., 1], 0, high - 1)
-        left, top = np.minimum(x.astype(int), wide - 2), np.minimum(y.astype(int), high - 2)
-        u, v = (x - left)[..., None], (y - top)[..., None]
-        upper = (1 - u) * rgb[top, left] + u * rgb[top, left + 1]
-        lower = (1 - u) * rgb[top + 1, left] + u * rgb[top + 1, left + 1]
-        picture = (1 - v) * upper + v * lower
+        step = np.arange(SIDE, dtype=np.float32)
+        (ax, bx), (ay, by) = self.A.astype(np.float32)
+        x = ax * step + bx * step[:, None] + np.float32(self.b[0])
+        y = ay * step + by * step[:, None] + np.float32(self.b[1])
+        outside = (x < 0) | (x > wide - 1) | (y < 0) | (y > high - 1)
+        x, y = np.clip(x, 0, wide - 1), np.clip(y, 0, high - 1)
+        left, top = np.minimum(x.astype(np.int32), wide - 2), np.minimum(y.astype(np.int32), high - 2)
+        u, v = (x - left.astype(np.float32))[..., None], (y - top.astype(np.float32))[..., None]
+        pixels, first = np.ascontiguousarray(rgb).reshape(-1, 3), top * wide + left
+        a, b, c, d = (pixels.take(first + o, axis=0).astype(np.float32) for o in (0, 1, wide, wide + 1))
+        upper, lower = a + u * (b - a), c + u * (d - c)
+        picture = upper + v * (lower - upper)
         picture[outside] = 0.0
-        return np.round(picture).astype(np.uint8)
+        return (picture + 0.5).astype(np.uint8)
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
         """Return (K, 2) px of the picture from (K, 2) of the crop."""

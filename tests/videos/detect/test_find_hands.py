@@ -89,6 +89,21 @@ def test_both_hands_of_a_picture_come_back_in_its_pixels() -> None:
     assert (found[..., 2] == 0.9).all()
     nothing = look_at(canvas, cameras, view, arms[:, frame], lambda crop: (np.zeros((21, 2)), 0.1))
     assert not nothing[..., 2].any()
+    before, again = found.copy(), []
+
+    def once(crop: np.ndarray) -> tuple[np.ndarray, float]:
+        side = len(again)
+        again.append(side)
+        expected = second_crop(before[side, :, :2], side)
+        return np.linalg.solve(expected.A, (truth[side] - expected.b).T).T, 0.8
+
+    followed = look_at(canvas, cameras, view, arms[:, frame], once, before)
+    assert again == [0, 1]
+    np.testing.assert_allclose(followed[..., :2], truth, atol=1e-6)
+    astray = before.copy()
+    astray[..., 0] += 400.0
+    strayed = look_at(canvas, cameras, view, arms[:, frame], lambda crop: (np.zeros((21, 2)), 0.9), astray)
+    assert np.linalg.norm(strayed[:, 0, :2] - (truth[:, 0] + [400.0, 0.0]), axis=-1).min() > 100
     shown = replace(capture, keypoints=replace(capture.keypoints, hands=np.stack([np.stack([found] * 4)] * 4)))  # type: ignore[type-var]
     assert isinstance(shown, Capture)
     assert seen_by_two(shown) == {"left": 100.0, "right": 100.0}
