@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ..animation.curves import current_action
+from ..animation.curves import action_curves, current_action
 from ..conventions.timing import go_to_frame
 from ..errors import ActorMissing
 from ..scene.alone import alone
@@ -20,12 +20,14 @@ def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
     """Return the name of the action that an armature plays and the (F,) scene frames that it covers.
 
     Raises:
-        ActorMissing: it plays none.
+        ActorMissing: it plays none, or one without keys.
     """
     action = current_action(armature)
     if action is None:
         hint = "Show one of its actions first, or choose the file with the clip."
         raise ActorMissing("The actor plays no action.", where=armature.name, hint=hint)
+    if next(action_curves(action), None) is None:
+        raise ActorMissing(f"The action '{action.name}' has no keys.", where=armature.name, hint="Choose another one.")
     first, last = action.frame_range
     return action.name, first + np.arange(1 + int(np.floor(last - first + 0.01)))
 

@@ -54,7 +54,8 @@ def read_rig_actor(
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
     doubt = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
-    return actor, TakeTiming(float(times[0]), fps), (doubt, *notes) if doubt else notes
+    pose = "One frame: the clip is a pose." if len(times) == 1 else ""
+    return actor, TakeTiming(float(times[0]), fps), tuple(note for note in (doubt, pose, *notes) if note)
 
 
 def _on_stage(worlds: np.ndarray, poses: np.ndarray, rest: Target, metres: float) -> tuple[np.ndarray, np.ndarray]:

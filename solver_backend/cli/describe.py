@@ -85,9 +85,10 @@ def people_lines(people: list[dict[str, Any]]) -> list[str]:
 
 
 def frames_without_two_views(capture: Capture) -> list[list[int]]:
-    """Return [first, last] of each range of frames in which no keypoint is seen by two cameras."""
+    """Return [first, last] of each range of frames in which no keypoint is seen by two cameras, or by the only one."""
     assert capture.keypoints is not None
-    blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= 2).any(axis=-1)
+    least = 1 if capture.is_one_view else 2
+    blind = ~((capture.keypoints.confidence > 0).sum(axis=0) >= least).any(axis=-1)
     return [list(run) for run in true_runs(blind)]
 
 
@@ -122,9 +123,10 @@ def _capture_text(data: dict[str, Any], marker_lines: list[str]) -> str:
         lines.append(f"  camera      {camera['name']}: {width} x {height} at ({at}) m{seen}{footage}")
     if data["truth"]:
         lines.append(f"  truth       {', '.join(data['truth'])}")
+    seen_by = "the camera" if len(data["cameras"]) == 1 else "two cameras"
     gaps = [f"{first}-{last}" for first, last in data.get("bridged_frames", [])]
     if gaps:
-        lines.append(f"  nobody is seen by two cameras in frames {', '.join(gaps)}; they will be bridged and flagged")
+        lines.append(f"  nobody is seen by {seen_by} in frames {', '.join(gaps)}; they will be bridged and flagged")
     lines += [f"  note        {note}" for note in data["notes"]]
     lines += [f"  problem     {problem}" for problem in data["problems"]] or ["  problems    none"]
     return "\n".join(lines)

@@ -33,10 +33,13 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     road = verbs.add_parser(
         "from-videos",
         parents=[detector, writing, common],
-        help="solve a folder of videos: detect, synchronise, calibrate, solve",
+        help="solve a folder of videos, or one video: detect, synchronise, calibrate, solve",
     )
-    road.add_argument("folder", type=Path, metavar="FOLDER", help="takes in 'videos', boards in 'calibration'")
-    road.add_argument("--out", type=Path, metavar="DIR", help="results; FOLDER/mocap if left out")
+    road.add_argument(
+        "folder", type=Path, metavar="FOLDER|VIDEO",
+        help="takes in 'videos', boards in 'calibration'; or one camera's video",
+    )  # fmt: skip
+    road.add_argument("--out", type=Path, metavar="DIR", help="results; FOLDER/mocap or VIDEO_mocap if left out")
     road.add_argument("--take", metavar="NAME", help="only this take")
     road.add_argument("--dry-run", action="store_true", help="report what would be done, and do nothing")
     road.add_argument(

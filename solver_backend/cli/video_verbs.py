@@ -69,7 +69,8 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     if not takes:
         names = ", ".join(take.name for take in found.takes)
         raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=f"There are: {names}.")
-    plans = planned(replace(found, takes=takes), args.out or args.folder / "mocap")
+    out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
+    plans = planned(replace(found, takes=takes), args.out or out)
     lines = described(found, plans, args.detector, args.clocks, args.until)
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:

@@ -12,6 +12,7 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.known_person import solve_known_person
 from solver_backend.fitters.recipes.noise_aware import pose_prior, solve_noise_aware
+from solver_backend.fitters.recipes.one_view import solve_one_view
 from solver_backend.fitters.recipes.single_frames import solve_single_frames
 from solver_backend.fitters.recipes.sliding_windows import solve_sliding_windows
 from solver_backend.fitters.recipes.views import solve_views
@@ -61,8 +62,11 @@ class Method:
 def _solve_take(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take at once, by whether the person is known before."""
-    recipe = solve_views if problem.measurements.subject is None else solve_known_person
+    """Solve all keys of a take at once, by how many cameras see the person and whether they are known before."""
+    if problem.measurements.one_view is not None:
+        recipe = solve_one_view
+    else:
+        recipe = solve_views if problem.measurements.subject is None else solve_known_person
     return recipe(problem, subject, settings, progress, each)
 
 

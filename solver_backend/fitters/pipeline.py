@@ -9,9 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.cameras.view_checks.left_out import without_views
-from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
+from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -20,6 +21,7 @@ from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
+from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.hand_clouds import split_hands
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
@@ -27,6 +29,7 @@ from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.output.wide_motion import with_fingers_of, with_hands, without_fingers
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
@@ -37,6 +40,7 @@ from solver_backend.fitters.solution import Solution
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, MarkerSubject, Motion
 
@@ -184,7 +188,7 @@ def prepare(
         BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
     """
     if capture.keypoints is not None or capture.markers is None:
-        capture.require_multiview()
+        capture.require_views()
     method = METHODS[settings.method]
     if not method.per_frame and capture.num_frames < 4:
         raise TakeTooShort(
@@ -201,11 +205,31 @@ def prepare(
         else:
             problem = marker_problem(markers, body, prior, like, settings, progress, person)
         return replace(problem, measurements=replace(problem.measurements, hands=hands))
+    seen = without_views(meant, settings.leave_out)
+    if seen.is_one_view:
+        return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))
     views = measure_views(
-        without_views(meant, settings.leave_out), body, like, progress, estimate_sync=settings.estimate_sync,
-        sync=settings.sync,
+        seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync,
     )  # fmt: skip
     return Problem.of(body, prior, views)
+
+
+def _one_view(
+    capture: Capture, body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings, progress: Progress
+) -> Measurements:  # fmt: skip
+    """Return what one camera measures, for the method that can solve it.
+
+    Raises:
+        JobInvalid: another method was asked for.
+        NoDetections: see ``measure_one_view``.
+    """
+    if settings.method != "global":
+        raise JobInvalid(
+            f"The method '{settings.method}' needs two cameras.", where=capture.name,
+            hint="One camera is solved by the method 'global'.",
+        )  # fmt: skip
+    fitting = prior_on_body(prior, body.layout)
+    return measure_one_view(capture, body, fitting, like, settings.betas, progress)
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:

@@ -60,7 +60,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
     if capture.keypoints is not None:
-        capture.require_multiview()
+        capture.require_views()
     capture = checked(capture)
     if capture.num_frames == 1:
         capture = replace(capture, problems=(*capture.problems, "The take is a single frame: a pose, not a motion."))

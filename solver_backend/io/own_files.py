@@ -51,7 +51,13 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     level = replace(options, level=ON if options.level == ON else OFF)
     world = fit_world(cameras, capture.keypoints, level, options.up_axis)
     notes = (*capture.notes, *scaled, *world.notes)
-    return replace(capture, cameras=world.cameras, notes=notes, problems=(*capture.problems, *world.problems), truth={})
+    known = (
+        {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
+        if (len(cameras) == 1)
+        else {}
+    )
+    problems = (*capture.problems, *world.problems)
+    return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 
 CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)

@@ -35,7 +35,7 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
     """
     residuals = residuals or residuals_of(capture, motion)
     found = [*capture_diagnostics(capture), *recorded_diagnostics(motion), *check_motion(motion)]
-    found += [*_flagged(motion), *plausibility(capture, motion, residuals)]
+    found += [*_flagged(motion, capture.is_one_view), *plausibility(capture, motion, residuals)]
     if residuals is not None:
         found += [*_cameras(capture, residuals), *_keypoints(capture, residuals)]
     return by_gravity(found)
@@ -71,13 +71,14 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
 
 
-def _flagged(motion: Motion) -> Iterator[Diagnostic]:
+def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
     if motion.flags is None:
         return
     kind = "_markers" if motion.markers is not None else ""
     unseen, unsure = ((motion.flags & bit) > 0 for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     if unseen.any():
-        yield diagnostic(f"frames_unseen{kind}", frames=true_runs(unseen))
+        code = "frames_unseen_one_view" if one_view else f"frames_unseen{kind}"
+        yield diagnostic(code, frames=true_runs(unseen))
     if unsure.any():
         few = "few_" if unsure.mean() <= UNSURE_SHARE else ""
         yield diagnostic(f"{few}frames_unsure{kind}", frames=true_runs(unsure), percent=100 * unsure.mean())
@@ -103,10 +104,13 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
     assert capture.cameras is not None and capture.keypoints is not None
     agreement = residuals.agreement_percent(1)
     names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
-    twice = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= 2).mean(axis=0)
-    rare = [f"{names[k]} ({twice[k]:.0f} %)" for k in np.argsort(twice, kind="stable") if twice[k] < SELDOM_PERCENT]
+    least, code = (2, "keypoints_seldom_seen")
+    if capture.is_one_view:
+        least, code = 1, "keypoints_seldom_seen_one_view"
+    often = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= least).mean(axis=0)
+    rare = [f"{names[k]} ({often[k]:.0f} %)" for k in np.argsort(often, kind="stable") if often[k] < SELDOM_PERCENT]
     if rare:
-        yield diagnostic("keypoints_seldom_seen", shares=rare)
+        yield diagnostic(code, shares=rare)
     outliers = 100.0 - np.nan_to_num(agreement, nan=100.0)
     poor = sorted((-float(outliers[c, k]), c, k) for c, k in np.argwhere(outliers > OUTLIER_PERCENT))
     if poor:

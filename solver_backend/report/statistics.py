@@ -107,7 +107,7 @@ def detected_share(capture: Capture) -> np.ndarray | None:
 
 
 def located_share(capture: Capture) -> np.ndarray | None:
-    """Return (F,) the share of the keypoints that two or more cameras detect, 0..1."""
+    """Return (F,) the share of the keypoints that two or more cameras detect, or the one there is, 0..1."""
     if capture.keypoints is None:
         return None
-    return ((capture.keypoints.confidence > 0).sum(axis=0) >= 2).mean(axis=-1)
+    return ((capture.keypoints.confidence > 0).sum(axis=0) >= (1 if capture.is_one_view else 2)).mean(axis=-1)

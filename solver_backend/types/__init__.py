@@ -22,11 +22,11 @@ from solver_backend.types.capture import (
     UNSEEN_POINT,
     Capture,
     Keypoints2D,
-    MarkerCloud,
     PersonInViews,
     stacked_hands,
 )
 from solver_backend.types.limbs import FEET, LIMBS
+from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
 from solver_backend.types.skeleton_motion import SkeletonMotion

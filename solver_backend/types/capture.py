@@ -15,12 +15,12 @@ from solver_backend.exchange.errors import (
     NoDetections,
     NonFiniteData,
     PersonUnknown,
-    ShapeMismatch,
     TooFewViews,
 )
 from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
+from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.shapes import Float
 
 UNSEEN_POINT = (np.nan, np.nan, 0.0)
@@ -144,40 +144,6 @@ class PersonInViews:
 
 
 @dataclass(frozen=True)
-class MarkerCloud:
-    """Optical markers; missing = NaN."""
-
-    positions: Float[np.ndarray, "frames markers 3"]
-    """(frames, markers, 3) metres."""
-    fps: float
-    """Frames per second."""
-    labels: tuple[str, ...] | None = None
-    """One label a marker, or None for an unlabelled cloud."""
-    residual: Float[np.ndarray, "frames markers"] | None = None
-    """(frames, markers) metres, the tracker's own residual."""
-    covariance: Float[np.ndarray, "frames markers 3 3"] | None = None
-    """(frames, markers, 3, 3) m², how surely each position was measured; it stands in the residual's place."""
-
-    def __post_init__(self) -> None:
-        shape = np.shape(self.positions)
-        if len(shape) != 3 or shape[-1] != 3 or (shape[1] and not shape[0]):
-            raise CaptureInvalid(f"Markers have the shape {shape}; (frames, markers, 3) is expected.", where="markers")
-        if not (np.isfinite(self.fps) and self.fps > 0):
-            raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
-        if self.labels is not None and len(self.labels) != shape[1]:
-            raise ShapeMismatch(f"{len(self.labels)} labels do not fit {shape[1]} markers.", where="markers")
-        for name, expected in (("residual", shape[:2]), ("covariance", (*shape[:2], 3, 3))):
-            value = getattr(self, name)
-            if value is not None and np.shape(value) != expected:
-                raise ShapeMismatch(f"{name} has the shape {np.shape(value)}; {expected} is expected.", where="markers")
-
-    def columns(self, chosen: Sequence[int], labels: tuple[str, ...] | None) -> MarkerCloud:
-        """Return these markers under these labels."""
-        residual, covariance = (None if v is None else v[:, chosen] for v in (self.residual, self.covariance))
-        return MarkerCloud(self.positions[:, chosen], self.fps, labels, residual, covariance)
-
-
-@dataclass(frozen=True)
 class Capture:
     """A recording in metres and seconds, Z up, floor at z = 0."""
 
@@ -203,6 +169,12 @@ class Capture:
     """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
     """Whose ``keypoints`` are, by name, where a recording shows several people."""
+    stature_m: float = 0.0
+    """Stature of the person whom a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
+    floor_from_person: bool = False
+    """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
+    focal_sigma: float = 0.0
+    """Standard deviation of a single camera's focal length as a share, where it is guessed."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
@@ -236,6 +208,21 @@ class Capture:
         source = self.keypoints or self.markers
         return float(source.fps) if source is not None else 0.0
 
+    @property
+    def is_one_view(self) -> bool:
+        """Whether exactly one camera detects anybody."""
+        found = self.keypoints
+        return self.cameras is not None and found is not None and int((found.confidence > 0).any((1, 2)).sum()) == 1
+
+    def require_views(self) -> tuple[Cameras, Keypoints2D]:
+        """Return cameras and keypoints of a capture in which one camera, or several, detect somebody.
+
+        Raises:
+            TooFewViews, NoDetections: nobody is detected, or by several cameras and no keypoint by two of them.
+        """
+        cameras, keypoints = self._require_detections()
+        return (cameras, keypoints) if self.is_one_view else self.require_multiview()
+
     def require_multiview(self) -> tuple[Cameras, Keypoints2D]:
         """Return cameras and keypoints of a capture that can be triangulated.
 
@@ -243,23 +230,26 @@ class Capture:
             TooFewViews: fewer than two cameras have any detection.
             NoDetections: no keypoint is seen by two cameras in any frame.
         """
-        if self.cameras is None or self.keypoints is None:
-            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
-        seen = self.keypoints.confidence > 0
-        if not seen.any():
-            raise NoDetections(
-                "Every confidence is zero: nobody was detected.",
-                where=self.name,
-                hint="Run the detector again or choose other files.",
-            )
-        if len(self.cameras) < 2 or seen.any(axis=(1, 2)).sum() < 2:
+        cameras, keypoints = self._require_detections()
+        seen = keypoints.confidence > 0
+        seeing = int(seen.any(axis=(1, 2)).sum())
+        if seeing < 2:
             raise TooFewViews(
-                f"{int(seen.any(axis=(1, 2)).sum())} of {len(self.cameras)} cameras have detections; two are needed.",
-                where=self.name,
+                f"{seeing} of {len(cameras)} cameras have detections; two are needed.", where=self.name,
                 hint="Add the detections of another camera.",
-            )
+            )  # fmt: skip
         if not (seen.sum(axis=0) >= 2).any():
             raise NoDetections("No keypoint is seen by two cameras in the same frame.", where=self.name)
+        return cameras, keypoints
+
+    def _require_detections(self) -> tuple[Cameras, Keypoints2D]:
+        if self.cameras is None or self.keypoints is None:
+            raise TooFewViews("The capture has no calibrated 2D keypoints.", where=self.name)
+        if not (self.keypoints.confidence > 0).any():
+            raise NoDetections(
+                "Every confidence is zero: nobody was detected.", where=self.name,
+                hint="Run the detector again or choose other files.",
+            )  # fmt: skip
         return self.cameras, self.keypoints
 
     def of_person(self, name: str) -> Capture:

@@ -20,6 +20,7 @@ from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.pose_term import PoseEvidence
+from solver_backend.residuals.relative_positions import RelativePositionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from tests.support.layouts import POSE, WHOLE
 from tests.support.stick_scene import StickScene as Scene
@@ -117,6 +118,23 @@ def test_equations_of_a_frame_are_the_sum_over_all_terms(scene):
     direction = np.random.default_rng(0).normal(size=(len(frames.transl), POSE.dof))
     costs = [frame_equations(scene.subject, frames.retract(s * 1e-6 * direction), objective, 3.0).cost for s in (1, -1)]
     np.testing.assert_allclose((whole.gradient * direction).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=2e-5)
+
+
+def test_a_term_that_leaves_the_place_open_holds_the_pose_alone(scene):
+    frames = posed(scene.prior, states(scene))
+    points = pose(scene.subject, frames).points
+    precision = np.broadcast_to(np.diag([400.0, 400.0, 25.0]), (*points.shape, 3))
+    lifted = RelativePositionTerm.of(points + 0.05 * np.sin(points), precision, 0.5, points)
+    objective = FrameObjective((Ceiling(0.0),), relative=(lifted,))
+    found = frame_equations(scene.subject, frames, objective, 3.0)
+    moving = np.zeros((len(points), POSE.dof))
+    moving[:, -3:] = 1.0
+    np.testing.assert_allclose((found.gradient * moving).sum(1), 0.0, atol=1e-8)
+    np.testing.assert_allclose(np.einsum("fi,fij->fj", moving, found.hessian), 0.0, atol=1e-8)
+    direction = np.random.default_rng(0).normal(size=moving.shape)
+    costs = [frame_equations(scene.subject, frames.retract(s * 1e-6 * direction), objective, 3.0).cost for s in (1, -1)]
+    np.testing.assert_allclose((found.gradient * direction).sum(1), (costs[0] - costs[1]) / 2e-6, rtol=2e-5)
+    assert (np.linalg.eigvalsh(found.hessian) > -1e-6).all()
 
 
 def test_frames_obey_terms_on_points_and_on_poses(scene):

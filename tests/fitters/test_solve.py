@@ -124,9 +124,10 @@ def test_all_zero_confidences(capture):
 
 def test_fewer_than_two_views(capture):
     with pytest.raises(TooFewViews, match="1 of 4 cameras have detections; two are needed"):
-        solve(hidden(cut(capture, 0, 20), slice(None), slice(1, None)))
-    with pytest.raises(TooFewViews, match="1 of 1 cameras"):
-        solve(cut(capture, 0, 20).views([2]))
+        hidden(cut(capture, 0, 20), slice(None), slice(1, None)).require_multiview()
+    for method in ("sliding", "frame", "noise-aware"):
+        with pytest.raises(JobInvalid, match="needs two cameras"):
+            solve(cut(capture, 0, 20).views([2]), SolveSettings(method=method))
 
 
 def test_settings_name_what_is_wrong():

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -108,16 +109,36 @@ def test_rotation_not_orthonormal(trial: Path) -> None:
         load_capture(trial)
 
 
-def test_one_camera(trial: Path) -> None:
-    write_trial(trial, names=("cam01",), calibrated=("cam_1",))
-    with pytest.raises(TooFewViews, match="Only one camera is recorded, cam01; two are needed"):
-        load_capture(trial)
+def test_one_camera_is_read_with_its_own_world_and_the_given_stature(trial: Path) -> None:
+    written = write_trial(trial, names=("cam01",), calibrated=("cam_1",))
+    capture = load_capture(trial, stature=1.8)
+    assert capture.is_one_view and capture.cameras is not None and not capture.floor_from_person
+    np.testing.assert_allclose(capture.cameras.t, written.t, atol=1e-9)
+    assert capture.stature_m == 1.8 and any(note.startswith("One camera:") for note in capture.notes)
 
 
-def test_one_camera_in_a_file(tmp_path: Path) -> None:
-    path = write_capture(tmp_path / "c.npz", small_capture(views=2).views([1]))
-    with pytest.raises(TooFewViews, match="1 of 1 cameras have detections; two are needed"):
-        load_capture(path)
+def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> None:
+    cameras = ring_of_cameras(1)
+    fallen = replace(cameras, R=np.eye(3)[None], t=np.zeros((1, 3)))
+    points = walker(JointSet.COCO_17, 30, (-0.5, 0.0), (0.4, 0.1))
+    people = [detected(cameras, points, np.random.default_rng(0))]
+    write_trial(trial, cameras=fallen, people=people, names=("cam01",), calibrated=("cam_1",))
+    capture = load_capture(trial)
+    assert capture.cameras is not None and capture.floor_from_person
+    assert any("off the calibration's up" in problem for problem in capture.problems)
+    up, true = capture.cameras.R[0, :, 2], cameras.R[0, :, 2]
+    assert np.degrees(np.arccos(up @ true)) < 20.0
+    assert 0.9 < capture.cameras.centres[0, 2] < 2.4
+    kept = load_capture(trial, level="off")
+    assert kept.cameras is not None and not kept.floor_from_person
+    np.testing.assert_allclose(kept.cameras.R, fallen.R, atol=1e-9)
+
+
+def test_one_camera_in_a_file_keeps_what_is_known_of_it(tmp_path: Path) -> None:
+    known = {"stature_m": 1.7, "floor_from_person": True, "focal_sigma": 0.15}
+    path = write_capture(tmp_path / "c.npz", replace(small_capture(views=2).views([1]), **known))
+    capture = load_capture(path)
+    assert capture.is_one_view and {name: getattr(capture, name) for name in known} == known
 
 
 def test_one_camera_with_anybody(trial: Path) -> None:

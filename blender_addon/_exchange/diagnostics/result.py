@@ -9,10 +9,36 @@ _FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
 _COMPARE = "Compare with the footage there."
 
 RESULT: dict[str, DiagnosticEntry] = {
+    "one_camera": warning(
+        "One camera: distance and the depth of limbs are estimated, not measured (limbs by ± {size:.0f} cm along the "
+        "line of sight, the person's size and distance by ± {share:.0f} %, by {source})",
+        "A picture holds neither how far away a person is nor how far a limb points towards the camera.",
+        "Look at the motion from the side, pin poses that are wrong, or add a second camera.",
+    ),
+    "focal_length_guessed": warning(
+        "Camera {camera}: the focal length is guessed, distances may be off by {share:.0f} %",
+        "The video has no calibration, and no lens was given.",
+        "Give the lens with --lenses, or calibrate the camera.",
+    ),
+    "up_from_person": warning(
+        "Camera {camera}: up and floor are estimated from the person, the motion may lean by 10°",
+        "One camera without a calibrated floor sees neither.",
+        "Calibrate where the camera stands, or turn the body in the scene.",
+    ),
+    "limb_depth_open": warning(
+        "The depth of the {part} is open",
+        "From this side, poses that differ in depth look alike.",
+        "Look at it from the side, and pin a pose there if it is wrong.",
+    ),
     "frames_unseen": warning(
         "Fewer than two cameras see the person; the pose is interpolated",
         "The person is hidden, out of view or not detected.",
         "Detect again there, add a camera that sees the place, or animate the stretch by hand.",
+    ),
+    "frames_unseen_one_view": warning(
+        "The camera does not see the person; the pose is interpolated",
+        "The person is hidden, out of the picture or not detected.",
+        "Detect again there, or animate the stretch by hand.",
     ),
     "frames_unseen_markers": warning(
         "Too few markers are seen; the pose is interpolated",
@@ -99,6 +125,11 @@ RESULT: dict[str, DiagnosticEntry] = {
     "keypoints_seldom_seen": note(
         "Seldom detected by two cameras: {shares}",
         "These keypoints are hidden in most views, or the detector does not find them.",
+        "What hangs on them comes from the pose prior and the neighbouring frames.",
+    ),
+    "keypoints_seldom_seen_one_view": note(
+        "Seldom detected: {shares}",
+        "These keypoints are hidden or outside the picture, or the detector does not find them.",
         "What hangs on them comes from the pose prior and the neighbouring frames.",
     ),
     "keypoints_often_outliers": note(

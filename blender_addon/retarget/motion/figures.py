@@ -17,6 +17,8 @@ from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import SMPL, BodyLayout
 
 _BONES_OF_A_FINGER = 3
+_AT_REST = 0.005
+"""Radians below which the fingers of a whole take are at rest: the motion has none."""
 
 
 @dataclass(frozen=True)
@@ -116,7 +118,7 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
 
 
 def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
-    """Return the hands of our own body; none where it has no fingers.
+    """Return the hands of our own body; none where it has no fingers, or they stay at rest.
 
     Args:
         layout: names of its J joints.
@@ -135,7 +137,8 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[
         ways = rest[starts + 1] - rest[starts]
         ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
         bends = turns[:, [index[f"{side}_wrist"]]].swapaxes(-1, -2) @ turns[:, joints]
-        hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0)))
+        if np.abs(bends - np.eye(3)).max() > _AT_REST:
+            hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0)))
     return tuple(hands)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from ..._exchange.rigs.rest_frames import swing
@@ -58,13 +60,19 @@ def _fingers(target: Target, side: str) -> list[int]:
 
 
 def _direction(target: Target, finger: int) -> np.ndarray:
-    """Return the (3,) unit vector along a bone of a finger at rest: to the next one; of the last, from the one before.
+    """Return the (3,) unit vector along a bone of a finger of a rig at rest."""
+    places = dict(zip(target.roles, target.heads, strict=True))
+    return _along(places, target.roles[finger])
+
+
+def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:
+    """Return the (3,) unit vector along a bone of a finger: to the next one; of the last, from the one before.
 
     A finger of one bone points away from the wrist.
     """
-    stem, _, number = target.roles[finger].rpartition("_")
-    after, before = (target.index(f"{stem}_{int(number) + step}") for step in (1, -1))
-    hand = target.index(f"{stem.partition('_')[0]}_hand")
-    start, end = (finger, after) if after >= 0 else (before, finger) if before >= 0 else (hand, finger)
-    way = target.heads[end] - target.heads[start]
+    stem, _, number = role.rpartition("_")
+    after, before = (f"{stem}_{int(number) + step}" for step in (1, -1))
+    hand = f"{stem.partition('_')[0]}_hand"
+    start, end = (role, after) if after in places else (before, role) if before in places else (hand, role)
+    way = places[end] - places[start]
     return way / max(float(np.linalg.norm(way)), 1e-12)

@@ -14,6 +14,9 @@ _APART = 2.0
 """Factor by which the legs may differ from what arms and trunk say. A toddler's legs are 0.75 of an adult's by the
 trunk (Snyder et al. 1977), those of stylised characters 0.5."""
 
+_ANY_UNIT = 2000.0
+"""Factor between figures of metres and of millimetres, both as large as people come."""
+
 
 @dataclass(frozen=True)
 class Proportions:
@@ -41,8 +44,10 @@ def scale_of(proportions: Proportions) -> float:
     """Return the ratio of the legs or, without legs, the median of what there is.
 
     Raises:
-        TargetUnsuitable: the legs are more than twice or less than half of what arms and trunk agree on.
+        TargetUnsuitable: the legs are more than twice or less than half of what arms and trunk agree on, or no unit
+            explains the rig's size.
     """
+    _require_size(proportions)
     others = [value for value in (proportions.arms, proportions.trunk) if np.isfinite(value)]
     if not np.isfinite(proportions.legs):
         if not others:
@@ -54,6 +59,14 @@ def scale_of(proportions: Proportions) -> float:
         message = f"The rig's size is not clear: by the actor's, its lengths are {proportions.describe()}."
         raise TargetUnsuitable(message, hint=hint)
     return proportions.legs
+
+
+def _require_size(proportions: Proportions) -> None:
+    known = [value for value in (proportions.legs, proportions.arms, proportions.trunk) if np.isfinite(value)]
+    if known and not 1 / _ANY_UNIT <= np.median(known) <= _ANY_UNIT:
+        hint = "Set the scale of its armature: one of the two is built in another unit."
+        message = f"The rig is {np.median(known):.3g} times as large as the actor."
+        raise TargetUnsuitable(message, hint=hint)
 
 
 def length(points: np.ndarray) -> float:

@@ -51,17 +51,15 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
 
     Raises:
         JobInvalid: a text means nothing, there is no such camera, or its frames lie beyond the take.
-        TooFewViews: fewer than two cameras are left.
+        TooFewViews: no camera is left.
     """
     if not texts:
         return capture
-    cameras, keypoints = capture.require_multiview()
+    cameras, keypoints = capture.require_views()
     out = left_out_views(texts, cameras.names, keypoints.num_frames)
     confidence = np.where(out[..., None], 0.0, keypoints.confidence)
-    if (confidence > 0).any(axis=(1, 2)).sum() < 2:
-        raise TooFewViews(
-            "Fewer than two cameras with detections are left.", where=capture.name, hint="Leave fewer cameras out."
-        )
+    if not (confidence > 0).any():
+        raise TooFewViews("No camera with detections is left.", where=capture.name, hint="Leave fewer cameras out.")
     return replace(capture, keypoints=replace(keypoints, confidence=confidence))
 
 

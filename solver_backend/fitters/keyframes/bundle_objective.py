@@ -98,4 +98,6 @@ def bundle_objective(
         prior = problem.prior
         sigma = looseness * prior.residual_sigma
         terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=prior.uncovered))
-    return BundleObjective(FrameObjective(points, problem.pose_terms), tuple(terms))
+    measured = problem.measurements
+    frames = FrameObjective((*points, *measured.beside), problem.pose_terms, measured.relative)
+    return BundleObjective(frames, tuple(terms))

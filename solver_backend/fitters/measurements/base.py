@@ -12,7 +12,7 @@ from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.residuals.point_term import DataTerm
+from solver_backend.residuals.point_term import DataTerm, PointTerm
 from solver_backend.types import JointSet
 
 
@@ -32,6 +32,29 @@ class RoughMotion:
     """(S,) frame numbers, ascending."""
     states: FrameStates
     """S poses as codes."""
+
+
+@dataclass(frozen=True)
+class OneView:
+    """What a single camera leaves open."""
+
+    camera: str
+    """Its name."""
+    centre: np.ndarray
+    """(3,) place of the camera, metres."""
+    size_sigma: float
+    """Standard deviation of the person's size and distance, as a share: alike in all frames."""
+    focal_sigma: float
+    """The same of the focal length, by which distances alone are wrong."""
+    size_source: str
+    """What the size is from."""
+    up_from_person: bool
+    """Up and floor of the world were found from the person."""
+    sight: np.ndarray
+    """(F, 3) unit direction from the camera to the person."""
+    sight_sigma_m: np.ndarray
+    """(F, J) standard deviation along the line of sight of each recorded joint about the body's middle, as the lifter
+    has it, metres."""
 
 
 @dataclass(frozen=True)
@@ -62,6 +85,12 @@ class Measurements:
     """The person, where they are known before the solve: markers are calibrated first."""
     rough: RoughMotion | None = None
     """Where to start from, where that was found with the person."""
+    beside: tuple[PointTerm, ...] = ()
+    """What else holds the points: a floor."""
+    relative: tuple[PointTerm, ...] = ()
+    """What is known of the points but for a shift of all of them: a lifted pose."""
+    one_view: OneView | None = None
+    """What one camera leaves open, where there is but one."""
     hands: HandViews | HandClouds | None = None
     """The hands that views or markers show beside the points; None where none does."""
     provenance: dict[str, Any] = field(default_factory=dict)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import add
 from typing import Any
 
 import numpy as np
@@ -19,6 +20,7 @@ from solver_backend.fitters.objective import FrameObjective
 from solver_backend.geometry.arrays import Array, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.residuals.pose_term import PoseTerm
+from solver_backend.residuals.relative_positions import without_shift
 
 
 @dataclass(frozen=True)
@@ -95,6 +97,8 @@ def frame_equations(
     xp = array_namespace(posed.points)
     count = posed.points.shape[0]
     data = objective.of_points(posed.points, scale)
+    shifted = [term(posed.points, scale) for term in objective.relative]
+    data = reduce(add, shifted, data)
     poses = [term(frames.local) for term in objective.poses]
     J = posed.by_rotations
     assert J is not None
@@ -105,15 +109,18 @@ def frame_equations(
         by_rotations[:, frames.layout.joints] += term.gradient
         cost = cost + term.cost
     gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
-    parts = [J, data.information, *(term.factors for term in poses)]
+    about = [evidence.information for evidence in shifted]
+    parts = [J, data.information, *about, *(term.factors for term in poses)]
     if hessian_frames is not None:
         chosen = hessian_frames if isinstance(hessian_frames, slice) else index(hessian_frames, J)
         parts = [astype(part[chosen], xp.float32) for part in parts]
-    return FrameEquations(cost, gradient, lambda: _hessian(objective.poses, *parts))
+    return FrameEquations(cost, gradient, lambda: _hessian(objective.poses, len(about), *parts))
 
 
-def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Array, *factors: Array) -> Array:
-    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms."""
+def _hessian(
+    terms: tuple[PoseTerm, ...], shifted: int, by_rotations: Array, information: Array, *factors: Array
+) -> Array:  # fmt: skip
+    """Return the (F, p, p) Gauss-Newton matrices of the point terms and the pose terms; see ``without_shift``."""
     xp = array_namespace(by_rotations)
     count, num_landmarks, _, rotations = by_rotations.shape
     weighted = xp.matmul(information, by_rotations)
@@ -125,6 +132,10 @@ def _hessian(terms: tuple[PoseTerm, ...], by_rotations: Array, information: Arra
     hessian[:, layout.transl, layout.rotations] = across
     hessian[:, layout.rotations, layout.transl] = xp.matrix_transpose(across)
     hessian[:, layout.transl, layout.transl] = xp.sum(information, axis=1)
-    for term, part in zip(terms, factors, strict=True):
+    for part in factors[:shifted]:
+        total = xp.sum(part, axis=1)
+        rows = xp.concat([xp.sum(xp.matmul(part, by_rotations), axis=1), total], axis=-1)
+        hessian -= without_shift(rows, total)
+    for term, part in zip(terms, factors[shifted:], strict=True):
         hessian[:, layout.joints, layout.joints] += term.hessian(part)
     return hessian

@@ -8,7 +8,6 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import TooFewViews
 from solver_backend.io.calibration.as_meant import as_meant, in_persons_unit
 from solver_backend.io.calibration.search import find_calibration, levels_above
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
@@ -20,10 +19,11 @@ from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
-from solver_backend.io.recognition.start_times import bring_to_one_time, reads_apart
+from solver_backend.io.recognition.start_times import InTime, bring_to_one_time, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.person_selection import select_people
-from solver_backend.types import Capture, PersonInViews
+from solver_backend.people.one_view import select_in_one_view
+from solver_backend.people.person_selection import SelectedPerson, select_people
+from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
 _KIND = (
@@ -44,15 +44,9 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
         KeypointCountMismatch, FileDamaged, NonFiniteData: see ``read_detections``.
         FrameCountMismatch, NotSynchronised, JobInvalid: see ``bring_to_one_time``.
-        TooFewViews, NoDetections: fewer than two views hold detections, or no two agree on anybody.
+        TooFewViews, NoDetections: fewer than two of several views hold detections, or no two agree on anybody.
     """
     sources = camera_sources(root)
-    if len(sources) < 2:
-        raise TooFewViews(
-            f"Only one camera is recorded, {listing(sources)}; two are needed.",
-            where=str(root),
-            hint="Add the detections of another camera.",
-        )
     levels = levels_above(root)
     config = read_config(levels)
     calibration = find_calibration(root, tuple(sources), unit=options.unit, up_axis=options.up_axis)
@@ -69,16 +63,22 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     videos = headers(footage)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
-    in_time = bring_to_one_time(calibration.cameras, detections, rate, options)
+    one = len(sources) == 1
+    in_time = InTime(detections) if one else bring_to_one_time(calibration.cameras, detections, rate, options)
     detections = in_time.detections
-    if not options.as_calibrated:
+    if not (options.as_calibrated or one):
         calibration = as_meant(calibration, detections, options.up_axis)
-    calibration, to_plausible = in_persons_unit(
-        calibration, detections, keep=options.as_calibrated or options.scale != 1.0
-    )
-    cameras, people, scaled = find_people(
-        calibration.cameras, lambda c: select_people(c, detections, rate, options.progress), options, to_plausible
-    )
+    to_plausible = 1.0
+    if not one:
+        kept = options.as_calibrated or options.scale != 1.0
+        calibration, to_plausible = in_persons_unit(calibration, detections, keep=kept)
+
+    def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
+        if one:
+            return select_in_one_view(detections, rate)
+        return select_people(cameras, detections, rate, options.progress)
+
+    cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis)
     length_problems = () if in_time.first_rows else _length_problems(videos, detections.num_frames)
@@ -108,6 +108,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         + world.notes
         + world.check.notes(),
         problems=sum(problems, ()) + world.problems + world.check.problems(),
+        stature_m=options.stature if one else 0.0,
+        floor_from_person=world.from_person,
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
 

@@ -18,11 +18,13 @@ from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, Per
 _TRUTH = "truth_"
 ROUNDING = 1e-5
 """Share of its largest variance by which a covariance in single precision may be negative."""
+_OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "footage_first", "camera_names", "K",
     "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set",
     "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
     "people", "people_xy", "people_confidence", "person", "hands", "people_hands",
+    *_OF_ONE_CAMERA,
 )  # fmt: skip
 
 
@@ -75,6 +77,8 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         hands = stacked_hands([person.keypoints.hands for person in capture.people], axis=0)
         if hands is not None:
             arrays["people_hands"] = hands.astype(np.float32)
+    of_one = {name: getattr(capture, name) for name in _OF_ONE_CAMERA}
+    arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
     if capture.markers is not None:
         arrays |= _marker_arrays(capture.markers)
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
@@ -115,8 +119,15 @@ def _capture(fields: Fields, path: Path) -> Capture:
         problems=fields.texts("problems"),
         people=people,
         person=fields.text("person", "") if people else "",
+        stature_m=_number(fields, "stature_m"),
+        floor_from_person=bool(_number(fields, "floor_from_person")),
+        focal_sigma=_number(fields, "focal_sigma"),
         truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
     )
+
+
+def _number(fields: Fields, name: str) -> float:
+    return float(fields.numbers(name, ())) if name in fields else 0.0
 
 
 def _footage_first(fields: Fields) -> tuple[int, ...]:

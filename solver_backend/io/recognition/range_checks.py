@@ -66,7 +66,7 @@ def _with_problems(capture: Capture, odd: Iterable[str]) -> Capture:
 
 def _with_world(capture: Capture) -> Capture:
     """Return the capture with what the person says of its world, where no reader has looked at it."""
-    if not _has_views(capture) or any(note.startswith(FIGURES) for note in capture.notes):
+    if not _has_views(capture) or capture.is_one_view or any(note.startswith(FIGURES) for note in capture.notes):
         return capture
     world = check_world(*capture.require_multiview())
     if np.isnan(world.residual_px):

@@ -118,6 +118,12 @@ def disagreement(residual_px: float) -> tuple[str, ...]:
     )
 
 
+def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:
+    """Return the figures of a person whom one camera sees: none is measured."""
+    nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
+    return WorldCheck(unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {})
+
+
 def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
     """Return figures of the person, triangulated in up to ``SAMPLED_FRAMES`` frames.
 

@@ -11,9 +11,10 @@ from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
 from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
+from solver_backend.io.recognition.one_camera import fit_one_camera
 from solver_backend.io.recognition.person_scale import scale_from_stature
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.io.recognition.world_check import WorldCheck, check_world
+from solver_backend.io.recognition.world_check import WorldCheck, check_world, nothing_checked
 from solver_backend.people.person_selection import SelectedPerson
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -33,6 +34,8 @@ class WorldFit:
     """What was done because it was asked for."""
     problems: tuple[str, ...] = ()
     """What was done unasked."""
+    from_person: bool = False
+    """Up and floor of a single camera's world are the person's."""
 
 
 def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> tuple[Cameras, tuple[str, ...]]:
@@ -48,11 +51,11 @@ def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSetting
     Raises:
         JobInvalid: both are given, the stature is impossible, or too little of the person is seen.
     """
-    if settings.stature and settings.scale != 1.0:
+    if settings.stature and len(cameras) > 1 and settings.scale != 1.0:
         raise JobInvalid("Stature and scale both say how large the world is.", hint="Give one of them.")
-    if not settings.stature and settings.scale == 1.0:
+    if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
         return cameras, ()
-    if not settings.stature:
+    if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own
         said = f"The calibration's lengths are taken {settings.scale:g} times, as asked for."
         return replace(cameras, t=cameras.t * settings.scale), (said,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
@@ -106,6 +109,9 @@ def fit_world(
     Raises:
         NoDetections: the world was to be levelled, and nobody stands in it.
     """
+    if len(cameras) == 1:
+        one = fit_one_camera(cameras, keypoints, settings)
+        return WorldFit(one.camera, nothing_checked(keypoints), one.notes, one.problems, one.from_person)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis):

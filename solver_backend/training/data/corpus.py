@@ -37,6 +37,8 @@ class Corpus:
     names: tuple[str, ...]
     subjects: tuple[str, ...]
     """Of the same clips."""
+    root: np.ndarray
+    """(N, 3, 3) float32, the pelvis since the T-pose, Y up; NaN where it was not kept."""
 
     @property
     def num_frames(self) -> int:
@@ -72,10 +74,10 @@ class Corpus:
         return clip
 
 
-def split_corpus(clips: list[Clip]) -> tuple[Corpus, Corpus]:
+def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[Corpus, Corpus]:
     """Return (training, validation); takes of the held-out subjects under another name are in neither."""
-    held_out = [clip for clip in clips if clip.subject in HELD_OUT]
-    rest = [clip for clip in clips if clip.subject not in HELD_OUT]
+    held_out = [clip for clip in clips if clip.subject in held_out_subjects]
+    rest = [clip for clip in clips if clip.subject not in held_out_subjects]
     known = _features(np.concatenate([clip.rotations for clip in held_out]))
     kept = [clip for clip in rest if clip.subject != UNKNOWN or not _repeats(clip, known)]
     return build_corpus(kept), build_corpus(held_out)
@@ -92,13 +94,13 @@ def build_corpus(clips: list[Clip]) -> Corpus:
     simplified = np.repeat([clip.name.startswith(f"{SIMPLIFIED}/") for clip in clips], lengths)[distinct]
     distinct = distinct[~simplified | (np.cumsum(simplified) % SIMPLIFIED_EVERY == 0)]
     distinct = np.repeat(distinct, np.where(keyed[distinct], KEYED_REPEATS, 1))
-    return Corpus(
-        rotations,
-        starts,
-        np.repeat(ends, lengths),
-        distinct,
-        *zip(*((clip.name, clip.subject) for clip in clips), strict=True),
-    )
+    names, subjects = zip(*((clip.name, clip.subject) for clip in clips), strict=True)
+    root = np.concatenate([_root(clip) for clip in clips])
+    return Corpus(rotations, starts, np.repeat(ends, lengths), distinct, names, subjects, root)
+
+
+def _root(clip: Clip) -> np.ndarray:
+    return np.full((len(clip.rotations), 3, 3), np.nan, np.float32) if clip.root is None else clip.root
 
 
 def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,7 +17,8 @@ from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.detections import Detections
-from solver_backend.people.person_selection import select_people
+from solver_backend.people.one_view import select_in_one_view
+from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.sync.clocks import Clocks
@@ -27,6 +28,18 @@ CROPPED_SHARE = 0.02
 """Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""
 SHORT_SHARE = 0.5
 """Videos whose common time is less than this share of the longest are worth a word."""
+
+
+@dataclass(frozen=True)
+class KnownOfOne:
+    """What is known of a single camera and of whom it sees, see ``Capture``."""
+
+    stature_m: float = 0.0
+    """Of the person, 0 where unknown."""
+    floor_from_person: bool = False
+    """The camera's up and floor are the person's."""
+    focal_sigma: float = 0.0
+    """Error of its focal length, a share."""
 
 
 def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detections, float]:
@@ -90,6 +103,7 @@ def assembled(
     *,
     up_axis: str | None = None,
     world: WorldSettings = WorldSettings(),
+    one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
     """Return the capture of a take.
 
@@ -103,6 +117,7 @@ def assembled(
         progress: called as stages advance.
         up_axis: axis of the calibration's world that points up, where it is told wrongly.
         world: how its world is scaled and levelled.
+        one: what is known where one video alone is solved.
 
     Raises:
         KeypointCountMismatch, NoDetections, TooFewViews: see ``everybody`` and ``select_person``.
@@ -112,14 +127,22 @@ def assembled(
     sources = tuple(str(item) for item in footage)
     if calibration is None:
         if len(found) < 2:
-            raise TooFewViews("One video alone is no capture.", where=name, hint="Add the video of another camera.")
+            raise TooFewViews(
+                "One video alone is no capture.", where=name, hint="Add another camera's video, or `from-videos VIDEO`."
+            )
         return Capture(
             name, None, _main_person(found, detections, fps), footage=footage, sources=sources,
             notes=(*detections.notes, "The person is whoever is seen most in each view: no calibration yet."),
             problems=(*detections.problems, "The cameras are not calibrated."),
         )  # fmt: skip
     cameras, size_notes = in_video_pixels(calibration, found)
-    cameras, people, scaled = find_people(cameras, lambda c: select_people(c, detections, fps, progress), world)
+
+    def select(cameras: Cameras) -> tuple[SelectedPerson, ...]:
+        if len(cameras) == 1:
+            return select_in_one_view(detections, fps)
+        return select_people(cameras, detections, fps, progress)
+
+    cameras, people, scaled = find_people(cameras, select, world)
     person = people[0]
     fitted = fit_world(cameras, person.keypoints, world, up_axis)
     return Capture(
@@ -128,6 +151,8 @@ def assembled(
                *fitted.check.notes()),
         problems=(*calibration.problems, *detections.problems, *person.problems, *fitted.problems,
                   *fitted.check.problems()),
+        stature_m=one.stature_m, floor_from_person=one.floor_from_person or fitted.from_person,
+        focal_sigma=one.focal_sigma,
     )  # fmt: skip
 
 

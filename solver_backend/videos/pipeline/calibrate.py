@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from solver_backend.camera_calibration.adjustment.lens import Lens, rough_lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
@@ -16,7 +18,10 @@ from solver_backend.camera_calibration.intrinsics.known_lenses import known_lens
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
-from solver_backend.videos.detect.assemble import assembled
+from solver_backend.io.recognition.one_camera import stand_camera
+from solver_backend.people.one_view import select_in_one_view
+from solver_backend.types import Cameras
+from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
@@ -25,6 +30,10 @@ from solver_backend.videos.sync.clocks import Clocks
 SOURCES = ("auto", "board", "person")
 """What tells the cameras: whatever is there, the filmed board, or the person, the last two even where there is a
 calibration."""
+ONE_CAMERA = "one camera"
+"""Method of a calibration of a single camera."""
+FOCAL_SIGMA = 0.15
+"""Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""
 _TOLD_BOARDS = ("board.toml", "charuco.toml")
 
 
@@ -65,7 +74,7 @@ class TakeCalibration:
     """A calibration that was made and written."""
 
     method: str
-    """'board' or 'person'."""
+    """'board', 'person' or ``ONE_CAMERA``."""
     words: tuple[str, ...]
     """What was done."""
     doubts: tuple[str, ...]
@@ -105,6 +114,8 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             else:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
+        if len(names) == 1:
+            return _by_one_camera(request, lenses, known.stature_m, words, progress)
         found = _by_person(request, lenses, known.stature_m, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
     said = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
@@ -122,6 +133,29 @@ def _by_person(
     found = calibrate_by_person(names, chosen, keypoints, PersonOptions(stature_m, free_focal=not lenses))
     progress("Cameras from the person", 1, 1)
     return found
+
+
+def _by_one_camera(
+    request: CalibrationRequest, lenses: dict[str, Lens], stature_m: float | None, words: tuple[str, ...],
+    progress: Progress,
+) -> TakeCalibration:  # fmt: skip
+    """Write a single camera that stands over the floor that its person stands on."""
+    name, seen = request.take.cameras[0], request.detections[0]
+    progress("Camera from the person", 0, 1)
+    lens = lenses.get(name) or rough_lens(seen.size)
+    camera = Cameras(
+        (name,), lens.K[None], lens.distortion[None], np.eye(3)[None], np.zeros((1, 3)), np.array([lens.image_size])
+    )  # fmt: skip
+    detections, fps = everybody(request.detections, request.clocks)
+    person = select_in_one_view(detections, fps)[0]
+    stood = stand_camera(camera, person.keypoints, stature_m or 0.0)
+    write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
+    progress("Camera from the person", 1, 1)
+    guessed = () if name in lenses else (
+        f"The focal length is guessed, {lens.K[0, 0]:.0f} px: distances may be off by {FOCAL_SIGMA:.0%}. Give the lens "
+        "with --lenses.",
+    )  # fmt: skip
+    return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), guessed)
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:

@@ -14,7 +14,7 @@ from solver_backend.io.calibration.search import find_calibration, is_calibratio
 from solver_backend.io.footage.footage import IMAGES, VIDEOS
 from solver_backend.io.footage.recording import chapter_of
 from solver_backend.io.recognition.camera_names import name_key, natural_key
-from solver_backend.videos.pipeline.camera_footage import recordings_beside, recordings_by_folder
+from solver_backend.videos.pipeline.camera_footage import is_video, recordings_beside, recordings_by_folder
 from solver_backend.videos.pipeline.errors import NoVideos
 
 VIDEO_FOLDERS = (
@@ -90,20 +90,28 @@ class FoundFolder:
 
 
 def look_through(root: Path) -> FoundFolder:
-    """Return the takes and the calibration footage of a folder; takes of one camera are passed over.
+    """Return the takes and the calibration footage of a folder.
+
+    A video is a take of one camera, and so is the only video of a folder; beside takes of several cameras those of one
+    are passed over.
 
     Raises:
-        NoVideos: the folder is not there, or holds no take of two cameras.
+        NoVideos: the folder is not there, or holds no take.
     """
+    if is_video(root) and root.is_file():
+        folder = root.parent
+        take = FoundTake(root.stem, folder, (root,), (root.stem,))
+        footage = {f.folder: f for start in (folder, folder.parent) for f in _footage(start, start is folder)}
+        return FoundFolder(folder, (take,), tuple(footage.values()))
     if not root.is_dir():
         raise NoVideos("There is no such folder.", where=str(root), hint="Name the folder that holds the videos.")
-    takes = tuple(_takes(root, _LEVELS))
+    takes = tuple(_takes(root, _LEVELS)) or _lone_take(root)
     if not takes:
         raise NoVideos(
-            "The folder holds no take: videos of two cameras or more side by side, or in a folder each.",
+            "The folder holds no take: videos side by side, or in a folder each.",
             where=str(root),
             hint="Put one video a camera into a folder 'videos', and those of the board into 'calibration'. Chapters "
-            "such as GX010001 and GX020001 are one recording of one camera.",
+            "such as GX010001 and GX020001 are one recording of one camera; name the video itself to solve from one.",
         )  # fmt: skip
     footage = {f.folder: f for start in (root, root.parent) for f in _footage(start, start is root)}
     return FoundFolder(root, takes, tuple(footage.values()))
@@ -125,6 +133,17 @@ def _takes(folder: Path, levels: int) -> Iterator[FoundTake]:
         for path in below.values():
             if not _is_other(path):
                 yield from _takes(path, levels - 1)
+
+
+def _lone_take(root: Path) -> tuple[FoundTake, ...]:
+    """Return the take of the only video of a folder, or of its folder of videos; none where there are several."""
+    if _is_other(root):
+        return ()
+    below = {path.name.lower(): path for path in _folders(root)}
+    places = [place for name in VIDEO_FOLDERS if (place := below.get(name)) is not None]
+    found = [recordings_beside(place) for place in (*places, root)]
+    videos = next((videos for videos in found if videos), {})
+    return tuple(FoundTake(root.name, root, (path,), (name,)) for name, path in videos.items() if len(videos) == 1)
 
 
 def _by_camera_folder(place: Path) -> dict[str, dict[str, Path]]:

@@ -28,12 +28,12 @@ from solver_backend.io.recognition.range_checks import checked
 from solver_backend.report.diagnose import diagnose
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
-from solver_backend.videos.detect.assemble import assembled
+from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.files.probe import PICTURES_FPS
 from solver_backend.videos.pipeline import pictures
-from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.calibrate import FOCAL_SIGMA, CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, TakePlan
 from solver_backend.videos.pipeline.records import Records
@@ -144,20 +144,37 @@ class _Road:
         plan, calibration = self._plan, self._calibration
         assert calibration is not None
         self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world_values(self._settings.world)]
+        if len(plan.take.videos) == 1:
+            self._made_of.append(repr(self._of_one()))
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
             name, world, state = plan.take.name, self._settings.world, "made"
             self._capture = checked(
-                assembled(name, self._detections, self._clocks, calibration, self._progress, world=world)
+                assembled(
+                    name, self._detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
+                )
             )
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
         check = self._check
-        drawn = [self._pictures / name for name in ("cameras.png", "check.png")[: 1 if check is None else 2]]
-        fits = "the take is too short to check the calibration" if check is None else check.verdict
+        drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
+        fits = check.verdict if check is not None else (
+            "one camera: nothing confirms its calibration"
+            if self._capture.is_one_view
+            else "the take is too short to check the calibration"
+        )  # fmt: skip
         self.steps.tell("capture", state, [str(plan.capture), fits], () if check is None else check.findings, drawn)
+
+    def _of_one(self) -> KnownOfOne:
+        """Return what is known where one video alone is solved."""
+        plan, cameras = self._plan, self._settings.cameras
+        if len(plan.take.videos) > 1:
+            return KnownOfOne()
+        ours = plan.calibration is None or cameras.source != "auto"
+        focal_sigma = FOCAL_SIGMA if ours and cameras.lenses is None else 0.0
+        return KnownOfOne(cameras.stature_m or 0.0, ours, focal_sigma)
 
     def solve(self) -> None:
         plan, settings = self._plan, self._settings
@@ -206,6 +223,8 @@ class _Road:
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""
+        if capture.is_one_view:
+            return None
         cameras, keypoints = capture.require_multiview()
         self._progress("Checking the calibration", 0, 1)
         points = triangulate(cameras, keypoints.xy, keypoints.confidence).points

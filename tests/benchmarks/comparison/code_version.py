@@ -12,7 +12,7 @@ from solver_backend.priors.weights import ASSETS
 
 ROOT = Path(__file__).resolve().parents[3]
 PACKAGES = ("solver_backend", "research")
-WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz")
+WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.npz", "lifter.npz", "view_lifter.npz")
 
 
 @cache

@@ -10,7 +10,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.errors import ActorMissing
+from blender_addon.errors import ActorMissing, TargetUnsuitable
 from blender_addon.headless.main import main
 from blender_addon.retarget.gltf_header import frame_rate, humanoid, read_header
 from blender_addon.retarget.recognition import map_rig
@@ -105,6 +105,24 @@ def test_an_actor_that_plays_nothing_or_is_nobody_is_named(scene: Any) -> None:
     rig.scale = (1.0, 1.0, 2.0)
     bpy.context.view_layer.update()
     with pytest.raises(ActorMissing, match="stretched"):
+        read_rig_actor(rig, scene, map_rig(rig))
+
+
+def test_poses_empty_actions_and_absurd_sizes_are_named(scene: Any) -> None:
+    skeleton = draw(NAMINGS["mixamo"])
+    rig, _ = foreign_rig(skeleton)
+    rig.pose.bones["mixamorig:LeftLeg"].keyframe_insert("rotation_quaternion", frame=1)
+    actor, timing, notes = read_rig_actor(rig, scene, map_rig(rig))
+    assert actor.num_frames == 1 and notes == ("One frame: the clip is a pose.",)
+    for size in (1e-6, 1e6):
+        other, _ = foreign_rig(skeleton.placed(lambda place, size=size: size * place))
+        with pytest.raises(TargetUnsuitable, match="times as large as the actor"):
+            retarget(actor, other, scene, map_rig(other), timing)
+    huge, _ = foreign_rig(skeleton.placed(lambda place: 100.0 * place))
+    assert retarget(actor, huge, scene, map_rig(huge), timing).scale == pytest.approx(100.0, rel=1e-3)
+    assert rig.animation_data is not None
+    rig.animation_data.action = bpy.data.actions.new("empty")
+    with pytest.raises(ActorMissing, match="'empty' has no keys"):
         read_rig_actor(rig, scene, map_rig(rig))
 
 

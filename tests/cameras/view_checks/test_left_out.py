@@ -44,10 +44,11 @@ def test_what_cannot_be_meant_is_named(capture: Capture, item: str, message: str
         without_views(capture, [item.format(capture.cameras.names[0])])
 
 
-def test_one_camera_is_too_few(capture: Capture) -> None:
+def test_no_camera_is_too_few_and_one_is_one_view(capture: Capture) -> None:
     assert capture.cameras is not None
     with pytest.raises(TooFewViews):
-        without_views(capture, capture.cameras.names[1:])
+        without_views(capture, capture.cameras.names)
+    assert without_views(capture, capture.cameras.names[1:]).is_one_view
 
 
 def test_a_solve_without_a_view_that_is_wrong_is_as_good_as_without_that_view(capture: Capture) -> None:

@@ -15,9 +15,10 @@ from solver_backend.exchange.progress import silent
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration import read_calibration
 from solver_backend.types import Capture
+from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline import calibrate
-from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.videos.pipeline.layout import CalibrationFootage, FoundFolder, FoundTake
 from solver_backend.videos.sync.clocks import Clocks
 from tests.support.walking_take import circling
@@ -29,7 +30,7 @@ def walked() -> Capture:
 
 
 def request_of(capture: Capture, folder: Path, *footage: CalibrationFootage) -> CalibrationRequest:
-    cameras, keypoints = capture.require_multiview()
+    cameras, keypoints = capture.require_views()
     frames = keypoints.num_frames
     seen = tuple(
         VideoDetections(
@@ -88,3 +89,30 @@ def test_a_board_that_other_cameras_filmed_is_named(walked: Capture, tmp_path: P
     assert not (tmp_path / "made.toml").exists()
     with pytest.raises(CalibrationMissing, match="No footage of a board"):
         calibrate_take(request_of(walked, tmp_path), KnownOfCameras(source="board"), silent)
+
+
+def test_one_camera_stands_over_its_persons_floor_and_says_what_is_guessed(walked: Capture, tmp_path: Path) -> None:
+    one = walked.views([0])
+    truth = one.cameras
+    assert truth is not None
+    request = request_of(one, tmp_path)
+    made = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
+    assert made.method == ONE_CAMERA and "guessed" in made.doubts[0]
+    write_calibration(tmp_path / "lenses.toml", walked.views([0, 1]).cameras, "pose2sim")
+    made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml", stature_m=1.7), silent)
+    assert made.doubts == ()
+    found = read_calibration(request.out).cameras
+    assert found.names == truth.names
+    tilt = [float(np.degrees(np.arcsin(cameras.R[0, 2, 2]))) for cameras in (found, truth)]
+    assert abs(tilt[0] - tilt[1]) < 10.0
+    assert abs(found.centres[0, 2] / truth.centres[0, 2] - 1.0) < 0.5
+
+
+def test_what_one_video_leaves_open_is_kept_with_its_capture(walked: Capture, tmp_path: Path) -> None:
+    one = walked.views([0])
+    request = request_of(one, tmp_path)
+    calibrate_take(request, KnownOfCameras(), silent)
+    known = KnownOfOne(1.8, True, 0.15)
+    capture = assembled("walk", request.detections, request.clocks, read_calibration(request.out), one=known)
+    assert capture.is_one_view
+    assert (capture.stature_m, capture.floor_from_person, capture.focal_sigma) == (1.8, True, 0.15)

@@ -78,9 +78,12 @@ def test_chapters_are_one_recording(names, recordings):
     assert [[path.stem for path in parts] for parts in found] == recordings
 
 
-def test_chapters_of_one_camera_are_no_take(tmp_path):
+def test_chapters_of_one_camera_are_a_take_of_one(tmp_path):
+    [take] = look_through(touch(tmp_path, "GX010101.MP4", "GX020101.MP4")).takes
+    assert [path.name for path in take.videos] == ["GX010101.MP4"]
+    (tmp_path / "empty").mkdir()
     with pytest.raises(NoVideos, match="Chapters such as"):
-        look_through(touch(tmp_path, "GX010101.MP4", "GX020101.MP4"))
+        look_through(tmp_path / "empty")
 
 
 def test_chapters_are_read_one_after_the_other(tmp_path):

@@ -50,9 +50,15 @@ def test_folders_of_several_programs_are_understood(tmp_path: Path) -> None:
 
 
 def test_a_folder_without_takes_has_a_name(tmp_path: Path) -> None:
-    touched(tmp_path / "one" / "videos" / "cam1.mp4")
+    (tmp_path / "none").mkdir()
     with pytest.raises(NoVideos, match="no take"):
-        look_through(tmp_path / "one")
+        look_through(tmp_path / "none")
+    touched(tmp_path / "one" / "videos" / "cam1.mp4")
+    [take] = look_through(tmp_path / "one").takes
+    assert (take.name, take.cameras) == ("one", ("cam1",))
+    video = tmp_path / "one" / "videos" / "cam1.mp4"
+    [take] = look_through(video).takes
+    assert (take.name, take.videos, take.cameras) == ("cam1", (video,), ("cam1",))
     with pytest.raises(NoVideos, match="no such folder"):
         look_through(tmp_path / "absent")
 

@@ -1,0 +1,1 @@
+"""One camera: what it measures of a person, and what it leaves open."""

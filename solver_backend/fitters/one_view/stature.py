@@ -1,0 +1,99 @@
+"""The person's size, which one camera does not see: given, or from where the feet meet the floor, or the average's."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.priors.lifted_take import lowest_feet
+from solver_backend.types import Capture
+
+PEOPLE_SIGMA = 0.055
+"""Standard deviation of adults' statures as a share, women and men together (ANSUR II: 93 mm of 1.71 m)."""
+FLOOR_SIGMA_M = 0.05
+"""Error of the floor under the feet: of its height, of up, and of the lifted legs."""
+SHAPE_SIGMA = 0.01
+"""What a known shape leaves open of the size."""
+LEAST_HEIGHT_M = 0.3
+"""A camera that is less far above the feet sees no size in them."""
+_AVERAGE = "what adults are"
+AT_ODDS_SIGMAS = 3.0
+"""A floor at which the person would be so many deviations larger or smaller than people are is none."""
+
+
+@dataclass(frozen=True)
+class Size:
+    """How many times as large as the average a person is."""
+
+    factor: float
+    """Of the stature."""
+    sigma: float
+    """Its standard deviation, a share."""
+    source: str
+    """What it is from, for people."""
+    has_floor: bool = True
+    """The person's feet are where the world has its floor."""
+
+
+def size_of(
+    capture: Capture, body: Body, betas: tuple[float, ...] | None, points: np.ndarray, names: tuple[str, ...],
+    seen: np.ndarray, camera_height: float,
+) -> Size:  # fmt: skip
+    """Return how large the person is: of the known shape or stature, else by the floor; see ``size_by_floor``.
+
+    Args:
+        capture: says the stature, and whether the floor was found from the person.
+        body: whose stature is the average's.
+        betas: the known shape, or None.
+        points, names, seen, camera_height: see ``size_by_floor``.
+    """
+    by_floor = size_by_floor(points, names, seen, camera_height)
+    if betas is not None:
+        return replace(by_floor, factor=1.0, sigma=SHAPE_SIGMA, source="the given shape")
+    if capture.stature_m:
+        factor = capture.stature_m / body.stature_m
+        return replace(by_floor, factor=factor, sigma=SHAPE_SIGMA, source="the given stature")
+    if capture.floor_from_person:
+        return Size(1.0, PEOPLE_SIGMA, _AVERAGE)
+    return by_floor
+
+
+def size_by_floor(
+    points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float
+) -> Size:  # fmt: skip
+    """Return the size at which the feet of an average person reach the floor, weighed against what adults are.
+
+    All that one camera sees of a person ``s`` times as large is ``s`` times as far away: a foot at height h comes down
+    to ``H - s (H - h)`` below a camera at height H.
+
+    Args:
+        points: (F, L, 3) an average person's points in the world, metres.
+        names: of the L points.
+        seen: (F, L) bool, which of them the camera sees.
+        camera_height: H above the floor, metres.
+    """
+    lowest = lowest_feet(points, names, seen)
+    if lowest is None or abs(camera_height) < LEAST_HEIGHT_M:
+        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
+    drop = camera_height - lowest
+    sigma = FLOOR_SIGMA_M * np.sqrt(2.0) / max(abs(drop), 1e-6)
+    measured = camera_height / drop if drop * camera_height > 0 else np.inf
+    if not abs(measured - 1.0) < AT_ODDS_SIGMAS * np.hypot(sigma, PEOPLE_SIGMA):
+        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
+    weight = sigma**-2 / (sigma**-2 + PEOPLE_SIGMA**-2)
+    return Size(1.0 + weight * (measured - 1.0), (sigma**-2 + PEOPLE_SIGMA**-2) ** -0.5, "feet on the floor")
+
+
+def betas_of_size(body: Body, factor: float) -> np.ndarray:
+    """Return the (10,) smallest shape whose skeleton is so many times as tall as the average's.
+
+    Height is linear in the shape: ``b = g (f - 1) h / |g|²`` with its gradient g.
+    """
+    names = body.layout.joints
+    top, bottom = names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
+    rest, by_shape = body.joints_template[:, 1], body.joints_shapedirs[:, 1]
+    height = rest[top] - rest[bottom].mean()
+    gradient = by_shape[top] - by_shape[bottom].mean(axis=0)
+    return gradient * (factor - 1.0) * height / float(gradient @ gradient)

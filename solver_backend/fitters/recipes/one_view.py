@@ -1,0 +1,58 @@
+"""The recipe for one camera: the lifted pose leads, the picture corrects it, and what stays open is stated as such."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import partial
+
+import numpy as np
+
+from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.keyframes.chunked import Stretches, solve_in_single
+from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
+from solver_backend.fitters.keyframes.optimise import Schedule
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.one_view.open_depth import diagnose_one_view, with_open_depth
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.recipes.passes import Pass, run_passes
+from solver_backend.fitters.recipes.result import STAGE, solved_take
+from solver_backend.fitters.recipes.steps import find_standing_feet, space_keys
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import MethodResult
+
+
+def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
+    """Return the passes: codes alone, then joints off the manifold with standing feet held.
+
+    Neither shape nor bias nor noise is learned between them: one camera would take every wrong depth for one of these.
+    """
+    scale, steps = settings.robust_scale, settings.iterations
+    near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
+    last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
+    free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    return (
+        Pass(near, ON_THE_MANIFOLD),
+        Pass(replace(last, scales=(2 * scale,)), free, (space_keys, find_standing_feet)),
+        Pass(last, free, (find_standing_feet,)),
+    )
+
+
+def solve_one_view(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a take that one camera sees, and state what it leaves open."""
+    one = problem.measurements.one_view
+    assert one is not None
+    window, passes = problem.frames_of(settings.refine_window), passes_of(problem, settings)
+    layout = KeyframeLayout.even(problem.num_frames, window)
+    keys = initial_keys(problem, subject, layout)
+    bundle = Bundle.start(
+        problem, subject, settings, layout, window, keys, passes[0].schedule, partial(solve_in_single, each=each),
+        keys_of_frames(problem, subject, layout, keys),
+    )  # fmt: skip
+    solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE))
+    joints = np.asarray(solved.subject.body.recorded_joints)
+    solved = with_open_depth(solved, one, joints)
+    return replace(solved, diagnostics=(*solved.diagnostics, *diagnose_one_view(solved, one, problem))), convergence

@@ -1,0 +1,89 @@
+"""The world of a single camera: what a lifted person says of up and floor where the calibration says neither."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.exchange.world_settings import OFF, ON, WorldSettings
+from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import Cameras, Keypoints2D
+
+TILT_DEG = 30.0
+"""Between the calibration's up and the person's; the lifter errs by 3 to 10 degrees."""
+
+
+@dataclass(frozen=True)
+class OneCameraWorld:
+    """A single camera in a world that the person stands upright in."""
+
+    camera: Cameras
+    """One camera."""
+    notes: tuple[str, ...] = ()
+    """What was done because it was asked for."""
+    problems: tuple[str, ...] = ()
+    """What was done unasked."""
+    from_person: bool = False
+    """Up, floor and scale are the person's."""
+
+
+def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> OneCameraWorld:
+    """Return the camera in its own world, or in the person's where the calibration's up cannot be.
+
+    Args:
+        camera: one calibrated camera, metres.
+        keypoints: of one person.
+        settings: say whether the world is levelled; the stature is the person's.
+    """
+    if settings.level == ON:
+        return replace(stand_camera(camera, keypoints, settings.stature), problems=())
+    body = load_body()
+    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    off = float(np.degrees(np.arccos(np.clip(lifted.up @ camera.R[0, :, 2], -1.0, 1.0))))
+    if off < TILT_DEG or settings.level == OFF:
+        return OneCameraWorld(camera)
+    stood = stand_camera(camera, keypoints, settings.stature)
+    problem = (
+        f"The person stands {off:.0f}° off the calibration's up: up and floor are taken from the person; --level off "
+        "keeps the calibration's."
+    )
+    return replace(stood, notes=(), problems=(problem,))
+
+
+def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> OneCameraWorld:
+    """Return the camera in a world whose up and floor are those of the person it sees, the camera above the origin.
+
+    Args:
+        camera: one camera; of its pose nothing is used.
+        keypoints: of one person.
+        stature_m: of the person, metres; 0: the average's.
+    """
+    body = load_body()
+    landmarks = keypoint_landmarks(body, keypoints.joint_set)
+    lifted = lift_take(camera, keypoints, body, prior_on_body(load_sposer(), body.layout), None)
+    points = lifted.placed(body, landmarks, np.zeros(10))[0]
+    up = up_by_floor(lifted, points, landmarks.names)
+    R = _level_axes(up)
+    points = points @ R
+    lowest = lowest_feet(points, landmarks.names, lifted.confidence > 0)
+    size = stature_m / body.stature_m if stature_m else 1.0
+    height = -size * lowest if lowest is not None else 0.0
+    centre = np.array([0.0, 0.0, height])
+    stood = replace(camera, R=R[None], t=-(R @ centre)[None])
+    tilt = float(np.degrees(np.arcsin(np.clip(-up[2], -1.0, 1.0))))
+    looks = "down" if tilt > 0 else "up"
+    note = f"Up and floor are the person's: the camera is {height:.2f} m high and looks {abs(tilt):.0f}° {looks}."
+    return OneCameraWorld(stood, (note,), from_person=True)
+
+
+def _level_axes(up: np.ndarray) -> np.ndarray:
+    """Return (3, 3) a rotation from a world, Z up and the camera looking along Y, to the camera."""
+    forward = np.array([0.0, 0.0, 1.0]) if abs(up[2]) < 0.95 else np.array([0.0, -np.sign(up[2]), 0.0])
+    forward = forward - (forward @ up) * up
+    forward /= np.linalg.norm(forward)
+    return np.stack([np.cross(forward, up), forward, up], axis=1)

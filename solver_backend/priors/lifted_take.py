@@ -1,0 +1,156 @@
+"""A take of one camera, lifted: poses in the camera's axes, and where a body of a given shape stands before it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.cameras.placement import place_before_camera, smoothed_places
+from solver_backend.cameras.projection import undistort
+from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.priors.view_lifter import LiftedView, load_view_lifter
+from solver_backend.types import Cameras, Keypoints2D
+
+
+@dataclass(frozen=True)
+class LiftedTake:
+    """F frames of one camera."""
+
+    view: LiftedView
+    """What the network makes of them."""
+    z: np.ndarray
+    """(F, d) codes of the prior."""
+    local: np.ndarray
+    """(F, J, 3, 3) what they decode to."""
+    image: np.ndarray
+    """(F, L, 2) keypoints in focal lengths from the principal point, NaN where missing."""
+    confidence: np.ndarray
+    """(F, L), 0 where missing."""
+    fps: float
+    """Frames per second."""
+
+    @property
+    def up(self) -> np.ndarray:
+        """(3,) direction against gravity in the camera's axes, over all frames that show the person."""
+        seen = (self.confidence > 0).sum(axis=1) >= LEAST_POINTS
+        up = self.view.up[seen if seen.any() else slice(None)].sum(axis=0)
+        return up / max(float(np.linalg.norm(up)), 1e-9)
+
+    def placed(
+        self, body: Body, landmarks: Landmarks, betas: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+        """Return (F, L, 3) points of a person of this shape in the camera's axes, and the body's (F, 3) places.
+
+        NaN where nothing is seen.
+        """
+        still = np.zeros((len(self.local), 3))
+        points = np.asarray(pose_landmarks(body, landmarks, betas, self.view.root, self.local, still).points)
+        places = smoothed_places(place_before_camera(points, self.image, self.confidence), self.fps)
+        return points + places[:, None], places
+
+
+LEAST_POINTS = 6
+"""Keypoints by which a frame shows a person."""
+
+
+def lift_take(
+    camera: Cameras, keypoints: Keypoints2D, body: Body, prior: AutoencodingPrior, up: np.ndarray | None
+) -> LiftedTake:  # fmt: skip
+    """Lift the keypoints of one camera.
+
+    Args:
+        camera: one camera; only its lens is looked at.
+        keypoints: of this one view.
+        body: whose joints the prior's poses are.
+        prior: decoder of poses on this body.
+        up: (3,) unit vector against gravity in the camera's axes; None: unknown.
+
+    Raises:
+        FileMissing, WeightsInvalid: see ``load_view_lifter``.
+    """
+    lifter = load_view_lifter()
+    image = np.asarray(undistort(camera.K, camera.distortion, keypoints.xy, camera.distortion_model))[0]
+    confidence = np.where(np.isfinite(image).all(axis=-1), keypoints.confidence[0], 0.0)
+    view = lifter(image, confidence, keypoints.joint_set.keypoints, keypoints.fps, up)
+    z = view.z
+    if prior.metadata.get("sha256") != lifter.metadata["sposer_sha256"]:  # the lifter's codes are SPoser's
+        z = np.asarray(prior.encode(prior_on_body(load_sposer(), body.layout).decode(z)))
+    return LiftedTake(view, z, np.asarray(prior.decode(z)), image, confidence, keypoints.fps)
+
+
+UP_RAD = 0.17
+"""Error of the lifter's up over a take, per axis: 10 degrees, alike in most of its frames."""
+FLOOR_M, FEET_ALIKE_S = 0.1, 0.5
+"""Error of a lower sole's height by its own distance, metres; so long neighbouring frames err alike."""
+SOLE_M, ANKLE_M = 0.02, 0.08
+"""Heights of a standing foot's heel or toe, and of its ankle."""
+_FEET = {
+    f"{side}_{part}": height
+    for side in ("left", "right") for part, height in (("heel", SOLE_M), ("big_toe", SOLE_M), ("ankle", ANKLE_M))
+}  # fmt: skip
+
+
+def lowest_feet(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray) -> float | None:
+    """Return the median height over the frames of the lower sole, metres; None where no foot is seen.
+
+    Args:
+        points: (F, L, 3) Z up.
+        names: of the L points.
+        seen: (F, L) bool.
+    """
+    soles = lower_soles(points, names, seen, np.array([0.0, 0.0, 1.0]))
+    return float(np.median(soles[:, 2])) if len(soles) else None
+
+
+def lower_soles(points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, up: np.ndarray) -> np.ndarray:
+    """Return the (n, 3) lower sole of each frame in which a foot is seen.
+
+    Args:
+        points: (F, L, 3) metres.
+        names: of the L points.
+        seen: (F, L) bool.
+        up: (3,) unit direction against gravity.
+    """
+    columns = [k for k, name in enumerate(names) if name in _FEET]
+    if not columns:
+        return np.zeros((0, 3))
+    soles = points[:, columns] - np.array([_FEET[names[k]] for k in columns])[:, None] * up
+    height = np.where(seen[:, columns], soles @ up, np.inf)
+    known = np.isfinite(height).any(axis=1) & np.isfinite(soles).all(axis=(1, 2))
+    return soles[known, np.argmin(height[known], axis=1)]
+
+
+def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) -> np.ndarray:
+    """Return (3,) up in the camera's axes: the lifter's, tilted so that feet stay at one height where people walk.
+
+    ``min_δ n Σ (h_i - h̄)² / σ_h² / N + |δ|² / σ_u²`` over tilts δ, with the heights h of N lower soles, of which n are
+    independent.
+
+    Args:
+        take: lifted.
+        points: (F, L, 3) placed points in the camera's axes.
+        names: of the L points.
+    """
+    up, seen = take.up, take.confidence > 0
+    for _ in range(3):
+        soles = lower_soles(points, names, seen, up)
+        if len(soles) < 2:
+            return up
+        about = soles - np.median(soles, axis=0)
+        side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+        tangents = np.stack([side, np.cross(up, side)]) / np.linalg.norm(side)
+        A, h = about @ tangents.T, about @ up
+        weight = max(1.0, len(soles) / (FEET_ALIKE_S * take.fps)) / (len(soles) * FLOOR_M**2)
+        off = take.up @ tangents.T
+        tilt = np.linalg.solve(
+            weight * A.T @ A + np.eye(2) / UP_RAD**2, off / UP_RAD**2 - weight * A.T @ h
+        )  # fmt: skip
+        up = up + tilt @ tangents
+        up /= np.linalg.norm(up)
+    return up

@@ -1,0 +1,215 @@
+"""The view lifter: pose code, root, direction up and their errors from one camera's keypoints over 27 frames.
+
+One image holds neither a person's distance nor their size, so neither comes out. A window is turned so that its middle
+looks straight at the person and divided by their angular size: where in the picture somebody stands does not matter.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from array_api_compat import array_namespace
+
+from solver_backend.exchange.errors import WeightsInvalid
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.rotations import cross, matrix_from_6d
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.priors.lifter import POINTS
+from solver_backend.priors.networks.dense import DenseStack
+from solver_backend.priors.sposer import LATENT_DIM, load_sposer
+from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+
+DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
+WINDOW, MIDDLE = 27, 13
+"""Frames of a window at ``WINDOW_FPS``, and the one that is lifted."""
+WINDOW_FPS = 30.0
+INPUTS = 3 * WINDOW * len(POINTS) + 5
+OUTPUTS = LATENT_DIM + 6 + 3 + 2 * NUM_JOINTS
+_CENTRE_FRAMES = 2.0
+"""Standard deviation, in frames, of how far about the middle frame the person is looked for."""
+_FAINT = 1e-6
+"""Share of frames far from the middle: they count where the person is lost in the middle."""
+_SMALLEST = 1e-6
+_LOG_SIGMA = (-4.6, 0.7)
+"""Logarithms of the least and greatest standard deviation in metres: 1 cm to 2 m."""
+_START_LOG_SIGMA = -2.5
+"""Where the network's zero stands: 8 cm."""
+
+
+@dataclass(frozen=True)
+class LookAt:
+    """How N windows were turned and scaled."""
+
+    R: Array
+    """(N, 3, 3) camera to a camera that looks at the person."""
+    size: Array
+    """(N,) root mean square angle of the points about the person's middle, in focal lengths."""
+
+
+@dataclass(frozen=True)
+class LiftedView:
+    """What the network makes of N windows, in the axes of the camera (x right, y down, z forward)."""
+
+    z: Array
+    """(N, 32) unit zero-mean codes of SPoser."""
+    root: Array
+    """(N, 3, 3) body to camera."""
+    up: Array
+    """(N, 3) unit, against gravity."""
+    sigma_m: Array
+    """(N, 24, 2) deviation of each joint about the body's middle on a skeleton of 1.70 m: across each axis of the
+    picture, and along the line of sight."""
+    sight: Array
+    """(N, 3, 3) rows: right, down and forward of a camera that looks at the person."""
+
+
+def look_at(points: Array, confidence: Array) -> LookAt:
+    """Return the camera that looks at the person in the middle of each window.
+
+    Args:
+        points: (N, 27, 19, 2) in focal lengths from the principal point, finite.
+        confidence: (N, 27, 19) in 0..1, 0 where missing.
+    """
+    xp = array_namespace(points)
+    weight = _weights(confidence)
+    centre = xp.sum(weight[..., None] * points, axis=(1, 2))
+    ray = xp.concat([centre, xp.ones_like(centre[:, :1])], axis=-1)
+    ray = _unit(ray)
+    right = constant((1.0, 0.0, 0.0), ray)[None] - ray[:, :1] * ray
+    right = _unit(right)
+    R = xp.stack([right, cross(ray, right), ray], axis=1)
+    turned = _turned(points, R)
+    size = xp.sqrt(xp.sum(weight * xp.sum(turned * turned, axis=-1), axis=(1, 2)))
+    return LookAt(R, xp.where(size > _SMALLEST, size, xp.full_like(size, _SMALLEST)))
+
+
+def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
+    """Return (N, 1544): turned and scaled points, 0 where missing; confidences; size; the direction up if known.
+
+    Args:
+        points: (N, 27, 19, 2) in focal lengths from the principal point, finite.
+        confidence: (N, 27, 19) in 0..1, 0 where missing.
+        up: (N, 3) unit vector against gravity in the camera's axes, zero where unknown.
+        view: of these points.
+    """
+    xp = array_namespace(points)
+    count = points.shape[0]
+    scaled = _turned(points, view.R) / view.size[:, None, None, None]
+    near = xp.clip(scaled, -6.0, 6.0)
+    there = confidence[..., None]
+    near = xp.where(there > 0, near, xp.zeros_like(near))
+    turned_up = xp.matmul(view.R, up[..., None])[..., 0]
+    known = xp.sum(up * up, axis=-1, keepdims=True)
+    flat = xp.reshape(xp.concat([near, there], axis=-1), (count, -1))
+    return xp.concat([flat, xp.log(view.size)[:, None], turned_up, known], axis=-1)
+
+
+def interpreted(output: Array, view: LookAt) -> LiftedView:
+    """Return what the (N, 89) output of the network means."""
+    xp = array_namespace(output)
+    back = xp.matrix_transpose(view.R)
+    turn, end = output[:, LATENT_DIM : LATENT_DIM + 6], LATENT_DIM + 9
+    up = xp.matmul(back, output[:, LATENT_DIM + 6 : end, None])[..., 0]
+    log_sigma = xp.clip(output[:, end:] + _START_LOG_SIGMA, *_LOG_SIGMA)
+    return LiftedView(
+        spherical_normalisation(output[:, :LATENT_DIM]), xp.matmul(back, matrix_from_6d(turn)), _unit(up),
+        xp.exp(xp.reshape(log_sigma, (-1, NUM_JOINTS, 2))), view.R,
+    )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class ViewLifter:
+    """The network and what is known of it."""
+
+    stack: DenseStack
+    """1544 to 89."""
+    metadata: dict[str, Any]
+    """Training command, data, figures."""
+
+    def __call__(
+        self, points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...], fps: float,
+        up: np.ndarray | None = None,
+    ) -> LiftedView:  # fmt: skip
+        """Lift every frame of a take.
+
+        Args:
+            points: (F, L, 2) in focal lengths from the principal point, undistorted; NaN where missing.
+            confidence: (F, L) in 0..1, 0 where missing.
+            names: L names of the points; those that the network does not know are not looked at.
+            fps: frames per second.
+            up: (3,) unit vector against gravity in the camera's axes; None: unknown.
+        """
+        points, confidence = known_points(points, confidence, names)
+        frames = window_frames(len(points), fps)
+        inside = (frames >= 0) & (frames < len(points))
+        chosen = np.clip(frames, 0, len(points) - 1)
+        windows, seen = points[chosen], np.where(inside[..., None], confidence[chosen], 0.0)
+        ups = np.zeros((len(points), 3)) if up is None else np.broadcast_to(up, (len(points), 3))
+        view = look_at(windows, seen)
+        single = features(windows, seen, ups, view).astype(np.float32)
+        return interpreted(np.asarray(self.stack.like(single)(single), dtype=float), view)
+
+
+def known_points(
+    points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return the (F, 19, 2) points that the network looks at, finite, and their confidences, 0 where there is none."""
+    column = [names.index(name) if name in names else -1 for name in POINTS]
+    there = np.array(column) >= 0
+    chosen, sure = points[:, column], np.where(there, confidence[:, column], 0.0)
+    seen = np.isfinite(chosen).all(axis=-1) & (sure > 0)
+    return np.where(seen[..., None], chosen, 0.0), np.where(seen, np.clip(sure, 0.0, 1.0), 0.0)
+
+
+def window_frames(count: int, fps: float) -> np.ndarray:
+    """Return (F, 27) numbers of the frames nearest to each window's times; some lie before the take or after it."""
+    offsets = np.round((np.arange(WINDOW) - MIDDLE) * fps / WINDOW_FPS).astype(int)
+    return np.arange(count)[:, None] + offsets
+
+
+@cache
+def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
+    """Load the view lifter's weights.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: it is for another body, version or SPoser, or damaged.
+    """
+    weights = read_weights(path, "view_lifter")
+    trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
+    if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
+        raise WeightsInvalid(
+            "The view lifter was trained for other codes or points.", where=path.name,
+            hint="Train it again, or reinstall.",
+        )  # fmt: skip
+    return ViewLifter(read_stack(weights, "network", INPUTS, OUTPUTS), weights.metadata)
+
+
+def _weights(confidence: Array) -> Array:
+    """Return (N, 27, 19) weights of sum 1 that find the person about the middle frame."""
+    xp = array_namespace(confidence)
+    frame = np.arange(WINDOW) - MIDDLE
+    share = constant(np.exp(-0.5 * (frame / _CENTRE_FRAMES) ** 2) + _FAINT, confidence)
+    weight = confidence * share[None, :, None]
+    total = xp.sum(weight, axis=(1, 2), keepdims=True)
+    return weight / xp.where(total > 0, total, xp.ones_like(total))
+
+
+def _turned(points: Array, R: Array) -> Array:
+    """Return (N, 27, 19, 2): image points as a camera turned by R sees them."""
+    xp = array_namespace(points)
+    rays = xp.concat([points, xp.ones_like(points[..., :1])], axis=-1)
+    rays = xp.matmul(rays, xp.matrix_transpose(R)[:, None])
+    depth = rays[..., 2:]
+    depth = xp.where(depth > 0.1, depth, xp.full_like(depth, 0.1))
+    return rays[..., :2] / depth
+
+
+def _unit(vectors: Array) -> Array:
+    xp = array_namespace(vectors)
+    return vectors / xp.sqrt(xp.sum(vectors * vectors, axis=-1, keepdims=True) + _SMALLEST**2)

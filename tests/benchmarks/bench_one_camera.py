@@ -1,0 +1,64 @@
+"""One camera against all of them: views of a real recording alone, and recorded motion by a simulated detector.
+
+Mean distance over 12 limb joints, after the best similarity of each frame (pa) and about the hips in the world (hip).
+Real views are compared with the solve of all four cameras, filmed takes of subjects 03, 13, 49 and 135, on whom the
+view lifter is not trained, with the truth. ``lifted_pa`` is the lifter alone, ``inside_95`` the share of joints within
+their 95 % ellipsoids, ``acceleration_error`` in the mean, ``skating`` and ``below_floor`` of the feet, ``cpu_s_300``
+CPU seconds of 300 frames.
+"""
+
+from __future__ import annotations
+
+import time
+from collections import defaultdict
+
+import numpy as np
+
+from solver_backend.fitters.pipeline import solve
+from solver_backend.metrics import foot_skating_cm_per_frame
+from tests.benchmarks.metric import Metric
+from tests.benchmarks.one_view_takes import OneViewTake, filmed_takes, lifted_pa_mm, real_takes
+from tests.support.limb_errors import TOES, acceleration, coverage, limb_errors
+
+
+def run() -> list[Metric]:
+    """Solve every view alone."""
+    metrics, filmed = [], defaultdict[str, list[dict[str, float]]](list)
+    for take in real_takes():
+        figures = _figures(take)
+        metrics += [Metric(f"{take.name}_{key}", figures[key], "mm") for key in ("pa", "hip", "lifted_pa")]
+    for take in filmed_takes():
+        filmed[take.name].append(_figures(take))
+    by_subject = {name: _mean(rows) for name, rows in filmed.items()}
+    metrics += [Metric(f"{name}_{key}", row[key], "mm") for name, row in by_subject.items() for key in ("pa", "hip")]
+    mean = _mean(list(by_subject.values()))
+    return [
+        *metrics,
+        Metric("filmed_pa", mean["pa"], "mm"),
+        Metric("filmed_hip", mean["hip"], "mm"),
+        Metric("filmed_lifted_pa", mean["lifted_pa"], "mm"),
+        Metric("inside_95", mean["inside_95"], "%", "higher", abs_tol=1.0),
+        Metric("acceleration_error", mean["acceleration"], "m/s²"),
+        Metric("skating", mean["skating"], "cm/frame", abs_tol=0.02),
+        Metric("below_floor", max(row["below"] for rows in filmed.values() for row in rows), "cm", abs_tol=0.5),
+        Metric("cpu_s_300", mean["cpu_s_300"], "s", rel_tol=1.0),
+    ]
+
+
+def _figures(take: OneViewTake) -> dict[str, float]:
+    began = time.process_time()
+    motion = solve(take.capture).motion
+    seconds = time.process_time() - began
+    pa, hip = limb_errors(motion.joints, take.joints)
+    off = acceleration(motion.joints, motion.fps) - acceleration(take.joints, motion.fps)
+    return {
+        "pa": pa, "hip": hip, "lifted_pa": lifted_pa_mm(take), "inside_95": coverage(motion, take.joints),
+        "acceleration": float(np.linalg.norm(off, axis=-1).mean()),
+        "skating": foot_skating_cm_per_frame(motion.joints[:, TOES]),
+        "below": -100 * min(float(motion.keypoints3d[..., 2].min()), 0.0) if motion.keypoints3d is not None else 0.0,
+        "cpu_s_300": 300 * seconds / motion.num_frames,
+    }  # fmt: skip
+
+
+def _mean(rows: list[dict[str, float]]) -> dict[str, float]:
+    return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}

@@ -1,0 +1,88 @@
+"""Takes that one camera sees, with truth or a solve of all cameras to compare with, and how far a result is from it."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.fitters.pipeline import solve
+from solver_backend.io.load import load_capture
+from solver_backend.priors.lifted_take import lift_take
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import Capture
+from tests.benchmarks.comparison.validation_takes import read_take
+from tests.benchmarks.metric import BenchmarkSkipped
+from tests.support.limb_errors import LIMBS, pa_mm
+from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
+
+HELD_OUT = (
+    ("03", "asfamc/03_02", 20), ("03", "asfamc/03_04", 60), ("13", "mb2/13_29", 600), ("13", "mb2/13_29", 1500),
+    ("49", "asfamc/49_02", 60), ("49", "asfamc/49_06", 60), ("49", "asfamc/49_11", 60), ("135", "asfamc/135_02", 200),
+    ("135", "asfamc/135_04", 150), ("135", "asfamc/135_07", 100),
+)  # fmt: skip
+"""Subject, file under ``motion_cmu`` and first frame: walks over obstacles, exercises, dance and cartwheels, fights.
+The lifter is trained on nobody of them."""
+TUNING = (("60", "daz/salsa_07", 20), ("60", "daz/salsa_11", 270), ("08", "mb2/08_01", 10), ("08", "mb2/08_03", 10))
+"""The same, to choose constants by."""
+FRAMES = 120
+
+
+@dataclass(frozen=True)
+class OneViewTake:
+    """A take of one camera."""
+
+    name: str
+    capture: Capture
+    joints: np.ndarray
+    """(F, 24, 3) what is true, or what all cameras say, metres."""
+
+
+def real_takes() -> Iterator[OneViewTake]:
+    """Yield each camera of the balancing trial, with the solve of all four.
+
+    Raises:
+        BenchmarkSkipped: the recording is not here.
+    """
+    folder = recordings_folder() / BALANCING_TRIAL
+    if not folder.is_dir():
+        raise BenchmarkSkipped("The recording is not here.", hint=ABSENT)
+    capture = load_capture(folder)
+    joints = solve(capture).motion.joints
+    assert capture.cameras is not None
+    for view, name in enumerate(capture.cameras.names):
+        yield OneViewTake(name, capture.views([view]), joints)
+
+
+def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int = 2) -> Iterator[OneViewTake]:
+    """Yield takes of recorded motion by a simulated detector, each by one camera after the other.
+
+    Raises:
+        BenchmarkSkipped: the motions are not here.
+    """
+    for number, (subject, file, start) in enumerate(which):
+        path = recordings_folder() / "motion_cmu" / f"{file}.npz"
+        if not path.is_file():
+            raise BenchmarkSkipped("The motions are not here.", hint=ABSENT)
+        whole = read_take(path, None, start)
+        step = max(1, round(whole.fps / 30.0))
+        take = replace(
+            whole, rotations=whole.rotations[::step][:FRAMES], root=whole.root[::step][:FRAMES], fps=whole.fps / step
+        )  # fmt: skip
+        capture = benchmark_capture(take, BenchmarkSettings(num_views=3, seed=number))
+        for view in range(views):
+            yield OneViewTake(subject, capture.views([view]), capture.truth["joints"])
+
+
+def lifted_pa_mm(take: OneViewTake) -> float:
+    """Return the error of the lifter alone, mm after the best similarity of each frame."""
+    cameras, keypoints = take.capture.require_views()
+    body = load_body()
+    lifted = lift_take(cameras, keypoints, body, prior_on_body(load_sposer(), body.layout), cameras.R[0, :, 2])
+    posed = forward_kinematics(body, np.zeros(10), lifted.view.root, lifted.local, np.zeros((len(lifted.local), 3)))
+    return float(pa_mm(np.asarray(posed.joints)[:, LIMBS], take.joints[:, LIMBS]).mean())

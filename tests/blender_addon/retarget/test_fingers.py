@@ -1,0 +1,69 @@
+"""Fingers of our motions on other rigs: bent as the body's, and left alone where the motion has none."""
+
+from __future__ import annotations
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon._exchange.body_layout import SMPL_HANDS
+from blender_addon._exchange.motion_file import MotionFile
+from blender_addon.animation.curves import action_curves
+from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.body.posed_body import pose_joints, rotvec_on
+from blender_addon.conventions.timing import TakeTiming
+from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.retarget.recognition import map_rig
+from blender_addon.retarget.retarget import retarget
+from tests.support.foreign_namings import NAMINGS
+from tests.support.foreign_rigs import foreign_rig
+from tests.support.foreign_skeletons import draw
+
+FRAMES = 5
+FINGERS = ("index", "middle", "ring", "pinky", "thumb")
+
+
+def grasping(bend_rad: float) -> MotionFile:
+    """Return a motion whose left fingers bend by the same angle at every joint."""
+    layout = SMPL_HANDS
+    rotvec = np.zeros((FRAMES, layout.num_joints, 3))
+    rotvec[:, 0, 0] = np.pi / 2
+    for finger in FINGERS[:4]:
+        for i in (1, 2, 3):
+            rotvec[:, layout.joints.index(f"left_{finger}{i}"), 2] = -bend_rad * np.linspace(0, 1, FRAMES)
+    return MotionFile("grasp", rotvec, np.tile([0.0, 0, 0.95], (FRAMES, 1)), np.zeros(10), 30.0, body_layout=layout)
+
+
+def angle_deg(*places: np.ndarray) -> float:
+    u, v = places[1] - places[0], places[2] - places[1]
+    return float(np.degrees(np.arccos(u @ v / np.linalg.norm(u) / np.linalg.norm(v))))
+
+
+@pytest.mark.parametrize(("naming", "arms_down"), [("mixamo", 0.0), ("unreal_5", 50.0)])
+def test_fingers_bend_as_the_bodys(scene: bpy.types.Scene, naming: str, arms_down: float) -> None:
+    motion = grasping(0.9)
+    body = read_body(default_body_path(), motion.body_layout)
+    rest = body.rest_joints(np.zeros(10))
+    _, joints = pose_joints(rest, rotvec_on(motion, body.layout), motion.transl)
+    rig, _ = foreign_rig(draw(NAMINGS[naming], arms_down))
+    scene.render.fps = 30
+    retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, 30.0))
+    roles = map_rig(rig).bones
+    for f in (0, FRAMES - 1):
+        scene.frame_set(1 + f)
+        bones = rig.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+        for finger in FINGERS[:4]:
+            own = [joints[f, SMPL_HANDS.joints.index(f"left_{finger}{i}")] for i in (1, 2, 3)]
+            theirs = [np.array(bones[roles[f"left_{finger}_{i}"]].head) for i in (1, 2, 3)]
+            wrists = joints[f, SMPL_HANDS.joints.index("left_wrist")], np.array(bones[roles["left_hand"]].head)
+            assert angle_deg(*theirs) == pytest.approx(angle_deg(*own), abs=1.0)
+            assert angle_deg(wrists[1], *theirs[:2]) == pytest.approx(angle_deg(wrists[0], *own[:2]), abs=12.0)
+    assert angle_deg(*theirs) > 40.0
+
+
+def test_fingers_of_a_motion_without_any_are_left_alone(scene: bpy.types.Scene) -> None:
+    motion = grasping(0.0)
+    rig, _ = foreign_rig(draw(NAMINGS["mixamo"]))
+    body = read_body(default_body_path(), motion.body_layout)
+    done = retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, 30.0))
+    assert not any("HandIndex" in curve.data_path for curve in action_curves(done.action))

@@ -1,0 +1,58 @@
+"""People in one camera's picture: followed by where they are, whatever their place in the files."""
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.people.detections import Detections
+from solver_backend.people.one_view import select_in_one_view
+from solver_backend.types import JointSet
+
+JOINTS = JointSet.COCO_17
+FRAMES = 60
+
+
+def detections(people: np.ndarray, seen: np.ndarray) -> Detections:
+    """Return detections of (F, P, 17, 2) points, whose places in the files change from frame to frame."""
+    rng = np.random.default_rng(0)
+    order = np.stack([rng.permutation(people.shape[1]) for _ in range(len(people))])
+    xy = np.take_along_axis(people, order[..., None, None], axis=1)
+    there = np.take_along_axis(seen, order, axis=1)
+    confidence = np.where(there[..., None], 0.9, 0.0) * np.ones(17)
+    xy = np.where(there[..., None, None], xy, np.nan)
+    return Detections(("cam",), xy[None].astype(np.float32), confidence[None].astype(np.float32), JOINTS)
+
+
+def two_people() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(1)
+    shape = rng.uniform(-1, 1, (17, 2))
+    time = np.linspace(0, 1, FRAMES)[:, None, None]
+    large = 150 * shape + [400.0, 300.0] + time * [300.0, 0.0]
+    small = 60 * shape[::-1] + [900.0, 250.0] - time * [100.0, 0.0]
+    return np.stack([large, small], axis=1), np.ones((FRAMES, 2), dtype=bool)
+
+
+def test_the_largest_for_longest_comes_first_and_nobody_is_mixed_up() -> None:
+    people, seen = two_people()
+    seen[20:25, 0] = False
+    first, second = select_in_one_view(detections(people, seen), 30.0)
+    found = first.keypoints
+    assert (found.confidence[0].any(axis=-1) == seen[:, 0]).all()
+    np.testing.assert_allclose(found.xy[0][seen[:, 0]], people[seen[:, 0], 0], atol=1e-3)
+    np.testing.assert_allclose(second.keypoints.xy[0], people[:, 1], atol=1e-3)
+    assert "60" in first.notes[0] and not second.notes
+
+
+def test_who_is_gone_for_long_is_somebody_new() -> None:
+    people, seen = two_people()
+    seen[:, 1] = False
+    seen[20:45, 0] = False
+    found = select_in_one_view(detections(people, seen), 30.0)
+    assert len(found) == 2
+    assert [int((p.keypoints.confidence[0] > 0).any(-1).sum()) for p in found] == [20, 15]
+
+
+def test_nobody_is_an_error() -> None:
+    people, seen = two_people()
+    with pytest.raises(NoDetections):
+        select_in_one_view(detections(people, seen & False), 30.0)

@@ -1,0 +1,50 @@
+"""How far limbs are from where they should be: after a similarity, about the hips, and in their own ellipsoids."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.exchange.joint_sets import SMPL_JOINTS
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.types import Motion
+
+LIMBS = tuple(
+    SMPL_JOINTS.index(f"{side}_{part}")
+    for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle") for side in ("left", "right")
+)  # fmt: skip
+TOES = [SMPL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]
+HIPS = [LIMBS[6], LIMBS[7]]
+CHI2_95 = 7.815
+"""Of three degrees of freedom."""
+
+
+def pa_mm(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
+    """Return (F, N) distances in mm after the best similarity of each frame (Umeyama 1991)."""
+    a, b = (points - points.mean(axis=1, keepdims=True) for points in (found, truth))
+    u, s, vt = np.linalg.svd(np.swapaxes(a, 1, 2) @ b)
+    sign = np.sign(np.linalg.det(u @ vt))
+    u[:, :, 2] *= sign[:, None]
+    s[:, 2] *= sign
+    scale = s.sum(axis=1) / (a**2).sum(axis=(1, 2))
+    return 1000 * np.linalg.norm(scale[:, None, None] * (a @ (u @ vt)) - b, axis=-1)
+
+
+def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
+    """Return mean distances of 12 limb joints in mm: after the best similarity, and about the middle of the hips."""
+    about = [points[:, LIMBS] - points[:, HIPS].mean(axis=1, keepdims=True) for points in (joints, truth)]
+    hip = 1000 * np.linalg.norm(about[0] - about[1], axis=-1)
+    return float(pa_mm(joints[:, LIMBS], truth[:, LIMBS]).mean()), float(hip.mean())
+
+
+def coverage(motion: Motion, truth: np.ndarray) -> float:
+    """Return the share of limb joints inside their 95 % ellipsoids, percent."""
+    assert motion.joint_covariance is not None
+    off = (motion.joints - truth)[:, LIMBS]
+    covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
+    deviation = np.einsum("fja,fja->fj", off, np.linalg.solve(covariance, off[..., None])[..., 0])
+    return 100 * float((deviation < CHI2_95).mean())
+
+
+def acceleration(joints: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F - 2, 12, 3) accelerations of the limb joints, m/s²."""
+    return np.diff(joints[:, LIMBS], 2, axis=0) * fps**2
