@@ -38,7 +38,7 @@ from solver_backend.priors.hand_prior import load_hand_prior
 STAGE = "Hands"
 USUAL_WRIST_M = 0.02
 """Standard deviation per axis of a wrist where the method knows none."""
-NOISE_FRAMES = 60
+NOISE_FRAMES = 30
 """Frames on which the detector's noise is measured, and twice as many at most."""
 LEAST_FRAMES = 4
 """Shorter takes have no keys."""

@@ -14,6 +14,9 @@ from solver_backend.fitters.solution import Convergence
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.types.shapes import Float
 
+NEAR, DONE = 1e-2, 1e-3
+"""Shares of the cost by which a step must lower it to go on, at wide scales and at the last."""
+
 
 @dataclass(frozen=True)
 class HandKeys:
@@ -44,7 +47,8 @@ def solve_keys(
             alive()
             return model.linearise(x, scale)
 
-        settings = LMSettings(max_iterations=iterations, tolerance=1e-4)
+        tolerance = NEAR if scale > scales[-1] else DONE
+        settings = LMSettings(max_iterations=iterations, tolerance=tolerance, promise=1.0)
         result = levenberg_marquardt(keys, linearise, _moved, settings)
         keys = result.state
     assert result is not None

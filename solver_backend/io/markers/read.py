@@ -13,6 +13,7 @@ from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
 from solver_backend.io.markers.motive_csv import read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.point_array import is_point_array, read_point_array
+from solver_backend.io.markers.qualisys_mat import read_qualisys_mat
 from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.trc import read_trc
@@ -59,6 +60,7 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
     Reader("array of 3D points (.npy)", is_point_array, _read_array),
     _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
+    _row("Qualisys MATLAB file", (".mat",), read_qualisys_mat),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
 """Asked in this order; the first that recognises a path reads it."""

@@ -21,7 +21,6 @@ _FORMATS = (
     ((".mot", ".sto", ".osim"), "a file of OpenSim without markers", "Choose the TRC or C3D that it was made from."),
     ((".xmove", ".xml"), "an XML file", "Export C3D or TRC from the program that wrote it."),
     ((".xlsx", ".xls", ".ods"), "a spreadsheet", "Save the sheet as CSV or text; TRC and CSV of tracks are read."),
-    ((".mat",), "a MATLAB file", "Export C3D or TSV from the program that recorded it."),
 )  # fmt: skip
 """Ends of files' names, what they are, and the way out."""
 _LINES, _LEAST_COLUMNS = 5, 8
