@@ -7,7 +7,7 @@ import numpy as np
 from ..._exchange.rigs.roles import JOINT_OF, SIDES
 from .figures import Actor, Target
 
-_TOUCH, _APART = 0.9, 1.8
+_TOUCH, _APART = 0.7, 1.1
 """Distances of the palms' middles by the length of the palm up to which hands touch, and from which they do not."""
 _HAND_AFTER_WRIST = 2
 
