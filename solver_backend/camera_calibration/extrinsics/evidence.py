@@ -73,7 +73,7 @@ def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
     """Return what one person's keypoints tell: points alone, of frames spread over the take.
 
     Raises:
-        NoDetections: no two cameras see her at the same moment.
+        NoDetections: no two cameras see the person at the same moment.
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):

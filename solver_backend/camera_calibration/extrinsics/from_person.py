@@ -133,7 +133,7 @@ class _Views:
         if len(useful) < LEAST_MOMENTS:
             raise NoDetections(
                 f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed.",
-                hint="Film her walking through the whole space for half a minute, or film a board.",
+                hint="Film the person walking through the whole space for half a minute, or film a board.",
             )
         frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(most, len(useful))).astype(int))]
         xy, confidence = keypoints.xy[:, frames], keypoints.confidence[:, frames]
@@ -173,7 +173,7 @@ class _Views:
         if best is None:
             raise NoDetections(
                 f"No two cameras see {FEWEST_COMMON} keypoints in common.",
-                hint="Let the person walk where cameras see her together; check that the videos are synchronous.",
+                hint="Let the person walk where cameras see them together; check that the videos are synchronous.",
             )
         _, pair, R, t = best
         return pair, (np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]))
@@ -193,7 +193,7 @@ class _Views:
             raise CalibrationInvalid(
                 f"The camera sees {int(use.sum())} keypoints that others see too; {FEWEST_COMMON // 2} are needed.",
                 where=f"camera {name}",
-                hint="Film the person where this camera and two others see her.",
+                hint="Film the person where this camera and two others see them.",
             )
         R, t, share = resected_pose(X[use], n[c, use], self.scale(c), rng)
         if share < 0.3:

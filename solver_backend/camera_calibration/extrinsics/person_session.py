@@ -80,7 +80,7 @@ def calibrate_by_person(
         )
     if upright.walked_m < WALKED_M:
         words.append(
-            f"The person stayed within {upright.walked_m:.1f} m, which holds cameras badly; let her walk through all "
+            f"The person stayed within {upright.walked_m:.1f} m, which holds cameras badly; let them walk through all "
             "of the space that takes will use."
         )
     if rig.inlier_share < 0.8:

@@ -159,7 +159,7 @@ def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
 
 
 def _sentence(level: Level, how: str) -> str:
-    shown = (("her balance", level.balance), ("the floor under her feet", level.floor), ("the cameras", level.cameras))
+    shown = (("the balance", level.balance), ("the floor under the feet", level.floor), ("the cameras", level.cameras))
     why = "as asked for"
     if how == AUTO:
         why = f"as {' and '.join(name for name, gain in shown if gain > 0)} show; to keep it as calibrated: --level off"
