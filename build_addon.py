@@ -39,7 +39,7 @@ _COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)
-_LIMIT_MIB = 8
+_LIMIT_MIB = 12
 
 
 class WheelMissing(Exception):

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 PER_CENT = 100.0
+_LOW = 0.5
+"""Below this, one confidence for every keypoint is taken as none; a higher one weighs what is seen as it should."""
 _TYPICAL_PER_CENT = 10.0
 """Scores of a detector that are not on 0..1 reach a few units; per cent are typically above this."""
 _FLAT, _FEWEST = 1e-3, 100
@@ -21,7 +23,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], 
     """
     largest = float(confidence.max(initial=0.0))
     seen = confidence[confidence > 0]
-    if len(seen) >= _FEWEST and largest < 1 and float(seen.min()) >= (1 - _FLAT) * largest:
+    if len(seen) >= _FEWEST and largest < _LOW and float(seen.min()) >= (1 - _FLAT) * largest:
         sentence = (
             f"Every keypoint that is seen has the same confidence, {largest:.3g}; it says nothing about which to "
             f"trust. It is taken as 1, and keypoints are weighed by their agreement alone."

@@ -96,7 +96,7 @@ READERS: dict[str, Callable[[Path, float, int, Files], Read]] = {
     "bvh": of_blender("import_anim", "bvh", global_scale=0.01, update_scene_fps=True, use_fps_scale=False),
     "fbx": of_blender("wm", "fbx_import"), "gltf": of_blender("import_scene", "gltf"),
     "usd": of_blender("wm", "usd_import"), "alembic": of_blender("wm", "alembic_import", set_frame_range=True),
-    "amass": of_amass, "trc": of_trc, "csv": of_csv,
+    "amass": of_amass, "amass-x": of_amass, "trc": of_trc, "csv": of_csv,
 }  # fmt: skip
 
 

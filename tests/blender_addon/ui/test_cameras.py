@@ -36,7 +36,7 @@ def test_a_camera_and_a_range_are_left_out_of_the_next_solve(solved_take, mocap,
     for item in mocap.capture.cameras:
         item.use = False
     assert bpy.ops.mocap.solve.poll()
-    with pytest.raises(RuntimeError, match="Fewer than two cameras"):
+    with pytest.raises(RuntimeError, match="No camera with detections is left"):
         bpy.ops.mocap.solve()
 
 

@@ -18,7 +18,7 @@ def doubts(rng: np.random.Generator) -> np.ndarray:
     return np.where(rng.uniform(size=(4, 50, 25)) < 0.2, 0.0, rng.beta(5, 2, (4, 50, 25)))
 
 
-@pytest.mark.parametrize("value", [0.01, 0.5, 0.9])
+@pytest.mark.parametrize("value", [0.01, 0.1, 0.45])
 def test_one_value_for_everything_says_nothing_and_is_reported(rng, value: float) -> None:
     seen = doubts(rng) > 0
     found, notes, problems = on_unit_scale(np.where(seen, value, 0.0))
@@ -36,6 +36,8 @@ def test_confidences_that_differ_stay_however_small(rng) -> None:
 def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
     ones = (doubts(rng) > 0).astype(float)
     assert on_unit_scale(ones)[1:] == ((), ()) and np.array_equal(on_unit_scale(ones)[0], ones)
+    high = 0.85 * ones
+    assert np.array_equal(on_unit_scale(high)[0], high)
     few = np.full((1, 1, 50), 0.3)
     assert np.array_equal(on_unit_scale(few)[0], few)
     assert np.array_equal(on_unit_scale(np.zeros((2, 3, 25)))[0], np.zeros((2, 3, 25)))
