@@ -32,7 +32,7 @@ def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progr
     Args:
         request: what to retarget; its source is a folder.
         formats: keys of ``export.formats.FORMATS`` that each clip is written in, too.
-        progress: told about each clip.
+        progress: called for each clip.
 
     Returns:
         The ``result`` event: outputs, clips with their notes, and those that failed.
@@ -84,10 +84,10 @@ def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progr
             raise ActorMissing("No clip could be laid on the rig.", where=str(request.source), hint=_listing(failed))
         play_action(rig, clips[0]["clip"])
         save_file(temporary[request.out.name])
-    told = [f"{clip['clip']}: {note}" for clip in clips for note in clip["notes"]]
+    notes = [f"{clip['clip']}: {note}" for clip in clips for note in clip["notes"]]
     return {
         "event": "result", "outputs": [str(path) for path in written], "clips": clips, "failed": failed,
-        "notes": [*told, *(f"{entry['clip']} failed: {entry['message']}" for entry in failed)],
+        "notes": [*notes, *(f"{entry['clip']} failed: {entry['message']}" for entry in failed)],
         "map": rig_map.label, "exit_code": max((entry["exit_code"] for entry in failed), default=0),
         "seconds": round(time.monotonic() - start, 3),
     }  # fmt: skip

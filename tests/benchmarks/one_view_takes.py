@@ -12,13 +12,14 @@ from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
+from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.lifted_take import lift_take
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import read_take
 from tests.benchmarks.metric import BenchmarkSkipped
-from tests.support.limb_errors import LIMBS, pa_mm
+from tests.support.limb_errors import LIMBS
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
 HELD_OUT = (
@@ -85,4 +86,4 @@ def lifted_pa_mm(take: OneViewTake) -> float:
     body = load_body()
     lifted = lift_take(cameras, keypoints, body, prior_on_body(load_sposer(), body.layout), cameras.R[0, :, 2])
     posed = forward_kinematics(body, np.zeros(10), lifted.view.root, lifted.local, np.zeros((len(lifted.local), 3)))
-    return float(pa_mm(np.asarray(posed.joints)[:, LIMBS], take.joints[:, LIMBS]).mean())
+    return pa_mpjpe_mm(np.asarray(posed.joints)[:, LIMBS], take.joints[:, LIMBS])

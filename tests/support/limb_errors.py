@@ -6,6 +6,7 @@ import numpy as np
 
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.symmetric import unpacked
+from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.types import Motion
 
 LIMBS = tuple(
@@ -18,22 +19,11 @@ CHI2_95 = 7.815
 """Of three degrees of freedom."""
 
 
-def pa_mm(found: np.ndarray, truth: np.ndarray) -> np.ndarray:
-    """Return (F, N) distances in mm after the best similarity of each frame (Umeyama 1991)."""
-    a, b = (points - points.mean(axis=1, keepdims=True) for points in (found, truth))
-    u, s, vt = np.linalg.svd(np.swapaxes(a, 1, 2) @ b)
-    sign = np.sign(np.linalg.det(u @ vt))
-    u[:, :, 2] *= sign[:, None]
-    s[:, 2] *= sign
-    scale = s.sum(axis=1) / (a**2).sum(axis=(1, 2))
-    return 1000 * np.linalg.norm(scale[:, None, None] * (a @ (u @ vt)) - b, axis=-1)
-
-
 def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
     """Return mean distances of 12 limb joints in mm: after the best similarity, and about the middle of the hips."""
     about = [points[:, LIMBS] - points[:, HIPS].mean(axis=1, keepdims=True) for points in (joints, truth)]
     hip = 1000 * np.linalg.norm(about[0] - about[1], axis=-1)
-    return float(pa_mm(joints[:, LIMBS], truth[:, LIMBS]).mean()), float(hip.mean())
+    return pa_mpjpe_mm(joints[:, LIMBS], truth[:, LIMBS]), float(hip.mean())
 
 
 def coverage(motion: Motion, truth: np.ndarray) -> float:

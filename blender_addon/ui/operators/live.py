@@ -29,7 +29,7 @@ class CurrentLive:
     def __init__(self) -> None:
         self.run: LiveRun | None = None
         self.figure: LiveFigure | None = None
-        self.told: Callable[[str], None] | None = None
+        self.on_recorded: Callable[[str], None] | None = None
         """Called with the recording at the end."""
         self.face: LiveFace | None = None
         """What the face of another program moves."""
@@ -45,12 +45,12 @@ class CurrentLive:
         return self.run is not None
 
     def begin(
-        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True, told: Callable[[str], None] | None = None,
-        face: LiveFace | None = None,
+        self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True,
+        on_recorded: Callable[[str], None] | None = None, face: LiveFace | None = None,
     ) -> None:  # fmt: skip
         """Show a run in a scene from now on, with a body or points alone; say where it recorded to at its end.
 
-        Sensors' runs alone are told of a recording: it is a folder of the rig's.
+        Only sensors' runs take ``on_recorded``: their recording is a folder of the rig's.
 
         Raises:
             MocapError, RuntimeError: what shows it cannot be made; the run is ended.
@@ -65,7 +65,7 @@ class CurrentLive:
         except (MocapError, RuntimeError):
             run.process.kill()
             raise
-        self.run, self.figure, self.told, self.of_sensors = run, figure, told, told is not None
+        self.run, self.figure, self.on_recorded, self.of_sensors = run, figure, on_recorded, on_recorded is not None
         self.face = face
         self.failure = self.recorded = ""
         if not bpy.app.timers.is_registered(self.tick):
@@ -95,12 +95,12 @@ class CurrentLive:
 
     def _ended(self, run: LiveRun) -> None:
         self.failure = self.failure or run.failure
-        recorded, told = "" if run.recorded is None else stored(run.recorded), self.told
-        self.run = self.told = None
-        if told is None:
+        recorded, on_recorded = "" if run.recorded is None else stored(run.recorded), self.on_recorded
+        self.run = self.on_recorded = None
+        if on_recorded is None:
             self.recorded = recorded
         else:
-            told(recorded)
+            on_recorded(recorded)
 
     def abandon(self) -> None:
         """End the run at once; for leaving a file or switching the add-on off."""
@@ -109,7 +109,7 @@ class CurrentLive:
         if self.run is not None:
             self.run.process.kill()
             self.run.process.wait()
-        self.run = self.figure = self.told = self.face = None
+        self.run = self.figure = self.on_recorded = self.face = None
         self.failure = self.recorded = ""
 
 
@@ -196,7 +196,7 @@ def may_begin(operator: type[bpy.types.Operator], context: bpy.types.Context, so
 
 
 def require_there(*paths: str) -> None:
-    """Raise ``FileMissing`` for the first path that is told and not there."""
+    """Raise ``FileMissing`` for the first path that is given and not there."""
     for path in paths:
         if path and not absolute(path).exists():
             raise FileMissing("It is not there.", where=absolute(path).name, hint="Choose another one.")

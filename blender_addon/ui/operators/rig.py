@@ -81,7 +81,7 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
         if rig.record:
             options += ["--record", str(next_path(folder, PARTS[part][2]))]
         run = start_rig([*rig.sensors(), *options], chosen_python(context), folder)
-        live.begin(run, scene, body=part == "TAKE", told=partial(_keep_recording, scene.name, part))
+        live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
         return {"FINISHED"}
 
 

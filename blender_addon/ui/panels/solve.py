@@ -89,7 +89,7 @@ def _draw_value(layout: bpy.types.UILayout, solve: bpy.types.PropertyGroup, name
 
 
 def _draw_calibrated(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the person whom the last run learned."""
+    """Draw the person that the last run learned."""
     run = current.last_for(context.scene, ("calibrate",))
     if run is not None and run.result is not None and run.error is None:
         wrapped(layout, context, f"Calibrated: {calibrated(run.result)}", "CHECKMARK")

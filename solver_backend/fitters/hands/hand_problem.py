@@ -1,4 +1,4 @@
-"""One hand over a take: what it is judged by, frame by frame, and the equations of its keys."""
+"""One hand over a take: its objective, frame by frame, and the equations of its keys."""
 
 from __future__ import annotations
 
@@ -95,7 +95,7 @@ class HandProblem:
 
 @dataclass(frozen=True)
 class KeyModel:
-    """A hand's keys and what they are judged by."""
+    """A hand's keys and their objective."""
 
     problem: HandProblem
     """The hand."""

@@ -34,7 +34,7 @@ def solve_keys(
     """Return the keys that minimise the model, solved at each robust scale from where the one before ended.
 
     Args:
-        model: what keys are judged by.
+        model: the keys' objective.
         keys: (K, D) where to start.
         scales: Geman-McClure scales in standard deviations.
         iterations: linearisations at most, per scale.

@@ -1,4 +1,4 @@
-"""Markers of hands among a body's: told by their labels, solved beside the body."""
+"""Markers of hands among a body's: known by their labels, solved beside the body."""
 
 from __future__ import annotations
 

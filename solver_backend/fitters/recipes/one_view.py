@@ -3,21 +3,19 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.chunked import Stretches, solve_in_single
-from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
+from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.optimise import Schedule
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.open_depth import diagnose_one_view, with_open_depth
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.passes import Pass, run_passes
 from solver_backend.fitters.recipes.result import STAGE, solved_take
+from solver_backend.fitters.recipes.start import start_take
 from solver_backend.fitters.recipes.steps import find_standing_feet, space_keys
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult
@@ -45,13 +43,8 @@ def solve_one_view(
     """Solve all keys of a take that one camera sees, and state what it leaves open."""
     one = problem.measurements.one_view
     assert one is not None
-    window, passes = problem.frames_of(settings.refine_window), passes_of(problem, settings)
-    layout = KeyframeLayout.even(problem.num_frames, window)
-    keys = initial_keys(problem, subject, layout)
-    bundle = Bundle.start(
-        problem, subject, settings, layout, window, keys, passes[0].schedule, partial(solve_in_single, each=each),
-        keys_of_frames(problem, subject, layout, keys),
-    )  # fmt: skip
+    passes = passes_of(problem, settings)
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each)
     solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE))
     joints = np.asarray(solved.subject.body.recorded_joints)
     solved = with_open_depth(solved, one, joints)

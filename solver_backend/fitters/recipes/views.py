@@ -5,15 +5,14 @@ from __future__ import annotations
 from functools import partial
 
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.chunked import Stretches, solve_in_single
-from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
+from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.optimise import Schedule
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.passes import Pass, Step, run_passes
 from solver_backend.fitters.recipes.result import STAGE, solved_take
+from solver_backend.fitters.recipes.start import start_take
 from solver_backend.fitters.recipes.steps import (
     find_standing_feet,
     learn_view_noise,
@@ -48,12 +47,6 @@ def solve_views(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
     """Solve all keys of a take at once, with shape, bias, noise and standing feet learned between the passes."""
-    window, passes = problem.frames_of(settings.refine_window), passes_of(problem, settings)
-    layout = KeyframeLayout.even(problem.num_frames, window)
-    keys = initial_keys(problem, subject, layout)
-    bundle = Bundle.start(
-        problem, subject, settings, layout, window, keys, passes[0].schedule, partial(solve_in_single, each=each),
-        keys_of_frames(problem, subject, layout, keys),
-    )  # fmt: skip
-    bundle = run_passes(bundle, passes, progress, STAGE, after=(resolve_lost_limbs,))
-    return solved_take(bundle)
+    passes = passes_of(problem, settings)
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each)
+    return solved_take(run_passes(bundle, passes, progress, STAGE, after=(resolve_lost_limbs,)))

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
-import numpy as np
 import torch
 from torch import nn
 
 from solver_backend.body.body import Body
+from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.sposer import SPoser
 from solver_backend.priors.view_lifter import INPUTS, OUTPUTS, LiftedView, features, interpreted, look_at
 from solver_backend.training.data.corpus import Corpus
@@ -91,7 +90,7 @@ class ViewLifterTask:
         deviation = across / sigma[..., 0].square() + (along / sigma[..., 1]).square()
         return {
             "joints_mm": 1000 * float(torch.linalg.vector_norm(off, dim=-1).mean()),
-            "pa_joints_mm": 1000 * float(_aligned(found[:, :_JOINTS].numpy(), truth[:, :_JOINTS].numpy())),
+            "pa_joints_mm": pa_mpjpe_mm(found[:, :_JOINTS].numpy(), truth[:, :_JOINTS].numpy()),
             "along_mm": 1000 * float(along.abs().mean()),
             "up_unknown_deg": float(torch.rad2deg(torch.arccos(cosine[~known])).mean()),
             "inside_95_percent": 100 * float((deviation < 7.815).float().mean()),
@@ -120,14 +119,3 @@ def _density(off: torch.Tensor, lifted: LiftedView) -> torch.Tensor:
     seen = torch.matmul(off, lifted.sight.mT)
     sigma = lifted.sigma_m[..., (0, 0, 1)]
     return (0.5 * (seen / sigma).square() + torch.log(sigma)).sum(-1)
-
-
-def _aligned(found: np.ndarray, truth: np.ndarray) -> Any:
-    """Return the mean distance of points after the best similarity of each frame, metres."""
-    a, b = (points - points.mean(axis=1, keepdims=True) for points in (found, truth))
-    u, s, vt = np.linalg.svd(np.swapaxes(a, 1, 2) @ b)
-    sign = np.sign(np.linalg.det(u @ vt))
-    u[:, :, 2] *= sign[:, None]
-    s[:, 2] *= sign
-    scale = s.sum(axis=1) / (a**2).sum(axis=(1, 2))
-    return np.linalg.norm(scale[:, None, None] * (a @ (u @ vt)) - b, axis=-1).mean()

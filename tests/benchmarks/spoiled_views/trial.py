@@ -14,6 +14,7 @@ from solver_backend.exchange.diagnostics.refusal import refuse_errors
 from solver_backend.exchange.errors import MocapError
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.load import load_capture
 from solver_backend.report.diagnose import diagnose
 from solver_backend.types import Capture
@@ -92,9 +93,7 @@ _COMPARED = 12
 
 
 def _off(found: np.ndarray, joints: np.ndarray) -> float:
-    """Return the mean distance after the rigid motion that lays one over the other (Kabsch 1976)."""
+    """Return the mean distance after the rigid motion that lays one over the other (Umeyama 1991)."""
     a, b = (points[:, :24].reshape(-1, 3) for points in (found, joints))
-    a, b = a - a.mean(0), b - b.mean(0)
-    U, _, Vt = np.linalg.svd(b.T @ a)
-    R = U @ np.diag([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))]) @ Vt
-    return float(np.linalg.norm(a @ R.T - b, axis=-1).mean())
+    _, R, t = umeyama(a, b)
+    return float(np.linalg.norm(a @ R.T + t - b, axis=-1).mean())
