@@ -3,20 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from .errors import MotionInvalid
 from .schema import Fields
-from .so3 import matrix_from_rotvec
+from .so3 import matrix_from_rotvec, rotvec_from_matrix
 
 PROPS = (
     "prop_names", "prop_labels", "prop_of", "prop_points", "prop_rotvec", "prop_transl", "prop_sigma", "prop_seen",
 )  # fmt: skip
 """Arrays of a motion file that hold its props: names (P,), labels (Q,), the prop of each of the Q points, and the
 fields of ``Prop`` one prop after the other."""
+POSE_POINTS = ("origin", "x", "y", "z")
+"""Labels, after the prop's name and a colon, of points that stand for a pose that a file holds: origin and axes."""
 
 
 @dataclass(frozen=True)
@@ -57,6 +59,22 @@ class Prop:
     def markers(self) -> np.ndarray:
         """(F, M, 3) where it has its markers in the world."""
         return self.points @ np.swapaxes(matrix_from_rotvec(self.rotvec), -1, -2) + self.transl[:, None]
+
+    @property
+    def is_of_poses(self) -> bool:
+        """Whether its markers stand for poses that a file holds."""
+        return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
+
+    def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
+        """Return the same prop in another frame of its own.
+
+        Args:
+            origin: (3,) of that frame in this one.
+            axes: (3, 3) its axes as columns.
+        """
+        R = matrix_from_rotvec(self.rotvec)
+        points, transl = (self.points - origin) @ axes, self.transl + R @ origin
+        return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain JSON values."""

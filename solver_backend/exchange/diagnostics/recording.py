@@ -113,6 +113,10 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "prop '{prop}'",
         "Somebody holds or moves a thing with markers: a stick, a racket, a box, a chair.",
     ),
+    "prop_read": note(
+        "The rigid body '{prop}' of the file is a prop",
+        "The file holds the poses of a thing, which the program that recorded it found from its markers.",
+    ),
     "prop_hidden": note(
         "The pose of the prop '{prop}' is hardly known",
         "Fewer than three of its markers are seen, or those that are lie on one line.",

@@ -15,6 +15,7 @@ from solver_backend.fitters.props.loose_groups import BonePoses, LooseGroup, loo
 from solver_backend.fitters.props.rigid_groups import FRAMES
 from solver_backend.fitters.props.solve_prop import solve_prop
 from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
@@ -58,6 +59,7 @@ def solve_props(
         kept = [labels.index(label) for label in prop.labels]
         off = float(quantile(np.linalg.norm(prop.markers - points[:, kept], axis=-1), 0.5, axis=(0, 1)))
         if off < FAR_M:
+            prop = _in_its_own_axes(prop) if prop.is_of_poses else prop
             props.append(prop)
             diagnostics += _found(prop, off)
     if found:
@@ -71,8 +73,15 @@ def _bones(solved: SolvedFrames, frames: np.ndarray) -> BonePoses:
     return BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
 
 
+def _in_its_own_axes(prop: Prop) -> Prop:
+    """Return a prop whose points are those of its axes in these axes."""
+    origin = prop.points[0]
+    return prop.in_axes(origin, nearest_rotation((prop.points[1:] - origin).T))
+
+
 def _found(prop: Prop, off: float) -> Iterator[Diagnostic]:
-    yield diagnostic("prop_found", markers=prop.labels, prop=prop.name, count=len(prop.labels), size=1000 * off)
+    code = "prop_read" if prop.is_of_poses else "prop_found"
+    yield diagnostic(code, markers=prop.labels, prop=prop.name, count=len(prop.labels), size=1000 * off)
     unsure = (prop.sigma[:, 0] > UNSURE_M) | (prop.sigma[:, 1] > UNSURE_RAD)
     if unsure.all():
         yield diagnostic("prop_turn_open", markers=prop.labels, prop=prop.name)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import marker_layout
+from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups, mirrored_labels
 from solver_backend.fitters.props.prop_equations import PropEquations
@@ -15,7 +16,7 @@ from solver_backend.fitters.props.prop_state import SIZE, PropState
 from solver_backend.fitters.props.rigid_groups import rigid_groups
 from solver_backend.fitters.props.solve_prop import solve_prop
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.geometry.rotations import exp_so3
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.moving_prop import RACKET, STICK, moving_prop, pose_errors
 from tests.support.worn_markers import worn_markers
@@ -129,3 +130,20 @@ def test_a_prop_under_a_prefix_of_its_own_is_found_beside_the_person():
     body = worn_markers(marker_layout("CMU_41"), 80, fps=30.0, step=2).cloud
     found = solve(Capture("both", markers=body, others=others), SolveSettings()).motion
     assert [item.name for item in found.props] == ["Bat"]
+
+
+def test_a_prop_of_poses_keeps_the_axes_that_the_file_gives_it():
+    truth = moving_prop(RACKET, frames=80, fps=30.0, seed=3)
+    R = exp_so3(truth.rotvec)
+    arms = truth.transl[:, None] + 0.1 * np.swapaxes(R, -1, -2)
+    points = np.concatenate([truth.transl[:, None], arms], axis=1)
+    points[30:33] = np.nan
+    others = MarkerCloud(points, 30.0, tuple(f"Bat:{name}" for name in POSE_POINTS))
+    body = worn_markers(marker_layout("CMU_41"), 80, fps=30.0, step=2).cloud
+    motion = solve(Capture("both", markers=body, others=others), SolveSettings()).motion
+    (prop,) = motion.props
+    assert prop.name == "Bat" and [item["code"] for item in motion.provenance["diagnostics"]].count("prop_read") == 1
+    np.testing.assert_allclose(prop.points, np.concatenate([np.zeros((1, 3)), 0.1 * np.eye(3)]), atol=1e-4)
+    assert np.linalg.norm(prop.transl - truth.transl, axis=-1)[[*range(30), *range(33, 80)]].max() < 1e-3
+    turned = np.linalg.norm(log_so3(np.swapaxes(R, -1, -2) @ exp_so3(prop.rotvec)), axis=-1)
+    assert np.degrees(turned[[*range(30), *range(33, 80)]]).max() < 0.3
