@@ -1,9 +1,9 @@
 """Rigid bodies of Qualisys Track Manager: the TSV file of 6D data beside that of the markers.
 
 Source: the QTM user manual, "TSV file formats, 6DOF data", and "Rotation angles in QTM". After the header
-(NO_OF_BODIES, FREQUENCY, BODY_NAMES, a row of column names) come, of every body, X, Y, Z in millimetres, Roll,
-Pitch, Yaw in degrees (about the x, the new y and the newest z axis: ``R = Rx Ry Rz``), the residual, and Rot[0] to Rot[8]. A body that is
-not seen is blank or all zeros.
+(NO_OF_BODIES, FREQUENCY, BODY_NAMES, a row of column names) come, of every body, X, Y, Z in millimetres, Roll, Pitch,
+Yaw in degrees (about the x, the new y and the newest z axis: ``R = Rx Ry Rz``), the residual, and Rot[0] to Rot[8]. A
+body that is not seen is blank or all zeros.
 """
 
 from __future__ import annotations
