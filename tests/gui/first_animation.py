@@ -5,6 +5,8 @@
 
 from __future__ import annotations
 
+import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -67,14 +69,22 @@ def own_recording(user: Any) -> Any:
     yield 1.0
 
 
+_READ = """
+import bpy, json, sys
+bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+bpy.ops.import_scene.fbx(filepath=sys.argv[-1])
+[rig] = [obj for obj in bpy.data.objects if obj.type == "ARMATURE"]
+roots = [bone.name for bone in rig.data.bones if bone.parent is None]
+first, last = rig.animation_data.action.frame_range
+print(json.dumps({"roots": roots, "scale": list(rig.matrix_world.to_scale()), "frames": last - first + 1}))
+"""
+
+
 def read_back(user: Any, path: Path) -> None:
-    """Read the FBX into a scene of its own and look at its skeleton."""
-    scene = bpy.data.scenes.new("read back")
-    with bpy.context.temp_override(window=user.window, scene=scene, view_layer=scene.view_layers[0]):
-        bpy.ops.import_scene.fbx(filepath=str(path))
-    [rig] = [obj for obj in scene.objects if obj.type == "ARMATURE"]
-    assert [bone.name for bone in rig.data.bones if bone.parent is None] == ["root"]
-    assert np.allclose(rig.matrix_world.to_scale(), 0.01, rtol=1e-3), "centimetres, and nothing else is scaled"
-    assert rig.animation_data.action.frame_range[1] > 50
-    user.note(f"read back: {len(rig.data.bones)} bones below root")
-    bpy.data.scenes.remove(scene)
+    """Read the FBX in another Blender and look at its skeleton."""
+    command = [bpy.app.binary_path, "--background", "--python-expr", _READ, "--", str(path)]
+    done = subprocess.run(command, capture_output=True, text=True, encoding="utf-8", check=True)
+    found = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    user.note(f"read back: {found}")
+    assert found["roots"] == ["root"] and found["frames"] > 50
+    assert np.allclose(found["scale"], 0.01, rtol=1e-3), "centimetres, and nothing else is scaled"

@@ -38,7 +38,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         name="Fingers", description="Write finger bones, if the body has any", default=True, options={"SKIP_SAVE"}
     )
     node: bpy.props.StringProperty(
-        name="Skeleton's Name", description="Name of the skeleton's object in the file; empty for the armature's own",
+        name="Object Name", description="Name of the skeleton's object; empty for the armature's own",
         options={"SKIP_SAVE"},
     )  # fmt: skip
     skeleton: bpy.props.BoolProperty(name="Skeleton Alone", description="Leave out the skinned mesh")
