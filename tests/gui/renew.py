@@ -7,7 +7,7 @@ from pathlib import Path
 import cv2
 
 IMAGES = Path(__file__).parents[2] / "docs" / "images"
-_LEFT, _TOP, _RIGHT, _BOTTOM = 0, 22, 1316, 900
+_LEFT, _TOP, _RIGHT, _BOTTOM = 0, 22, 1316, 896
 """Pixels of the window that show menus, viewport, sidebar and timeline; the outliner is left out."""
 _QUALITY = 80
 """Of WebP: about 50 kB a picture, with letters that stay sharp."""

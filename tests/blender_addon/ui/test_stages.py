@@ -168,3 +168,11 @@ def test_takes_have_short_names_and_tell_captures_apart(mocap, solved, scene) ->
     other = mocap.captures.add()
     other.name = "walk"
     assert take_motion(bpy.context, solved.files, mocap.captures[0]).name == f"{mocap.captures[0].name} Take 01"
+
+
+def test_the_list_of_takes_shows_the_error_of_each(mocap, solved, scene) -> None:
+    take_capture(scene, solved.read)
+    take_motion(bpy.context, solved.files, result={"reprojection_median_px": 2.14})
+    take_motion(bpy.context, solved.files, result={"reprojection_median_px": 3.5})
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_review, WIDE).drawn
+    assert "Take 01, 2.1 px" in drawn and any("3.5 px" in text and "key" in text for text in drawn)
