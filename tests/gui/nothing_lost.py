@@ -84,7 +84,7 @@ def frame_rate(user: Any) -> Any:
     assert scene.frame_end <= round(1 + (length - 1) / 2) + 1, scene.frame_end
     yield from user.key("Z", ctrl=True)
     yield 0.5
-    scene.render.fps = rate
+    bpy.context.scene.render.fps = rate  # undo has made the earlier reference invalid
     user.note("the take and the scene's end follow the frame rate")
 
 
