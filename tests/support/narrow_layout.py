@@ -162,7 +162,7 @@ class NarrowLayout:
     def prop_enum(self, data: Any, name: str, value: str, text: str | None = None, **said: Any) -> None:
         prop = data.bl_rna.properties[name]
         shown = prop.enum_items[value].name if text is None else text
-        if prop.translation_context != CONTEXT:
+        if text is not None or prop.translation_context != CONTEXT:
             self._look_at_context(shown, said)
         self._add(shown, text_width(shown) + _PADDING)
 

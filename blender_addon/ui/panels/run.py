@@ -10,6 +10,7 @@ from ..operators.solver_operator import MOCAP_OT_cancel, current
 from ..project_files import following
 from ..properties import STAGES, MocapSettings
 from ..settings_layout import is_narrow
+from ..translation import CONTEXT
 from .frame_rate import draw_rate
 from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_next, draw_solve, fits, wrapped
 
@@ -107,4 +108,4 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
             row.alert = True
             row.label(text=counted(count, word), icon="ERROR", translate=False)
             if settings.stage != stage:
-                row.prop_enum(settings, "stage", stage, text="Show")
+                row.prop_enum(settings, "stage", stage, text="Show", text_ctxt=CONTEXT)
