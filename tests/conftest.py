@@ -21,8 +21,9 @@ CHECKED = [f"solver_backend.{name}" for name in ("body", "cameras", "geometry", 
 if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
     import jaxtyping
 
-    # Before anything imports the solver. An int is a number wherever a float is asked for.
-    jaxtyping.install_import_hook(CHECKED, "beartype.beartype(conf=beartype.BeartypeConf(is_pep484_tower=True))")
+    from tests.support import annotation_checks
+
+    annotation_checks.install(CHECKED)  # before anything imports the solver
 
 from tests.support.recordings import recordings_folder  # noqa: E402
 

@@ -104,6 +104,19 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
 
 
+def views_agreement(cameras: Cameras, detections: Detections) -> float:
+    """Return the share of keypoints that agree between views, on few frames.
+
+    Args:
+        cameras: of the detections.
+        detections: everybody in every view; of each frame the largest person counts.
+    """
+    xy, confidence = main_person(detections)
+    frames = well_seen_frames(confidence)
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _SEARCH_FRAMES).astype(int))] if len(frames) else frames
+    return _Scores(cameras, xy[:, frames], confidence[:, frames]).of([CameraCorrection()] * len(cameras))
+
+
 def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], list[list[CameraCorrection]]]:
     """Return the reading with the highest score, and the best of each turn and pose of all cameras alike."""
     pictures = [(factor, turn) for factor, turn in product(FACTORS, TURNS)]
@@ -145,8 +158,8 @@ class _Scores:
 
     def __init__(self, cameras: Cameras, xy: np.ndarray, confidence: np.ndarray) -> None:
         self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
-        self._rays: dict[tuple[int, CameraCorrection], tuple[np.ndarray, np.ndarray, np.ndarray]] = {}
-        self._normalised: dict[tuple[int, CameraCorrection], np.ndarray] = {}
+        self._poses: dict[CameraCorrection, tuple[np.ndarray, np.ndarray]] = {}
+        self._normalised: dict[CameraCorrection, np.ndarray] = {}
         count = len(cameras)
         others = range(1, count if count <= _EACH else _EACH)
         self._compared = sorted(
@@ -184,19 +197,25 @@ class _Scores:
 
     def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
-        key = (c, correction)
-        if key not in self._rays:
-            one = corrected(self.cameras.subset([c]), [correction])
-            self._rays[key] = self._points(c, replace(correction, pose=POSES[0], graphics=False)), one.R[0], one.t[0]
-        return self._rays[key]
+        points = self._points(CameraCorrection(correction.factor, correction.turn))
+        R, t = self._turned(replace(correction, factor=1.0))
+        return points[c], R[c], t[c]
 
-    def _points(self, c: int, picture: CameraCorrection) -> np.ndarray:
-        """Return (F, J, 2) normalised points of a camera whose pictures are so read."""
-        if (c, picture) not in self._normalised:
-            one = corrected(self.cameras.subset([c]), [picture])
-            xy = np.where(self._seen[c][..., None], self._xy[c], np.nan)
-            self._normalised[c, picture] = undistort(one.K, one.distortion, xy[None], one.distortion_model)[0]
-        return self._normalised[c, picture]
+    def _turned(self, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray]:
+        """Return (C, 3, 3) rotations and (C, 3) translations of all cameras so read; sizes of pictures change none."""
+        if correction not in self._poses:
+            all_alike = corrected(self.cameras, [correction] * len(self.cameras))
+            self._poses[correction] = all_alike.R, all_alike.t
+        return self._poses[correction]
+
+    def _points(self, picture: CameraCorrection) -> np.ndarray:
+        """Return (C, F, J, 2) normalised points of all cameras if their pictures are so read."""
+        if picture not in self._normalised:
+            all_alike = corrected(self.cameras, [picture] * len(self.cameras))
+            xy = np.where(self._seen[..., None], self._xy, np.nan)
+            lens = all_alike.K, all_alike.distortion
+            self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
+        return self._normalised[picture]
 
 
 def _agreement(

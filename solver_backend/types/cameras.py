@@ -67,11 +67,15 @@ class Cameras:
         self._check_physics()
 
     def _check_physics(self) -> None:
+        off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+        sign = np.linalg.det(self.R)
+        lengths = self.K[:, [0, 1], [0, 1]]
+        if not ((off > 1e-3).any() or (sign < 0).any() or (lengths <= 0).any() or (self.image_size <= 0).any()):
+            return
         for c, name in enumerate(self.names):
-            off = float(np.abs(self.R[c] @ self.R[c].T - np.eye(3)).max())
-            if off > 1e-3 or np.linalg.det(self.R[c]) < 0:
+            if off[c] > 1e-3 or sign[c] < 0:
                 raise CalibrationInvalid(
-                    f"The rotation is not orthonormal (|R Rᵀ - I| = {off:.3g}, det = {np.linalg.det(self.R[c]):.3g}).",
+                    f"The rotation is not orthonormal (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g}).",
                     where=f"camera {name}",
                     hint="Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
                 )

@@ -38,21 +38,21 @@ def test_arrays_of_either_kind_pass(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_wrong_shapes_are_caught(kind):
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'v'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter v="):
         exp_so3(zeros(kind, 5, 4))
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'R'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter R="):
         log_so3(zeros(kind, 3, 4))
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'b'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter b="):
         slerp(zeros(kind, 2, 3), zeros(kind, 5, 3), 0.5)
 
 
 def test_sizes_that_numpy_would_broadcast_are_caught():
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'truth'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter truth="):
         mpjpe_mm(np.zeros((2, 3, 3)), np.zeros((1, 3, 3)))
 
 
 def test_numbers_of_another_type_are_caught():
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'v'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter v="):
         exp_so3(np.zeros((5, 3), dtype=int))
 
 
@@ -61,7 +61,7 @@ def test_the_fields_of_a_value_belong_together():
         np.zeros((5, 4, 3)), np.zeros((5, 4, 3, 3)), np.ones((2, 5, 4), bool), np.zeros((2, 5, 4)), np.ones(4)
     )
     assert found.of_keypoints(np.array([2, 0])).covariance.shape == (5, 2, 3, 3)
-    with pytest.raises(jaxtyping.TypeCheckError, match=r"parameter 'covariance'"):
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter covariance="):
         Triangulation(found.points[:, :3], found.covariance, found.inliers, found.residual_px, found.sigma_px)
 
 
