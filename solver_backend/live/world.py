@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.labelling.outputs import JOINTS, LANDMARKS
 from solver_backend.labelling.point_network import PointNetwork
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
@@ -13,6 +14,10 @@ _PEOPLE_M = (0.5, 3.5)
 """Reach of a person's markers from end to end."""
 _CLEARLY = 0.08
 """An axis other than z is taken only if points are surer by so much."""
+_UPRIGHT = 0.1
+"""What a person who stands counts for beside that: read from eight recorded takes, whose own axis is surer by 0.01 to
+0.13 than any other, and in which the network sees nobody upright along a wrong one."""
+_HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
 
 
 def unit_of(points: np.ndarray) -> str | None:
@@ -23,11 +28,17 @@ def unit_of(points: np.ndarray) -> str | None:
 
 
 def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
-    """Return the axis along which the network is surest of what the points are; z unless another is clearly better."""
+    """Return the axis along which the network is surest of what the points are; z unless another is clearly better.
+
+    ``mean p + w max(0, u)``: the points' mean best probability p, and the height u of the head above the pelvis in
+    trunk lengths. The network reads people who lie nearly as surely, and people who begin to record stand.
+    """
     sure = {}
     for axis in AXES:
         turn = rotation_to_z_up(axis)
-        best = [network((points @ turn.T)[None]).log_probability[0].max(-1) for points in frames]
-        sure[axis] = float(np.mean([np.exp(b).mean() for b in best]))
+        read = [network((points @ turn.T)[None]) for points in frames]
+        best = np.mean([np.exp(reading.log_probability[0].max(-1)).mean() for reading in read])
+        trunk = np.mean([reading.positions[0, _HEAD] - reading.positions[0, _PELVIS] for reading in read], axis=0)
+        sure[axis] = float(best) + _UPRIGHT * max(0.0, float(trunk[2] / np.linalg.norm(trunk)))
     axis = max(sure, key=lambda a: sure[a])
     return axis if sure[axis] > sure["z"] + _CLEARLY else "z"
