@@ -18,8 +18,9 @@ TOES, HEELS = ("TOE", "MT1", "MT5"), ("HEE", "ANK", "MANK")
 LEAST_PAIRS = 2
 """Pairs of a limb's markers that have to be there."""
 MIRRORED, CROSSED_M, SHARE = -0.3, -0.05, 0.75
-"""Sine of feet that point backwards; metres by which left legs are on the right, and in which share of the frames: in 45
-recordings the sine's median is above 0.5, and three frames of four have left legs 0.12 m on the left."""
+"""Sine of feet that point backwards; metres by which left legs are on the right, and in which share of the frames. In
+45 recordings the sine's median is above 0.5, and left legs are 0.12 m on the left in a quarter of the frames at
+least."""
 
 
 def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
