@@ -8,9 +8,11 @@ from pathlib import Path
 
 import bpy
 
+from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of, stored
+from .curves import action_curves
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
@@ -18,8 +20,12 @@ PERSON = "person"
 """Custom property of an action: whose motion it is, where a capture shows several people."""
 ERROR = "error_text"
 """Custom property of an action: how far the solve is from what was measured, for people."""
+DIAGNOSTICS = "diagnostics"
+"""Custom property of an action: what was found about its solve, JSON text."""
 WARNINGS = "warnings"
 """Custom property of an action: the warnings of its solve, a line each."""
+_HALF = 0.5
+"""A limb's switch between joints (0) and end (1)."""
 BETAS = "betas"
 """Custom property of an action: the shape it was solved with."""
 
@@ -96,9 +102,20 @@ def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
     animation.action = action
     if hasattr(action, "slots") and len(action.slots):
         animation.action_slot = action.slots[0]
+    _show_controls(armature, action)
     mesh = body_mesh(armature)
     if mesh is not None and BETAS in action:
         set_betas(mesh, action[BETAS])
+
+
+def _show_controls(armature: bpy.types.Object, action: bpy.types.Action) -> None:
+    """Show of each limb the controls that pose it in a take: its joints, or its end."""
+    if not has_limbs(armature) or not armature.data.is_editable:
+        return
+    curves = {curve.data_path: curve for curve in action_curves(action)}
+    for limb in LIMBS:
+        if (curve := curves.get(switch_path(limb))) is not None:
+            follow_mode(armature, limb, from_end=curve.evaluate(action.frame_range[0]) > _HALF)
 
 
 def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:

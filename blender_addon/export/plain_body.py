@@ -11,16 +11,22 @@ import numpy as np
 
 from ..body.armature import bone_axes, deform_bone
 from ..body.controls.fingers import NAMES
+from ..body.controls.limbs import ROOT
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
+from ..body.layout import is_finger
 from ..body.mesh import positions
 from ..body.shape import get_betas
 from ..body.sliders import sliders
-from ..conventions.skeleton import layout_of
+from ..conventions.skeleton import BodyLayout, layout_of
 
 
 def plain_copy(
-    armature: bpy.types.Object, mesh: bpy.types.Object | None, collection: bpy.types.Collection
+    armature: bpy.types.Object,
+    mesh: bpy.types.Object | None,
+    collection: bpy.types.Collection,
+    root: bool = False,
+    fingers: bool = True,
 ) -> tuple[bpy.types.Object, ...]:
     """Copy a body without shape keys, drivers and deform bones; rotations mean the same on both.
 
@@ -30,6 +36,8 @@ def plain_copy(
         armature: of the body.
         mesh: its skin, None for the skeleton alone.
         collection: where the copy is linked; it must be part of the current view layer.
+        root: keep the root bone, too.
+        fingers: keep the bones of fingers; without, the joints above carry their skin.
 
     Returns:
         The armature and, where there is a skin, the mesh.
@@ -38,15 +46,16 @@ def plain_copy(
         BodyInvalid: the mesh is no body of ours.
     """
     vertices = None if mesh is None else _shaped_vertices(mesh)
-    bones = _copy_armature(armature, collection)
+    bones = _copy_armature(armature, collection, root, fingers)
     if mesh is None or vertices is None:
         return (bones,)
-    return bones, _copy_skin(mesh, vertices, bones, collection)
+    return bones, _copy_skin(mesh, vertices, bones, layout_of(armature.data.bones), collection)
 
 
 def _copy_skin(
-    source: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, collection: bpy.types.Collection
-) -> bpy.types.Object:
+    source: bpy.types.Object, vertices: np.ndarray, armature: bpy.types.Object, layout: BodyLayout,
+    collection: bpy.types.Collection,
+) -> bpy.types.Object:  # fmt: skip
     mesh = local_copy(source, collection)
     keys = mesh.data.shape_keys.name
     mesh.shape_key_clear()
@@ -55,8 +64,9 @@ def _copy_skin(
     mesh.data.vertices.foreach_set("co", vertices.astype(np.float32).ravel())
     mesh.data.update()
     mesh.parent = armature
-    for joint in layout_of(armature.data.bones).joints:
+    for joint in (name for name in layout.joints if name in armature.data.bones):
         mesh.vertex_groups[deform_bone(joint)].name = joint
+    _carry_left_out(mesh, armature, layout)
     correctives = mesh.modifiers.get(CORRECTIVES)
     if correctives is not None:
         mesh.modifiers.remove(correctives)
@@ -65,6 +75,23 @@ def _copy_skin(
         if modifier.type == "ARMATURE":
             modifier.object = armature
     return mesh
+
+
+def _carry_left_out(mesh: bpy.types.Object, armature: bpy.types.Object, layout: BodyLayout) -> None:
+    """Give the weights of joints without a bone to the nearest joint above that has one."""
+    groups = mesh.vertex_groups
+    left_out = {groups[deform_bone(joint)].index: joint for joint in layout.joints if joint not in armature.data.bones}
+    if not left_out:
+        return
+    for vertex in mesh.data.vertices:
+        weights = {item.group: item.weight for item in vertex.groups if item.group in left_out}
+        for index, weight in weights.items():
+            joint = layout.joints.index(left_out[index])
+            while layout.joints[joint] not in armature.data.bones:
+                joint = layout.parents[joint]
+            groups[layout.joints[joint]].add([vertex.index], weight, "ADD")
+    for joint in left_out.values():
+        groups.remove(groups[deform_bone(joint)])
 
 
 def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
@@ -88,17 +115,28 @@ def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
     return basis + np.sum(offsets, axis=0)
 
 
-def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -> bpy.types.Object:
-    moved, joints = _shape_shifts(source), layout_of(source.data.bones).joints
+def _copy_armature(
+    source: bpy.types.Object, collection: bpy.types.Collection, root: bool, fingers: bool
+) -> bpy.types.Object:
+    moved, layout = _shape_shifts(source), layout_of(source.data.bones)
+    joints = [joint for joint in layout.joints if fingers or not is_finger(joint)]
+    kept = [*joints, ROOT] if root else joints
     armature = local_copy(source, collection)
     armature.animation_data_clear()
+    # Before their bones go: Blender reports constraints without a target on the console.
+    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
+        follow[0].constraints.remove(follow[1])
     bpy.context.view_layer.objects.active = armature
     bpy.ops.object.mode_set(mode="EDIT")
     try:
         bones = armature.data.edit_bones
-        for bone in [bone for bone in bones if bone.name not in joints]:
+        for bone in [bone for bone in bones if bone.name not in kept]:
             bones.remove(bone)
-        for j, joint in enumerate(joints):
+        if root:
+            bones[ROOT].use_deform = True  # exporters leave out what does not deform
+        for j, joint in enumerate(layout.joints):
+            if joint not in joints:
+                continue
             bones[joint].use_deform = True
             matrix = bones[joint].matrix.copy()
             matrix.translation = (np.array(matrix.translation) + moved[j]).tolist()
@@ -107,8 +145,6 @@ def _copy_armature(source: bpy.types.Object, collection: bpy.types.Collection) -
         bpy.ops.object.mode_set(mode="OBJECT")
     for joint in joints[1:]:
         armature.pose.bones[joint].location = (0.0, 0.0, 0.0)
-    for follow in [(bone, c) for bone in armature.pose.bones for c in bone.constraints if c.name in (FOLLOW, *NAMES)]:
-        follow[0].constraints.remove(follow[1])
     _share_action(source, armature)
     return armature
 

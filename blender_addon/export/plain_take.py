@@ -12,9 +12,10 @@ from mathutils import Matrix
 
 from .._exchange.progress import Progress
 from .._exchange.so3 import quat_from_matrix, sign_continuous
-from ..animation.action import pose_columns
-from ..animation.curves import create_action, key_type_values, write_curves
-from ..body.armature import bone_axes, deform_bone
+from ..animation.curves import CurveTarget, create_action, key_type_values, write_curves
+from ..animation.ground_path import GroundPath, ground_path
+from ..body.armature import deform_bone
+from ..body.controls.limbs import ROOT
 from ..conventions.skeleton import layout_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import NothingToExport
@@ -28,7 +29,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     """Yield a temporary plain copy of a take of ours, under its own names; any other take as it is.
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
-    movement included.
+    movement included. It is as large as the file's unit says, and keeps to the take's layout.
 
     Raises:
         NothingToExport: the armature is stretched, or a motion of others is asked for at another rate than the scene's.
@@ -45,20 +46,26 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     take.scene.collection.children.link(collection)
     action, originals = None, (take.armature, *take.meshes)
     names = [obj.name for obj in originals]
+    called = [take.layout.node or names[0], *names[1:]]
+    in_the_way = [obj for name in called if (obj := bpy.data.objects.get(name)) is not None and obj not in originals]
+    renamed = {obj: obj.name for obj in (*originals, *in_the_way)}
     try:
-        armature, *skins = copies = plain_copy(take.armature, next(iter(take.meshes), None), collection)
+        armature, *skins = copies = plain_copy(
+            take.armature, next(iter(take.meshes), None), collection, take.layout.root == "root", take.layout.fingers
+        )
         armature.parent = None
         armature.matrix_world.identity()
-        scale = take.metres_a_unit * uniform_scale(take)
+        plain = replace(take, armature=armature, meshes=tuple(skins), first=take.frame_start, step=1.0, is_plain=True)
+        scale = take.metres_a_unit * uniform_scale(take) / plain.metres_a_unit
         if scale != 1.0:
             for copy in copies:
                 copy.data.transform(Matrix.Scale(scale, 4))
-        action = _bake(armature, pose, take)
-        _swap_names(originals, copies, names)
-        yield replace(take, armature=armature, meshes=tuple(skins), first=take.frame_start, step=1.0, is_plain=True)
+        action = _bake(plain, pose)
+        _swap_names(renamed, copies, called)
+        yield plain
     finally:
         _remove(collection, action)
-        for obj, name in zip(originals, names, strict=True):
+        for obj, name in renamed.items():
             if obj.name != name:
                 obj.name = name
         bpy.context.view_layer.objects.active = active
@@ -70,28 +77,61 @@ def is_body(take: ExportTake) -> bool:
     return len(take.meshes) <= 1 and all(name in bones for j in layout_of(bones).joints for name in (j, deform_bone(j)))
 
 
-def _bake(armature: bpy.types.Object, pose: PoseSamples, take: ExportTake) -> bpy.types.Action:
-    """Write sampled rotations and the pelvis's path as an action of the copy."""
-    axes, layout = bone_axes(armature), layout_of(armature.data.bones)
-    parents = list(layout.parents[1:])
-    local = pose.rotations.copy()
-    local[:, 1:] = pose.rotations[:, parents].swapaxes(-1, -2) @ pose.rotations[:, 1:]
-    quaternions = sign_continuous(quat_from_matrix(axes.swapaxes(1, 2) @ local @ axes))
-    rest = np.array(armature.data.bones[layout.joints[0]].head_local, dtype=np.float64)
-    channels = np.concatenate([(pose.heads[:, 0] - rest) @ axes[0], quaternions.reshape(pose.num_frames, -1)], axis=1)
-    target = create_action(take.name, armature)
-    times = np.arange(take.frame_start, take.frame_end + 1)
-    types = key_type_values(None, pose.num_frames)
-    for path, joint, part in pose_columns(layout):
-        write_curves(target, path, joint, times, channels[:, part], types)
+def _bake(plain: ExportTake, pose: PoseSamples) -> bpy.types.Action:
+    """Write sampled rotations and the path as an action of the copy, the travel where the layout wants it."""
+    target = create_action(plain.name, plain.armature)
+    turns, heads = pose.rotations, pose.heads[:, 0]
+    if plain.layout.root != "body":
+        path = ground_path(heads, turns[:, 0], pose.fps)
+        heads = heads - path.way
+        if plain.layout.root == "root":
+            back = path.turns.swapaxes(1, 2)
+            heads, turns = (back @ heads[..., None])[..., 0], back[:, None] @ turns
+            _key_root(target, plain, path)
+    _key_joints(target, plain, pose, turns, heads / plain.metres_a_unit)
     return target.action
 
 
-def _swap_names(originals: tuple, copies: tuple, names: list[str]) -> None:
-    """Give the copies the names that the originals have."""
-    for original, copy, name in zip(originals, copies, names, strict=True):
-        if original.library is None:  # what is linked has names of its own
-            original.name = f"{name} (source)"
+def _key_joints(
+    target: CurveTarget, plain: ExportTake, pose: PoseSamples, turns: np.ndarray, heads: np.ndarray
+) -> None:
+    """Key the joints by (F, J, 3, 3) rotations from rest and (F, 3) places of the pelvis, in units of the file."""
+    bones, times = plain.armature.data.bones, _times(plain)
+    types = key_type_values(None, len(times))
+    for j, (joint, parent) in enumerate(zip(pose.names, pose.parents, strict=True)):
+        if joint not in bones:
+            continue  # a finger that is left out
+        rest = np.array(bones[joint].matrix_local, np.float64)
+        axes = rest[:3, :3]
+        local = turns[:, j] if parent < 0 else turns[:, parent].swapaxes(-1, -2) @ turns[:, j]
+        if parent < 0:
+            location = (heads - rest[:3, 3]) @ axes
+            write_curves(target, f'pose.bones["{joint}"].location', joint, times, location, types)
+        quaternions = sign_continuous(quat_from_matrix(axes.T @ local @ axes))
+        write_curves(target, f'pose.bones["{joint}"].rotation_quaternion', joint, times, quaternions, types)
+
+
+def _key_root(target: CurveTarget, plain: ExportTake, path: GroundPath) -> None:
+    """Key the root bone, which rests at the origin, by the path over the ground."""
+    axes, times = np.array(plain.armature.data.bones[ROOT].matrix_local, np.float64)[:3, :3], _times(plain)
+    types = key_type_values(None, len(times))
+    plain.armature.pose.bones[ROOT].rotation_mode = "QUATERNION"
+    location, turns = path.way @ axes / plain.metres_a_unit, axes.T @ path.turns @ axes
+    write_curves(target, f'pose.bones["{ROOT}"].location', ROOT, times, location, types)
+    quaternions = sign_continuous(quat_from_matrix(turns))
+    write_curves(target, f'pose.bones["{ROOT}"].rotation_quaternion', ROOT, times, quaternions, types)
+
+
+def _times(plain: ExportTake) -> np.ndarray:
+    return np.arange(plain.frame_start, plain.frame_end + 1)
+
+
+def _swap_names(taken: dict[bpy.types.Object, str], copies: tuple, names: list[str]) -> None:
+    """Give the copies names that other objects have."""
+    for obj, name in taken.items():
+        if obj.library is None:  # what is linked has names of its own
+            obj.name = f"{name} (source)"
+    for copy, name in zip(copies, names, strict=False):
         copy.name = name
 
 

@@ -15,6 +15,7 @@ from ..animation.retiming import is_take, laid_rate, same_rate
 from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
 from ..scene.alone import alone
+from .destinations import AS_RECORDED, FileLayout
 
 _WHOLE = 1e-3
 """Difference of frames, and relative one of rates, that is none."""
@@ -44,14 +45,16 @@ class ExportTake:
     step: float = 1.0
     """Scene frames between two frames."""
     is_plain: bool = False
-    """It is a copy in metres with a key on every frame, made to be exported."""
+    """It is a copy in the file's unit with a key on every frame, made to be exported."""
+    layout: FileLayout = AS_RECORDED
+    """How the skeleton is laid out in the file."""
     clip: str = ""
     """Name of the animation in files that name one, "" for the scene's."""
 
     @property
     def metres_a_unit(self) -> float:
         """Metres of one Blender unit."""
-        return 1.0 if self.is_plain else self.scene.unit_settings.scale_length
+        return self.layout.metres_a_unit if self.is_plain else self.scene.unit_settings.scale_length
 
     @property
     def times(self) -> np.ndarray:
@@ -150,7 +153,7 @@ def chosen(take: ExportTake) -> Iterator[bpy.types.Scene]:
         scene.frame_start, scene.frame_end = take.frame_start, take.frame_end
         if take.is_plain:
             set_scene_frame_rate(scene, take.fps)
-            units.scale_length = 1.0
+            units.scale_length = take.metres_a_unit
         yield scene
     finally:
         for obj in objects:

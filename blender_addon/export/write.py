@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress, silent
 from ..errors import NothingToExport
+from .destinations import FileLayout
 from .formats import FORMATS, Format
 from .take import ExportTake
 from .writers.alembic import export_alembic
 from .writers.amass import export_amass, export_amass_x
+from .writers.blend import export_blend
 from .writers.bvh import export_bvh
 from .writers.fbx import export_fbx
 from .writers.gltf import export_gltf
@@ -20,7 +23,7 @@ from .writers.usd import export_usd
 
 WRITERS: dict[str, Callable[[Path, ExportTake, Progress], None]] = {
     "bvh": export_bvh, "fbx": export_fbx, "gltf": export_gltf, "usd": export_usd, "alembic": export_alembic,
-    "amass": export_amass, "amass-x": export_amass_x, "trc": export_trc, "csv": export_csv,
+    "amass": export_amass, "amass-x": export_amass_x, "blend": export_blend, "trc": export_trc, "csv": export_csv,
 }  # fmt: skip
 """What writes a take to a path, by the formats' names."""
 
@@ -48,6 +51,8 @@ def export_take(
             where=path.name,
             hint=f"Try {path.stem}{chosen.suffix}.",
         )
+    layout = FileLayout(**{name: getattr(take.layout, name) for name in chosen.keeps})
+    take = replace(take, layout=layout)
     with atomic_outputs(path.parent, (path.name,), overwrite=overwrite) as temporary:
         WRITERS[format_name](temporary[path.name], take, progress)
     return path

@@ -19,6 +19,7 @@ from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming, scene_frame_rate, show_frame
 from .bake import BakeSettings, bake_take
 from .hand_edits import played_channels, take_times
+from .props import create_props
 
 FEW = " few keys"
 """How names of thinned takes end."""
@@ -66,6 +67,7 @@ def add_take(
     else:
         timing = TakeTiming(frame_start, scene_frame_rate(scene))
         action = bake_action(name, motion, armature, body.rest_joints(motion.betas)[0], timing)
+        create_props(scene, motion.props, motion.fps, timing, armature.users_collection[0])
     action[BETAS] = motion.betas.tolist()
     show_take(armature, action)
     show_frame(scene)

@@ -22,6 +22,7 @@ from .cameras import look_through
 from .capture_stage import create_cameras, create_detections
 from .floor import create_floor
 from .overlay import PointLook, create_point_overlay
+from .props import create_props
 
 _KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))
 
@@ -61,6 +62,8 @@ class BakedTake:
     action: bpy.types.Action
     cameras: tuple[bpy.types.Object, ...]
     overlays: tuple[bpy.types.Object, ...]
+    props: tuple[bpy.types.Object, ...]
+    """Empties, each with the mesh of its markers as its child."""
     floor: bpy.types.Object | None
     timing: TakeTiming
     notes: tuple[str, ...]
@@ -106,12 +109,15 @@ def bake_take(
         mark_as_asset(action)
     cameras, detections = _bake_capture(scene, capture, motion, timing, take, settings, notes)
     overlays = (*_bake_keypoints(motion, timing, take), *detections)
+    props = create_props(scene, motion.props, fps, timing, take)
     floor = None
     if settings.floor:
         floor = create_floor(rest[0] + motion.transl, child_collection("Floor", take))
     fit_units(scene, (rig.armature, *cameras, *overlays, *((floor,) if floor is not None else ())))
     show_frame(scene, settings.frame_start if settings.set_scene else None)
-    return BakedTake(take, figure, rig.armature, rig.mesh, action, cameras, overlays, floor, timing, tuple(notes))
+    return BakedTake(
+        take, figure, rig.armature, rig.mesh, action, cameras, overlays, props, floor, timing, tuple(notes)
+    )
 
 
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:

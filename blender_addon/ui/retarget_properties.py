@@ -2,7 +2,14 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import bpy
+
+from .._exchange.errors import MocapError
+
+if TYPE_CHECKING:
+    from ..retarget.maps.rig_map import RigMap
 
 
 def _is_other_armature(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
@@ -13,9 +20,33 @@ def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) 
     return obj.type == "ARMATURE" and obj != self.target
 
 
-def _forget_table(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Map the target that was chosen, where its bones show what they are."""
+    from ..retarget.recognition import map_rig
+    from ..retarget.user_presets import user_presets_folder
+
     self.table.clear()
-    self.label = self.map_text = ""
+    self.label = self.map_text = self.doubts = ""
+    try:
+        if self.target is not None:
+            show_map(self, map_rig(self.target, user_presets_folder()))
+    except MocapError as error:  # a preset of the user's that is damaged
+        self.doubts = str(error)
+
+
+def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
+    """Write a map into the table, with a row for every role that a person can fill."""
+    import json
+
+    from .._exchange.rigs.roles import JOINT_OF, order_of
+    from ..retarget.maps.rig_map import map_values
+
+    settings.table.clear()
+    settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))
+    settings.doubts = "\n".join(rig_map.doubts)
+    for role in sorted({*rig_map.bones, *JOINT_OF}, key=order_of):
+        row = settings.table.add()
+        row.name, row.bone = role, rig_map.bones.get(role, "")
 
 
 class MocapRole(bpy.types.PropertyGroup):
@@ -33,10 +64,11 @@ class MocapRetarget(bpy.types.PropertyGroup):
     )  # fmt: skip
     target: bpy.props.PointerProperty(
         type=bpy.types.Object, name="Target", description="Armature of the character that gets the motion",
-        poll=_is_other_armature, update=_forget_table,
+        poll=_is_other_armature, update=_map_target,
     )  # fmt: skip
     label: bpy.props.StringProperty(name="Map", description="Preset that the table came from")
     table: bpy.props.CollectionProperty(type=MocapRole, name="Table", description="Which bone plays which role")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What is uncertain about the map, a line each")
     map_text: bpy.props.StringProperty(name="Map Text", description="The whole map, its switches and map pose included")
     limbs: bpy.props.EnumProperty(
         name="Limbs", description="What the rig's switches are set to; both sets of controls are keyed",

@@ -12,6 +12,7 @@ from solver_backend.cli.marker_verbs import add_marker_verbs
 from solver_backend.cli.motion_verbs import add_motion_verbs
 from solver_backend.cli.oak_verbs import add_oak_verbs
 from solver_backend.cli.pose_arguments import add_pose_verbs
+from solver_backend.cli.prop_verbs import add_prop_verbs
 from solver_backend.cli.rig_live_verb import add_rig_live
 from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.setting_options import ROWS, TIME_ROWS, WORLD_ROWS, add_settings
@@ -75,6 +76,7 @@ def build_parser() -> argparse.ArgumentParser:
     evaluate.add_argument("motion", type=Path, metavar="MOTION.npz")
     add_pose_verbs(verbs, writing, common)
     add_marker_verbs(verbs, reading, writing, common)
+    add_prop_verbs(verbs, writing, common)
     add_camera_verbs(verbs, reading, writing, common)
     add_wand_verbs(verbs, writing, common)
     add_oak_verbs(verbs, writing, common)

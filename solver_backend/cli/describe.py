@@ -54,6 +54,9 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
         f"{data['unseen_frames']} bridged",
     ]
+    if motion.props:
+        data["props"] = [prop.name for prop in motion.props]
+        lines.append(f"  props       {', '.join(data['props'])}")
     return "\n".join(lines), data
 
 

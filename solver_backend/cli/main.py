@@ -20,6 +20,7 @@ from solver_backend.cli.motion_verbs import MOTION_VERBS
 from solver_backend.cli.oak_verbs import OAK_VERBS
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.pose_arguments import POSE_VERBS
+from solver_backend.cli.prop_verbs import PROP_VERBS
 from solver_backend.cli.rig_live_verb import RIG_LIVE_VERBS
 from solver_backend.cli.sensor_verbs import SENSOR_VERBS
 from solver_backend.cli.studio_verbs import STUDIO_VERBS
@@ -89,7 +90,7 @@ def _verb(name: str) -> Verb:
         "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS,
         "studio_verbs": STUDIO_VERBS, "video_verbs": VIDEO_VERBS, "solve_verb": ("solve",),
         "sensor_verbs": SENSOR_VERBS, "rig_live_verb": RIG_LIVE_VERBS, "wand_verbs": WAND_VERBS, "oak_verbs": OAK_VERBS,
-        "motion_verbs": MOTION_VERBS,
+        "motion_verbs": MOTION_VERBS, "prop_verbs": PROP_VERBS,
     }  # fmt: skip
     module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")

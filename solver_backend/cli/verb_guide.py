@@ -28,6 +28,7 @@ TASKS: dict[str, dict[str, str]] = {
         "layout": "layout take.c3d --out layout.json",
         "marker-places": "marker-places --out places.png",
         "export-markers": "export-markers motion.npz --out cleaned.c3d",
+        "export-props": "export-props motion.npz --out props.json",
     },
     "Cameras": {
         "check-cameras": "check-cameras trial",

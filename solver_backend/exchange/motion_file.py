@@ -14,6 +14,7 @@ from .errors import BodyInvalid, MocapError, MotionInvalid
 from .joint_sets import NUM_BETAS
 from .npz import array_names, read_arrays, write_npz
 from .plausible import require_motion
+from .props import PROPS, Prop, prop_arrays, read_props, require_length
 from .schema import Fields, Shape, fits
 
 FORMAT, VERSION = "manifold_mocap_motion", 1
@@ -33,21 +34,18 @@ _PARENTS = "joint_parents"
 _SHOWN = (
     "format", "version", "betas", "mocap_framerate", "mocap_frame_rate", "body", "joints", "hand_pose", "keypoints3d",
     "joint_set", "keyframes", "contacts", "joint_sigma", "flags", "resting", "markers", "marker_labels",
-    "marker_residual_mm", "provenance", *_LAYOUT, _PARENTS,
+    "marker_residual_mm", "provenance", *_LAYOUT, _PARENTS, *PROPS,
 )  # fmt: skip
 STORED = (
     "format", "version", "poses", "trans", "betas", "mocap_framerate", "mocap_frame_rate", "body", "hand_pose",
     "joints", "keypoints3d", "joint_set", "keyframes", "contacts", "flags", "joint_sigma", "joint_covariance",
     "resting", "reprojection_px", "markers", "marker_labels", "marker_residual_mm",
-    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS,
+    "marker_flags", "marker_sigma", "cleaned_markers", "offsets", "layout", "provenance", *_LAYOUT, _PARENTS, *PROPS,
 )  # fmt: skip
 """Every array of a motion file that is read back."""
 _DTYPES = {
-    "keyframes": np.bool_,
-    "contacts": np.bool_,
-    "resting": np.bool_,
-    "flags": np.uint8,
-    "marker_flags": np.uint8,
+    **dict.fromkeys(("keyframes", "contacts", "resting"), np.bool_),
+    **dict.fromkeys(("flags", "marker_flags"), np.uint8),
 }
 
 
@@ -120,6 +118,8 @@ class MotionFile:
     """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
     layout: tuple[str, ...] = ()
     """M places of the markers on the body."""
+    props: tuple[Prop, ...] = ()
+    """What moves as a rigid body and is no part of the person, F frames each."""
     provenance: str = ""
     """JSON text: version, settings and sources of the solve."""
 
@@ -132,6 +132,7 @@ class MotionFile:
                 wanted = f"({', '.join(map(str, shape))})"
                 raise MotionInvalid(f"{name} has shape {np.shape(value)}; {wanted} is expected.", where="motion")
         require_motion(self.fps, self.rotvec, self.transl, self.betas, self.joints, MotionInvalid, "motion")
+        require_length(self.props, frames)
 
     @property
     def num_frames(self) -> int:
@@ -188,6 +189,7 @@ def motion_of(fields: Fields) -> MotionFile:
         "fps": _frame_rate(fields), "body": fields.text("body", ""), "body_layout": layout, "flat_hands": flat,
         "joint_set": fields.text("joint_set", ""), "marker_labels": fields.texts("marker_labels"),
         "layout": fields.texts("layout"), "provenance": fields.text("provenance", ""),
+        "props": read_props(fields, len(rotvec)),
     }  # fmt: skip
     try:
         return MotionFile(name=fields.path.stem, rotvec=rotvec, **given, **present)
@@ -233,6 +235,7 @@ def write_motion(path: Path | str, motion: MotionFile, *, overwrite: bool = Fals
         arrays["joint_set"] = np.array(motion.joint_set)
     if motion.marker_labels:
         arrays["marker_labels"] = np.array(motion.marker_labels, dtype=np.str_)
+    arrays |= prop_arrays(motion.props)
     if motion.layout:
         arrays["layout"] = np.array(motion.layout, dtype=np.str_)
     for key in optional_shapes(motion.num_frames, layout.num_joints):

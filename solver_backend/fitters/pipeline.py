@@ -23,6 +23,7 @@ from solver_backend.fitters.marker_calibration.marker_problem import calibrated,
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.hand_clouds import split_hands
+from solver_backend.fitters.measurements.loose_markers import loose_markers
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
@@ -34,6 +35,7 @@ from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.output.wide_motion import with_fingers_of, with_hands, without_fingers
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.props.solve_props import solve_props
 from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Solution
@@ -96,6 +98,7 @@ def solve_problem(
     give_back_freed_memory()
     solved = rest_parts(problem.measurements, solved)
     solved, hands = solve_hands(problem.measurements, solved, settings, progress)
+    props, found = solve_props(problem.measurements, solved, progress)
     prior = method.prior_of(problem)
     record = {
         "solver": VERSION,
@@ -106,7 +109,10 @@ def solve_problem(
         **problem.measurements.provenance,
         "status": convergence.status,
     }
+    if found:
+        record["diagnostics"] = [*record.get("diagnostics", ()), *(item.as_dict() for item in found)]
     motion = build_motion(problem.measurements, solved, scale=settings.robust_scale, provenance=record)
+    motion = replace(motion, props=props) if props else motion
     motion = motion if hands is None else with_hands(motion, hands)
     give_back_freed_memory()
     return Solution(motion, convergence.status)
@@ -204,7 +210,9 @@ def prepare(
             problem = Problem.of(body, prior, measure_markers(known_markers_of(markers), body, like))
         else:
             problem = marker_problem(markers, body, prior, like, settings, progress, person)
-        return replace(problem, measurements=replace(problem.measurements, hands=hands))
+        worn = problem.measurements.marker_labels or ()
+        beside = {"loose": loose_markers(markers, worn, settings.layout), "others": capture.others}
+        return replace(problem, measurements=replace(problem.measurements, hands=hands, **beside))
     seen = without_views(meant, settings.leave_out)
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))

@@ -34,6 +34,8 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
         capture = replace(capture, people=people)
     if markers is not None:
         markers = replace(markers, fps=options.fps or markers.fps)
+        others = capture.others
+        capture = replace(capture, others=None if others is None else replace(others, fps=markers.fps))
         odd = (problem for problem in marker_problems(markers) if problem not in capture.problems)
         capture = replace(capture, problems=(*capture.problems, *odd))
     notes, problems = without_world(capture.notes), without_world(capture.problems)

@@ -17,6 +17,7 @@ from solver_backend.report import markers, sections
 from solver_backend.report.calibration import CameraFits, calibration_section
 from solver_backend.report.diagnose import diagnose
 from solver_backend.report.markup import Tile, number, text, tiles
+from solver_backend.report.props import props_section
 from solver_backend.report.rest_pose import rest_pose_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
@@ -64,6 +65,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
         sections.missing_section(capture, motion),
         markers.gaps_section(motion, shades),
         markers.marker_section(motion),
+        props_section(motion),
         rest_pose_section(motion),
         sections.reprojection_section(capture, residuals),
         calibration_section(capture, calibration),

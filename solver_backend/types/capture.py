@@ -155,6 +155,8 @@ class Capture:
     """Detections of the person to solve."""
     markers: MarkerCloud | None = None
     """Optical markers."""
+    others: MarkerCloud | None = None
+    """Markers under prefixes of their own that name nobody: props, perhaps."""
     footage: tuple[Path | None, ...] = ()
     """Video file or image folder of each camera, None where there is none."""
     footage_first: tuple[int, ...] = ()

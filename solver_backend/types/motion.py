@@ -11,6 +11,7 @@ from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.plausible import require_motion
+from solver_backend.exchange.props import Prop, require_length
 from solver_backend.types.shapes import Bool, Float, Int
 
 
@@ -71,6 +72,8 @@ class Motion:
     """(M, 3) metres in the rest frame: how far each marker lies from its place's rule."""
     layout: tuple[str, ...] | None = None
     """M places of the markers on the body."""
+    props: tuple[Prop, ...] = ()
+    """What moves as a rigid body and is no part of the person, F frames each."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """Version, weights hash, settings, source files, statistics; plain JSON values."""
 
@@ -91,6 +94,7 @@ class Motion:
                 )
         for turns in (self.body_pose, self.global_orient):
             require_motion(self.fps, turns, self.transl, self.betas, self.joints, MotionInvalid, "motion")
+        require_length(self.props, frames)
 
     @property
     def num_frames(self) -> int:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import build_addon
 from tests.gui.recordings import lay_out
+from tests.gui.renew import IMAGES, renew
 
 HERE = Path(__file__).parent
 _INSIDE = Path("/work_io")
@@ -144,13 +145,19 @@ def main() -> int:
     parser.add_argument("--suite", choices=tuple(_DISPLAYS), default="trixie", help="which Blender")
     parser.add_argument("--script", default="workflow.py")
     parser.add_argument("--out", type=Path, default=Path("dist/gui_run"), help="folder of the run; it is emptied")
+    parser.add_argument("--renew", action="store_true", help="take the tutorials' pictures anew, in Blender 5.2")
     options = parser.parse_args()
+    if options.renew:
+        options.suite, options.script = "sid", "pictures.py"
     if lack := missing():
         print(f"skipped: {lack}")
         return 0
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(1))  # so that Blender and its screen end too
     record = run(options.suite, options.out.resolve(), options.script)
     print(json.dumps(record, indent=1))
+    if options.renew and not record.get("failure", "Blender ended early"):
+        for path in renew(options.out / "pictures", IMAGES):
+            print(path, path.stat().st_size)
     return 1 if record.get("failure", "Blender ended early") or record["console"] or record["left_behind"] else 0
 
 

@@ -114,7 +114,7 @@ def few_keys(user: Any) -> Any:
     full, body = mocap().review.take.name, mocap().review.armature
     frames = range(1, 359, 2)
     there = joints(body, frames)
-    yield from user.press("by='TOLERANCE'", 0.75)
+    yield from user.press("by='TOLERANCE'", 0.25)
     thinned(user, there, frames, 10.0)
     yield from user.shot("few_keys_by_mm")
     yield from user.key("Z", ctrl=True)
@@ -125,7 +125,7 @@ def few_keys(user: Any) -> Any:
     yield 0.5
     thinned(user, there, frames, _TOLERANCE_MM)
     yield from user.press(f'show_take(name="{full}")')
-    yield from user.press("by='RATE'", 0.25)
+    yield from user.press("by='RATE'", 0.75)
     user.note(f"by rate: {mocap().review.take['keys_deviation']}")
     yield from user.shot("few_keys_by_rate")
 

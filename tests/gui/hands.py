@@ -23,6 +23,7 @@ class Hands:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self.done: list[str] = []
+        self.clicks = 0
         self._shots = self._x = self._y = 0
 
     @property
@@ -65,6 +66,7 @@ class Hands:
 
     def click(self, x: int, y: int, **modifiers: bool) -> Steps:
         """Click with the left button."""
+        self.clicks += 1
         yield from self.move(x, y)
         yield from self.move(x + 1, y)
         for value in ("PRESS", "RELEASE"):

@@ -1,4 +1,7 @@
-"""The pictures of ``docs/tutorials``, taken with the demo capture: ``python -m tests.gui --script pictures.py``."""
+"""The pictures of the tutorials, taken with the demos; ``python -m tests.gui --renew`` puts them in place.
+
+Each is named by what it shows; ``renew.py`` crops them to the viewport with its sidebar.
+"""
 
 from __future__ import annotations
 
@@ -6,30 +9,85 @@ from typing import Any
 
 import bpy
 
+from tests.gui.scene import PACKAGE, extension, mocap
+
 _SHOWN_FRAME = 200
 _SETTLED_S = 3.0
 """A screen without a graphics card needs a while."""
+_NEAR_M, _RIG_M = 3.4, 4.5
 
 
 def steps(user: Any) -> Any:
-    """Start, look through a camera, solve, review."""
+    """Start, look through a camera, solve, review, pose, deliver; then the same of markers, videos and sensors."""
     for obj in list(bpy.data.objects):
         bpy.data.objects.remove(obj)
     yield from user.open_tab("MoCap")
     yield from user.shot("start")
+    yield from cameras(user)
+    yield from delivered(user)
+    yield from markers(user)
+    yield from devices(user)
+
+
+def cameras(user: Any) -> Any:
+    """Take the pictures of the demo in four views."""
     yield from user.press("mocap.demo_capture(kind='CAMERAS')", 0.25)
-    yield from user.until(lambda: bpy.context.scene.mocap.capture.file, "the demo capture is there", 300)
+    yield from user.until(lambda: mocap().capture.file, "the demo capture is there", 300)
     bpy.context.scene.frame_set(_SHOWN_FRAME)
     yield from user.press("mocap.view_camera(index=1)", 0.3)
     yield _SETTLED_S
-    yield from user.shot("camera")
+    yield from user.shot("cameras")
     yield from user.press("mocap.leave_camera()")
     yield from user.press("mocap.solve()")
-    yield 2 * _SETTLED_S
-    yield from user.shot("solving")
-    yield from user.until(lambda: bpy.context.scene.mocap.review.armature, "the capture is solved", 900)
+    run = extension("ui.operators.solver_operator").current
+    yield from user.until(lambda: run.run is None or run.run.share > 0.1, "it is on its way", 120)
+    yield from user.shot("solve")
+    yield from user.until(lambda: mocap().review.armature, "the capture is solved", 900)
     bpy.context.scene.frame_set(_SHOWN_FRAME)
+    user.look_at(mocap().review.armature.pose.bones["pelvis"].head, _NEAR_M)
+    yield _SETTLED_S
+    yield from user.shot("solved")
     yield from user.press("mocap.show_confidence()")
-    user.look_at(bpy.context.scene.mocap.review.armature.pose.bones["pelvis"].head, 3.4)
     yield _SETTLED_S
     yield from user.shot("review")
+    yield from user.press("mocap.show_confidence()")
+
+
+def delivered(user: Any) -> Any:
+    """Take the picture of the stage that delivers."""
+    yield from user.open_stage("DELIVER")
+    view = user.region("WINDOW")
+    yield from user.move(view.x + view.width // 3, view.y + view.height // 2)  # off the button, whose tip would show
+    yield _SETTLED_S
+    yield from user.shot("deliver")
+
+
+def markers(user: Any) -> Any:
+    """Take the picture of a solved recording of markers."""
+    bpy.ops.wm.read_homefile()
+    yield 1.5
+    for obj in list(bpy.data.objects):
+        bpy.data.objects.remove(obj)
+    yield from user.open_tab("MoCap")
+    yield from user.press("mocap.demo_capture(kind='MARKERS')", 0.25)
+    yield from user.until(lambda: mocap().capture.file, "the markers are there", 300)
+    yield from user.press("mocap.solve()")
+    yield from user.until(lambda: mocap().review.armature, "the markers are solved", 900)
+    bpy.context.scene.frame_set(_SHOWN_FRAME // 2)
+    user.look_at(mocap().review.armature.pose.bones["pelvis"].head, _NEAR_M)
+    yield _SETTLED_S
+    yield from user.shot("markers")
+
+
+def devices(user: Any) -> Any:
+    """Take the pictures of where videos and sensors begin."""
+    bpy.ops.wm.read_homefile()
+    yield 1.5
+    yield from user.open_tab("MoCap")
+    yield from user.open_panel("VIEW3D_PT_mocap_videos")
+    yield _SETTLED_S
+    yield from user.shot("videos")
+    yield from user.open_from_the_start(PACKAGE, "VIEW3D_PT_mocap_rig", "VIEW3D_PT_mocap_live")
+    yield from user.open_acquisition(PACKAGE)
+    yield _SETTLED_S
+    yield from user.shot("sensors")

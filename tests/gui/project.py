@@ -103,7 +103,7 @@ def moved(user: Any) -> Any:
     assert len(bpy.data.actions) == takes + 1
     assert_beside(MOVED)
     assert bpy.ops.mocap.open_report.poll()
-    yield from user.press("mocap.select_body()")
+    yield from user.open_panel("VIEW3D_PT_mocap_formats")
     yield from user.press("format='csv'", 0.75)
     yield from user.accept_file(str(MOVED / "take.csv"))
     yield from user.until((MOVED / "take.csv").is_file, "it is exported", 120)

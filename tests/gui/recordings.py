@@ -10,6 +10,8 @@ SENSORS, WAND = "Sensoren ü", "Stab"
 """Folders of two sensors before markers that rise, and of a wand that is waved before two."""
 KATA = "Kata ü.c3d"
 """A recording of markers that is long enough to be stopped by hand."""
+WALK = "Gang ü.c3d"
+"""A short recording of markers."""
 LONG_DEMO = "demo_1000.npz"
 """Capture of the demo's person, 1,000 frames long."""
 _WAVED_S, _LONG = 20.0, 1000
@@ -24,6 +26,8 @@ def lay_out(out: Path, script: str) -> None:
         shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "135_02.c3d", out / KATA)
         _sensors(out / SENSORS)
         _wand(out / WAND)
+    elif script in ("first_animation.py", "pictures.py"):
+        shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "02_01.c3d", out / WALK)
     elif script == "retarget_speed.py":
         _long_demo(out / LONG_DEMO)
 

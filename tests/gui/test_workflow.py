@@ -9,8 +9,8 @@ import pytest
 from tests.gui.__main__ import missing, run
 
 SUBJECTS = (
-    "workflow", "markers", "rig", "project", "characters", "cameras", "people", "clean_up", "panels", "sensors",
-    "studio", "retarget_speed",
+    "first_animation", "nothing_lost", "workflow", "markers", "rig", "project", "characters", "cameras", "people",
+    "clean_up", "panels", "sensors", "studio", "retarget_speed",
 )  # fmt: skip
 
 

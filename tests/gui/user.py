@@ -17,6 +17,8 @@ _STEP_PX = 14
 _NEAR_PX = 20
 _SCROLL_WAITS = 12
 """Tenths of a second after which the wheel has moved nothing."""
+_ONE_ROW_PX = 280
+"""From this width on the stages stand in one row."""
 _MARGIN_PX = 12
 """From the sidebar's edge to where no list or field takes the wheel for itself."""
 _LAG = 8
@@ -34,7 +36,7 @@ STAGES = {
         "show_confidence", "open_report", "feet_to_floor", "mark_gaps", "switch_limbs", "floor_offset",
     ),
     "DELIVER": (
-        "select_body", "export_take", "export_markers", "format='", "map_rig", "mocap.retarget", "set_map_pose",
+        "export_take", "export_markers", "format='", 'node="', "map_rig", "mocap.retarget", "set_map_pose",
     ),
 }  # fmt: skip
 """Where a button stands, by a part of what it does; several stages where each has it."""
@@ -71,9 +73,11 @@ class User(Hands):
         x, y = yield from self._found("mocap.stage", across)
         yield from self.click(x, y)
         yield 0.3
-        mocap.stage = stage  # two rows of buttons where it is narrow
-        self.viewport.tag_redraw()
-        yield 0.3
+        if self.region("UI").width < _ONE_ROW_PX:
+            mocap.stage = stage  # there the buttons stand in two rows
+            self.viewport.tag_redraw()
+            yield 0.3
+        assert mocap.stage == stage, f"the click opened {mocap.stage}"
         self.note(f"opened the stage {stage}")
 
     def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:

@@ -9,6 +9,7 @@ import pytest
 
 from solver_backend.exchange.diagnostics import Severity
 from solver_backend.report.marker_plausibility import marker_plausibility
+from solver_backend.types import MARKER_GHOST
 from tests.support.solved import solved
 
 
@@ -31,3 +32,21 @@ def test_a_body_far_from_its_markers(place: str, millimetres: float, code: str) 
     assert [item.code for item in found] == ([code] if code else [])
     if code:
         assert found[0].severity is (Severity.ERROR if code == "markers_impossible" else Severity.WARNING)
+
+
+def test_one_marker_that_is_far_always_or_for_a_while_is_named() -> None:
+    _, motion = solved(faults=False)
+    error = np.full((motion.num_frames, 4), 3.0)
+    error[:, 1], error[5:10, 2], error[10 : 10 + int(0.5 * motion.fps), 3] = 45.0, 90.0, 70.0
+    motion = replace(
+        motion, marker_residual_mm=error, marker_labels=("a", "b", "c", "d"),
+        markers=np.zeros((motion.num_frames, 4, 3)), provenance={**motion.provenance, "markers": ["LASI"] * 4},
+    )  # fmt: skip
+    found = list(marker_plausibility(motion))
+    assert [(item.code, item.where.markers) for item in found] == [
+        ("marker_far", ("b",)), ("marker_far_for_a_while", ("d",))
+    ]  # fmt: skip
+    assert found[1].where.frames == ((10, 9 + int(0.5 * motion.fps)),)
+    thrown_out = np.zeros(error.shape, np.uint8)
+    thrown_out[:, [1, 3]] = MARKER_GHOST
+    assert not list(marker_plausibility(replace(motion, marker_flags=thrown_out)))

@@ -107,6 +107,16 @@ RESULT: dict[str, DiagnosticEntry] = {
         "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
         "Check the labels, and look at the recording in the program that wrote it.",
     ),
+    "marker_far": warning(
+        "The marker {marker} is {size:.0f} mm (median) from where the body has it",
+        "It is labelled wrongly, sits elsewhere than its name says, or the body is wrong there.",
+        "Look at the marker; correct its label or place (`layout`), or leave it out.",
+    ),
+    "marker_far_for_a_while": warning(
+        "The marker {marker} is up to {size:.0f} mm from where the body has it",
+        "It is labelled wrongly there, was touched, or the body did not follow.",
+        "Look at the marker there.",
+    ),
     "markers_impossible": error(
         "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
         "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",

@@ -63,8 +63,13 @@ class Limb:
 
     @property
     def collection(self) -> str:
-        """The bone collection of its controls."""
+        """The bone collection of its controls, shown while it is posed from its end."""
         return f"IK {self.kind.title()} {self.side.title()}"
+
+    @property
+    def joint_collection(self) -> str:
+        """The bone collection of the joints that its end leads, shown while it is posed joint by joint."""
+        return f"FK {self.kind.title()} {self.side.title()}"
 
     @property
     def label(self) -> str:
@@ -97,3 +102,17 @@ def has_limbs(armature: bpy.types.Object | None) -> bool:
 def limb_of(switch: str) -> Limb:
     """Return the limb with this switch."""
     return next(limb for limb in LIMBS if limb.switch == switch)
+
+
+def show_limb(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
+    """Show the bones that pose a limb in one of its modes, and hide those of the other."""
+    for name, shown in ((limb.collection, from_end), (limb.joint_collection, not from_end)):
+        if (collection := armature.data.collections_all.get(name)) is not None:  # not in bodies of earlier versions
+            collection.is_visible = shown
+
+
+def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> None:
+    """Show a limb's bones as another take poses it; what the user hid stays hidden."""
+    unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
+    if unfit is not None and unfit.is_visible:
+        show_limb(armature, limb, from_end=from_end)

@@ -1,4 +1,4 @@
-"""FBX by Blender's exporter: metres as the file's unit, Y up, deforming bones without leaf bones, every frame a key."""
+"""FBX by Blender's exporter: metres or centimetres as the file's unit, deforming bones without leaves, every frame."""
 
 from __future__ import annotations
 
@@ -11,6 +11,9 @@ from ..plain_take import plain_take
 from ..take import ExportTake, chosen
 from .blender_exporters import run_exporter
 
+_FORWARD = {"Y": "-Z", "Z": "Y"}
+"""Blender's Y by the axis that points up."""
+
 
 def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
     """Write the armature, its meshes and the motion."""
@@ -22,9 +25,10 @@ def export_fbx(path: Path, take: ExportTake, progress: Progress) -> None:
             {
                 "use_selection": True,
                 "object_types": {"ARMATURE", "MESH"},
+                # The unit as the file's own, so that no object is scaled.
                 "apply_scale_options": "FBX_SCALE_ALL",
-                "axis_forward": "-Z",
-                "axis_up": "Y",
+                "axis_forward": _FORWARD[take.layout.up],
+                "axis_up": take.layout.up,
                 "use_mesh_modifiers": False,
                 "add_leaf_bones": False,
                 "use_armature_deform_only": True,

@@ -8,12 +8,12 @@ import numpy as np
 
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
+from ...animation.ground_path import ground_path
 from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
 from .fingers import bend_fingers
 from .limbs import bend_to, longest_reach, within_reach
 from .proportions import length, measure_proportions, scale_of
-from .root_path import ground_path
 from .touch import keep_hands_together
 from .trunk import between, spine_heights, trunk_of, turn_at
 
@@ -64,7 +64,7 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     """
     scale = settings.scale or scale_of(measure_proportions(actor, target))
     carrier = target.index("carrier") if "carrier" in target.roles else target.index("pelvis")
-    root, path = target.index("root"), ground_path(actor, scale)
+    root, path = target.index("root"), ground_path(scale * actor.joints[:, 0], actor.turns[:, 0], actor.fps)
     turns = _turns(actor, target, A)
     travels = settings.root_motion and not settings.in_place and root >= 0
     if travels:

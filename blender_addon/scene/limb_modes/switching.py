@@ -8,7 +8,7 @@ import bpy
 import numpy as np
 
 from ..._exchange.errors import BodyInvalid
-from ...body.controls.limbs import ROOT, Limb, has_limbs
+from ...body.controls.limbs import ROOT, Limb, has_limbs, show_limb
 from .channels import Channels, channels_of
 from .poles import pole_places
 from .samples import own_channels, sample_bones
@@ -18,7 +18,7 @@ _LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
 
 
 def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key hands or feet, poles and turns so that limbs move as they do now, switch them to IK, and show their controls.
+    """Key hands or feet, poles and turns so that limbs move as they do now, switch them to IK, show their ends alone.
 
     What IK finds for the poles is sampled, and the turns make up the difference: joints keep their rotations, and so
     their places, but for rounding.
@@ -52,12 +52,12 @@ def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
         for turn, led, by in zip(limb.turns, limb.joints[:2], limb.solved, strict=True):
             R = own_channels(armature, turn, before[led], solved[by])
             channels.set_rotation(turn, R[:, :3, :3])
-        armature.data.collections_all[limb.collection].is_visible = True
+        show_limb(armature, limb, from_end=True)
     return _done(channels)
 
 
 def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
-    """Key joints so that limbs move as they do now, switch them to FK, and hide their IK controls.
+    """Key joints so that limbs move as they do now, switch them to FK, and show the joints alone.
 
     Args, return value and errors are those of ``pose_from_ends``.
     """
@@ -70,7 +70,7 @@ def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Se
             local = own_channels(armature, joint, before[joint], before[bones[joint].parent.name])
             channels.set_rotation(joint, local[:, :3, :3])
         channels.set_switch(limb, 0.0)
-        armature.data.collections_all[limb.collection].is_visible = False
+        show_limb(armature, limb, from_end=False)
     return _done(channels)
 
 

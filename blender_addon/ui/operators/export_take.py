@@ -1,20 +1,23 @@
-"""The operator that exports the selected take, and its menu entry."""
+"""The operator that exports the take of the selected armature or of the shown body, and its menu entry."""
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import absolute
+from ...export.destinations import ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
 from ...export.formats import FORMATS
 from ..locations import RELATIVE
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
-    """Writes the selected take to a file of any format."""
+    """Writes a take to a file of any format."""
 
     bl_idname = "mocap.export_take"
     bl_label = "Export Take"
-    bl_description = "Write the selected body's motion to a file that other programs read"
+    bl_description = (
+        "Write the motion of the selected armature, or of the shown body, to a file that other programs read"
+    )
     bl_options = {"PRESET"}  # noqa: RUF012 - Blender reads a plain set
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
@@ -24,6 +27,19 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
     fps: bpy.props.FloatProperty(
         name="Frame Rate", description="Frames per second of the file; 0 for those the take was solved at",
         default=0.0, min=0.0, soft_max=240.0,
+    )  # fmt: skip
+    unit: bpy.props.EnumProperty(name="Unit", description="Length unit of the file", items=UNITS, options={"SKIP_SAVE"})
+    up: bpy.props.EnumProperty(name="Up Axis", description="Axis that points up", items=UP_AXES, options={"SKIP_SAVE"})
+    root: bpy.props.EnumProperty(
+        name="Root Motion", description="What carries the travel over the ground", items=ROOT_MOTIONS,
+        options={"SKIP_SAVE"},
+    )  # fmt: skip
+    fingers: bpy.props.BoolProperty(
+        name="Fingers", description="Write finger bones, if the body has any", default=True, options={"SKIP_SAVE"}
+    )
+    node: bpy.props.StringProperty(
+        name="Object Name", description="Name of the skeleton's object; empty for the armature's own",
+        options={"SKIP_SAVE"},
     )  # fmt: skip
     skeleton: bpy.props.BoolProperty(name="Skeleton Alone", description="Leave out the skinned mesh")
     use_range: bpy.props.BoolProperty(name="Range", description="Write the frames from First to Last alone")
@@ -43,18 +59,34 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Tell whether a take is selected."""
-        obj = context.object
-        if obj is None or (obj if obj.type == "ARMATURE" else obj.find_armature()) is None:
-            cls.poll_message_set("Select the body of a take first")
+        """Needs an armature that is selected, or a solved body."""
+        if exported_armature(context) is None:
+            cls.poll_message_set("Solve a capture, or select an armature first")
             return False
         return True
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the options that the format has."""
+        layout = self.layout
+        layout.use_property_split = True
+        layout.prop(self, "format")
+        for name in FORMATS[self.format].keeps:
+            layout.prop(self, name)
+        layout.prop(self, "skeleton")
+        if not FORMATS[self.format].is_sampled:
+            return
+        layout.prop(self, "fps")
+        layout.prop(self, "use_range")
+        if self.use_range:
+            layout.prop(self, "first")
+            layout.prop(self, "last")
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Open the file browser, which asks before a file is replaced."""
         self.overwrite = True
-        if not self.filepath:
-            self.filepath = f"{bpy.path.clean_name(context.object.name)}{self.filename_ext}"
+        armature = exported_armature(context)
+        if not self.filepath and armature is not None:
+            self.filepath = f"{bpy.path.clean_name(armature.name)}{self.filename_ext}"
         self.first, self.last = context.scene.frame_start, context.scene.frame_end
         return super().invoke(context, event)
 
@@ -75,8 +107,9 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         try:
             frames = (float(self.first), float(self.last)) if self.use_range else None
             with undisturbed(context):
-                take = take_of(context.scene, context.object, frames, self.fps or None)
-                take = replace(take, meshes=()) if self.skeleton else take
+                take = take_of(context.scene, exported_armature(context), frames, self.fps or None)
+                layout = FileLayout(self.unit, self.up, self.root, self.fingers, self.node)
+                take = replace(take, layout=layout, meshes=() if self.skeleton else take.meshes)
                 export_take(
                     take, self.format, path, overwrite=self.overwrite,
                     progress=lambda stage, done, total: windows.progress_update(done / max(total, 1)),
@@ -88,6 +121,13 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
             windows.progress_end()
         self.report({"INFO"}, f"Wrote {take.num_frames} frames at {take.fps:g} fps to {path.name}")
         return {"FINISHED"}
+
+
+def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
+    """Return the armature that is active, or deforms what is; else the solved body that is shown."""
+    active = context.object
+    armature = active if active is None or active.type == "ARMATURE" else active.find_armature()
+    return context.scene.mocap.review.armature if armature is None else armature
 
 
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -16,10 +17,12 @@ from ..._exchange.capture_file import read_capture
 from ..._exchange.diagnostics import Diagnostic, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
-from ...animation.takes import ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
+from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
+from ...body.sliders import body_mesh
 from ...conventions.file_paths import file_of, stored
+from ...conventions.skeleton import JOINTS
 from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, keep_edits, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
@@ -33,6 +36,9 @@ from ..adoption import adopt
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
+
+_HEIGHTS = 2.2
+"""Distance from which a body is looked at, by its height."""
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
@@ -127,6 +133,15 @@ def present_capture(context: bpy.types.Context, stage: CaptureStage) -> None:
     space.region_3d.view_distance = 1.5 * float(np.linalg.norm(centres - middle, axis=1).max()) + 2.0
 
 
+def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
+    """Turn the viewport to a new body, unless it looks through a camera."""
+    space, skin = context.space_data, body_mesh(armature)
+    if space is None or space.type != "VIEW_3D" or space.region_3d.view_perspective == "CAMERA" or skin is None:
+        return
+    space.region_3d.view_location = armature.matrix_world @ armature.pose.bones[JOINTS[0]].head
+    space.region_3d.view_distance = _HEIGHTS * max(skin.dimensions)
+
+
 def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) -> None:
     """Keep who is seen; those who were known keep their body and the name the user gave them."""
     names = {person.key: person.name for person in capture.people}
@@ -165,7 +180,8 @@ def take_motion(
     index = capture.person_named(whom)
     review = capture.review_of(index)
     who = f" {capture.people[index].name}" if capture.people else ""
-    name = f"{capture.name}{who} {files.motion.stem.replace('_', ' ')}"
+    whose = f"{capture.name if len(settings.captures) > 1 else ''}{who}".strip()
+    name = f"{whose} {files.motion.stem.replace('_', ' ').capitalize()}".strip()
     armature, start, parent = review.armature, capture.frame_start, capture.collection
     former = None if again is None else bpy.data.actions.get(again.take)
     if former is not None:
@@ -180,8 +196,11 @@ def take_motion(
         action[PERSON] = whom
     if result is not None:
         action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_of(result)))
+        action[DIAGNOSTICS] = json.dumps([item.as_dict() for item in read_diagnostics(result.get("diagnostics"))])
     review.armature = armature
     settings.stage = "EDIT"
+    if needs_body:
+        frame_body(context, armature)
     colour_markers(scene)
     bring_home()
     return action

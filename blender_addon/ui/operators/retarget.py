@@ -8,6 +8,7 @@ import bpy
 
 from ...conventions.counting import counted
 from ...errors import MapInvalid
+from ..retarget_properties import show_map
 from .base import MocapOperator
 
 if TYPE_CHECKING:
@@ -41,7 +42,7 @@ class MOCAP_OT_map_rig(NeedsActor, bpy.types.Operator):
         from ...retarget.user_presets import user_presets_folder
 
         found = map_rig(_target(context), user_presets_folder())
-        _show_map(context, found)
+        show_map(context.scene.mocap.retarget, found)
         for doubt in found.doubts:
             self.report({"WARNING"}, doubt)
         self.report(
@@ -70,7 +71,7 @@ class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
             name: tuple((bone.matrix.to_3x3() @ bone.bone.matrix_local.to_3x3().inverted()).to_quaternion())
             for name, bone in bones.items()
         }
-        _show_map(context, replace(rig_map, map_pose=pose))
+        show_map(context.scene.mocap.retarget, replace(rig_map, map_pose=pose))
         self.report({"INFO"}, f"The pose of {counted(len(pose), 'bone')} is kept as the map pose")
         return {"FINISHED"}
 
@@ -103,7 +104,7 @@ class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
             self.report({"WARNING"}, note)
         off_mm, name = done.deviation_mm, done.action.name
         measured = f"{done.scale:.2f} (lengths by the body's: {done.proportions.describe()}; soles from {done.soles})"
-        self.report({"INFO"}, f"'{name}': scaled by {measured}, hands and feet right to {off_mm:.1f} mm")
+        self.report({"INFO"}, f"'{name}': scaled by {measured}, hands and feet match within {max(off_mm, 0.1):.1f} mm")
         return {"FINISHED"}
 
 
@@ -135,21 +136,6 @@ def _target(context: bpy.types.Context) -> bpy.types.Object:
     return rig
 
 
-def _show_map(context: bpy.types.Context, rig_map: RigMap) -> None:
-    """Write a map into the table, with a row for every role that a person can fill."""
-    import json
-
-    from ..._exchange.rigs.roles import JOINT_OF, order_of
-    from ...retarget.maps.rig_map import map_values
-
-    settings = context.scene.mocap.retarget
-    settings.table.clear()
-    settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))
-    for role in sorted({*rig_map.bones, *JOINT_OF}, key=order_of):
-        row = settings.table.add()
-        row.name, row.bone = role, rig_map.bones.get(role, "")
-
-
 def _table_map(context: bpy.types.Context) -> RigMap:
     """Return the map that the table shows, as its user has corrected it."""
     import json
@@ -159,7 +145,7 @@ def _table_map(context: bpy.types.Context) -> RigMap:
 
     settings = context.scene.mocap.retarget
     if not settings.map_text:
-        raise MapInvalid("The target has not been mapped.", hint="Press Map Bones first.")
+        raise MapInvalid("The target has not been mapped.", hint="Choose the target again, or press Map Bones.")
     kept = map_of(json.loads(settings.map_text), settings.label)
     return replace(kept, bones={row.name: row.bone for row in settings.table if row.bone})
 

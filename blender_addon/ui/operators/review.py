@@ -83,20 +83,19 @@ class MOCAP_OT_unpin(MocapOperator, bpy.types.Operator):
 
 
 class MOCAP_OT_show_confidence(NeedsTake, bpy.types.Operator):
-    """Paints bones by confidence."""
+    """Shows confidence on bones, skin and timeline."""
 
     bl_idname = "mocap.show_confidence"
     bl_label = "Show Confidence"
-    bl_description = "Select the body in pose mode, with each bone painted by its joint's confidence on every frame"
+    bl_description = (
+        "Colour bones and skin by their joints' confidence on every frame, and mark doubtful frames on the timeline"
+    )
     edits_body = True
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Enter pose mode and paint, or take the paint off."""
+        """Colour, or take the colours off; mode and selection stay."""
         review = context.scene.mocap.review
         review.colours = not review.colours
-        if review.colours:
-            select_alone(context, review.armature)
-            bpy.ops.object.mode_set(mode="POSE")
         colour_bones(context.scene)
         return {"FINISHED"}
 

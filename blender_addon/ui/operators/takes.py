@@ -87,7 +87,7 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
     """Makes a take with few keys."""
 
     bl_idname = "mocap.thin_take"
-    bl_label = "Keep Few Keys"
+    bl_label = "Reduce Keys"
     bl_description = (
         "Add a take of smooth curves through a few keys of this one, your edits included, and report how far it is "
         "from this one"

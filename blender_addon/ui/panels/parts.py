@@ -10,6 +10,7 @@ import bpy
 
 from ..._exchange.errors import sentence
 from ..locations import waits_for_saving
+from ..operators.fixes import Fix, reading_fixes
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
 from ..operators.solver_operator import MOCAP_OT_dismiss, current
 from ..preferences import shows_acquisition
@@ -144,9 +145,20 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     cancelled = run.error.get("code") == "cancelled"
     text = "Cancelled; nothing was changed." if cancelled else sentence(run.error)
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
+    for fix in reading_fixes(run.error):
+        draw_fix(box, fix)
     if not cancelled:
         box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
     box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
+
+
+def draw_fix(layout: bpy.types.UILayout, fix: Fix) -> None:
+    """Draw the button of a remedy."""
+    row = layout.row()
+    row.enabled = not current.busy
+    button = row.operator(fix.operator, text=fix.text, icon="MODIFIER", translate=False)
+    for name, value in fix.values:
+        setattr(button, name, value)
 
 
 def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

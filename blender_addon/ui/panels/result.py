@@ -1,15 +1,17 @@
-"""Result: how the last solve went and, of the take that plays, every warning."""
+"""Result: how the last solve went and, of the take that plays, every warning; notes are folded away."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import bpy
 
-from ..._exchange.diagnostics import notes_in, read_diagnostics, sentence, warnings_in
+from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
 from ...conventions.counting import counted
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
+from .findings import draw_finding
 from .parts import StagePanel, wrapped
 
 _VERBS = ("solve",)
@@ -33,8 +35,31 @@ class VIEW3D_PT_mocap_result(StagePanel, bpy.types.Panel):
         if _solved(context) is not None:
             _draw_outcome(self.layout, context)
             return
-        for text in _kept_warnings(context):
-            wrapped(self.layout, context, text, "ERROR", alert=True)
+        for found in _kept_warnings(context):
+            draw_finding(self.layout, context, found)
+
+
+class VIEW3D_PT_mocap_result_notes(StagePanel, bpy.types.Panel):
+    """What else was found, which wants nothing of the user."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_result_notes"
+    bl_parent_id = VIEW3D_PT_mocap_result.bl_idname
+    bl_label = "Details"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solve of this capture."""
+        return super().poll(context) and _solved(context) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw the notes, and the button of the log."""
+        result = _solved(context) or {}
+        for take in result.get("takes", [result]):
+            for note in notes_in(read_diagnostics(take.get("diagnostics"))):
+                draw_finding(self.layout, context, note, f"{take['name']}: " if "takes" in result else "")
+        self.layout.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
 
 
 def _solved(context: bpy.types.Context) -> dict[str, Any] | None:
@@ -42,11 +67,20 @@ def _solved(context: bpy.types.Context) -> dict[str, Any] | None:
     return None if run is None or run.error is not None else run.result
 
 
-def _kept_warnings(context: bpy.types.Context) -> list[str]:
-    from ...animation.takes import WARNINGS
+def _kept_warnings(context: bpy.types.Context) -> Sequence[Diagnostic]:
+    """Return the warnings that the take keeps; of takes of earlier versions their sentences alone are known."""
+    import json
+
+    from ...animation.takes import DIAGNOSTICS, WARNINGS
 
     take = context.scene.mocap.review.take
-    return [] if take is None else str(take.get(WARNINGS, "")).splitlines()
+    if take is None:
+        return ()
+    try:
+        found = json.loads(take[DIAGNOSTICS])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        found = str(take.get(WARNINGS, "")).splitlines()
+    return warnings_in(read_diagnostics(found))
 
 
 def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
@@ -60,8 +94,7 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         for item in result["failed"]:
             wrapped(box, context, f"{item['name']}: {item['message']}", "ERROR", alert=True)
         for take in result["takes"]:
-            _draw_found(box, context, take, f"{take['name']}: ")
-        box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+            _draw_warnings(box, context, take, f"{take['name']}: ")
         return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
     column = box.column(align=True)
@@ -73,17 +106,16 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         wrapped(column, context, f"{counted(result['unsure_frames'], 'frame')} to look at", "INFO")
     if result["unseen_frames"]:
         wrapped(column, context, f"{counted(result['unseen_frames'], 'frame')} bridged", "INFO")
-    _draw_found(box, context, result)
-    box.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
+    _draw_warnings(box, context, result)
 
 
-def _draw_found(
+def _draw_warnings(
     layout: bpy.types.UILayout, context: bpy.types.Context, result: dict[str, Any], whose: str = ""
 ) -> None:
-    """Draw what was found about a solve, warnings first: the list of the console and the report."""
-    found = read_diagnostics(result.get("diagnostics"))
+    """Draw what wants a look."""
     column = layout.column(align=True)
-    for item in warnings_in(found):
-        wrapped(column, context, whose + sentence(item), "ERROR", alert=True)
-    for item in notes_in(found):
-        wrapped(column, context, whose + sentence(item), "DOT")
+    for item in warnings_in(read_diagnostics(result.get("diagnostics"))):
+        draw_finding(column, context, item, whose)
+
+
+CLASSES = (VIEW3D_PT_mocap_result, VIEW3D_PT_mocap_result_notes)

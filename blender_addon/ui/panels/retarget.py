@@ -5,7 +5,10 @@ from __future__ import annotations
 import bpy
 
 from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose, actor_object
-from .parts import StagePanel, draw_next
+from .parts import StagePanel, draw_next, wrapped
+
+LEFT, RIGHT = "left", "right"
+"""Sides as roles begin with them."""
 
 
 class VIEW3D_PT_mocap_retarget(StagePanel, bpy.types.Panel):
@@ -33,13 +36,20 @@ class VIEW3D_PT_mocap_retarget(StagePanel, bpy.types.Panel):
         if settings.target is None:
             draw_next(layout, context, "Choose the character's armature.")
             return
-        layout.operator(MOCAP_OT_map_rig.bl_idname, icon="GROUP_BONE")
-        if not settings.map_text:
+        row = layout.row(align=True)
+        row.label(text=settings.label or "Not mapped", icon="GROUP_BONE", translate=False)
+        row.operator(MOCAP_OT_map_rig.bl_idname, text="", icon="FILE_REFRESH")
+        for doubt in settings.doubts.splitlines():
+            wrapped(layout, context, doubt, "ERROR", alert=True)
+        if not any(row.bone for row in settings.table):
+            draw_next(layout, context, "Choose the bones in the table below.")
             return
         layout.prop(settings, "limbs", expand=True)
         layout.prop(settings, "way", text="")
         layout.prop(settings, "scale")
-        layout.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
+        button = layout.column()
+        button.scale_y = 1.4
+        button.operator(MOCAP_OT_retarget.bl_idname, icon="ARMATURE_DATA")
 
 
 class VIEW3D_PT_mocap_rig_table(StagePanel, bpy.types.Panel):
@@ -59,10 +69,17 @@ class VIEW3D_PT_mocap_rig_table(StagePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the table, to be corrected, and the map pose."""
         layout, settings = self.layout, context.scene.mocap.retarget
-        layout.label(text=settings.label, icon="PRESET", translate=False)
+        rows, bones = {row.name: row for row in settings.table}, settings.target.data
         column = layout.column(align=True)
-        for row in settings.table:
-            column.prop_search(row, "bone", settings.target.data, "bones", text=row.name.replace("_", " "))
+        for role, row in rows.items():
+            side, _, part = role.partition("_")
+            if side == RIGHT and f"{LEFT}_{part}" in rows:
+                continue  # it stands beside its left
+            pair = [row, *(rows[name] for name in [f"{RIGHT}_{part}"] if side == LEFT and name in rows)]
+            column.label(text=(part if len(pair) > 1 else role).replace("_", " "), translate=False)
+            line = column.row(align=True)
+            for item in pair:
+                line.prop_search(item, "bone", bones, "bones", text="")
         layout.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
 
 

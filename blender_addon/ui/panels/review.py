@@ -129,7 +129,7 @@ class VIEW3D_PT_mocap_take(TakePanel, bpy.types.Panel):
 
 
 def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.types.Action | None) -> None:
-    from ...animation.takes import takes_of
+    from ...animation.takes import ERROR, takes_of
 
     takes = takes_of(capture.measured, capture.person.key if capture.person else "", capture.original)
     column = layout.column(align=True)
@@ -138,7 +138,8 @@ def _draw_takes(layout: bpy.types.UILayout, capture: MocapCapture, take: bpy.typ
         if action == take:
             row.prop(action, "name", text="", icon="ACTION")
         else:
-            row.operator(MOCAP_OT_show_take.bl_idname, text=action.name, translate=False).name = action.name
+            text = ", ".join(part for part in (action.name, str(action.get(ERROR, ""))) if part)
+            row.operator(MOCAP_OT_show_take.bl_idname, text=text, translate=False).name = action.name
         row.operator(MOCAP_OT_delete_take.bl_idname, text="", icon="TRASH").name = action.name
     if take is not None:
         column.label(text=_kept(take), icon="KEYFRAME", translate=False)

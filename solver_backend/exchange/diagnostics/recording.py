@@ -108,6 +108,25 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The person left the volume, or is hidden from all cameras but one.",
         "Add a camera that sees the place, or animate the stretch by hand.",
     ),
+    "prop_found": note(
+        "{count} markers that the person does not wear move as one rigid body, within {size:.1f} mm: solved as the "
+        "prop '{prop}'",
+        "Somebody holds or moves a thing with markers: a stick, a racket, a box, a chair.",
+    ),
+    "prop_read": note(
+        "The rigid body '{prop}' of the file is a prop",
+        "The file holds the poses of a thing, which the program that recorded it found from its markers.",
+    ),
+    "prop_hidden": note(
+        "The pose of the prop '{prop}' is hardly known",
+        "Fewer than three of its markers are seen, or those that are lie on one line.",
+        "Look at the prop there; its standard deviations say how far it may be off.",
+    ),
+    "prop_turn_open": note(
+        "The markers of the prop '{prop}' lie on one line: its turn about that line is not known, and is kept calm",
+        "A stick with markers along it.",
+        "Add a marker beside the line if the turn matters.",
+    ),
     "markers_exchanged": note(
         "The markers {marker} and {other_marker} have each other's labels",
         "The labels were exchanged where the take was recorded or labelled.",

@@ -41,15 +41,9 @@ def attach(points: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> Att
         joints: (F, 24, 3) metres.
         rotations: (F, 24, 3, 3) global rotations of the bones.
     """
-    seen = np.isfinite(points).all(-1)
-    if seen.sum() < LEAST_FRAMES:
+    if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None
-    count = 1 + NUM_BODY_JOINTS
-    away = points[seen, None] - joints[seen, :count]
-    local = (np.swapaxes(rotations[seen, :count], -1, -2) @ away[..., None])[..., 0]
-    offset = np.median(local, axis=0)
-    spread = np.median(np.linalg.norm(local - offset, axis=-1), axis=0)
-    reach = np.linalg.norm(offset, axis=-1)
+    offset, spread, reach = bone_offsets(points, joints, rotations)
     spread = np.where(reach > REACH_M, np.inf, spread)
     near = np.flatnonzero(spread <= 1.1 * spread.min() + 1e-4)
     best = int(near[np.argmin(reach[near])])
@@ -57,3 +51,20 @@ def attach(points: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> Att
         return None
     # The median length of a three-dimensional Gaussian is 1.54 standard deviations.
     return Attachment(ON_BONE + SMPL_JOINTS[best], offset[best], float(spread[best] / 1.54))
+
+
+def bone_offsets(
+    points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a marker's offset (22, 3) from every bone, its median distance (22,) from that, and the offset's length.
+
+    Args:
+        points: (F, 3) metres, NaN where missing.
+        joints: (F, 24, 3) metres.
+        rotations: (F, 24, 3, 3) global rotations of the bones.
+    """
+    seen, count = np.isfinite(points).all(-1), 1 + NUM_BODY_JOINTS
+    away = points[seen, None] - joints[seen, :count]
+    local = (np.swapaxes(rotations[seen, :count], -1, -2) @ away[..., None])[..., 0]
+    offset = np.median(local, axis=0)
+    return offset, np.median(np.linalg.norm(local - offset, axis=-1), axis=0), np.linalg.norm(offset, axis=-1)

@@ -26,6 +26,7 @@ from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
@@ -205,13 +206,17 @@ def calibrated(
 def with_attached(
     person: MarkerSubject, found: SubjectCalibration, cloud: MarkerCloud, unknown: Sequence[str]
 ) -> MarkerSubject:
-    """Return the person with the markers of unknown labels that move with one of the bones."""
+    """Return the person with the markers of unknown labels that move with one of the bones, and are no prop's."""
     frames, subject = found.poses, found.subject
     skeleton = forward_kinematics(subject.body, subject.betas, frames.root, frames.local, frames.transl)
     joints, rotations = to_numpy(skeleton.joints), to_numpy(skeleton.G)
     added: dict[str, Attachment] = {}
+    columns = [column for column, label in enumerate(cloud.labels or ()) if label in unknown]
+    some = cloud.columns(columns, tuple((cloud.labels or ())[column] for column in columns))
+    some = MarkerCloud(some.positions[found.frames], some.fps, some.labels)
+    props = {columns[m] for group in loose_groups(some, BonePoses(joints, rotations)) for m in group.columns}
     for column, label in enumerate(cloud.labels or ()):
-        if label in unknown:
+        if column in columns and column not in props:
             attachment = attach(cloud.positions[found.frames, column], joints, rotations)
             added |= {} if attachment is None else {label: attachment}
     if not added:

@@ -13,7 +13,7 @@ from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm, PointTerm
-from solver_backend.types import JointSet
+from solver_backend.types import JointSet, MarkerCloud
 
 
 class ResidualReport(Protocol):
@@ -93,6 +93,10 @@ class Measurements:
     """What one camera leaves open, where there is but one."""
     hands: HandViews | HandClouds | None = None
     """The hands that views or markers show beside the points; None where none does."""
+    loose: MarkerCloud | None = None
+    """Markers of the recording that are no known places of the person."""
+    others: MarkerCloud | None = None
+    """Those that are nobody's, by their prefixes."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
 

@@ -42,6 +42,7 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     return Capture(
         name=path.stem,
         markers=take.cloud,
+        others=take.others,
         sources=(str(path),),
         notes=(*report.notes, *_said(names, report.unlabelled)),
         problems=(*report.problems, *([] if names is None else _few(names))),

@@ -16,6 +16,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
+from solver_backend.io.markers.motive_bodies import motive_bodies
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.text_table import (
@@ -26,7 +27,6 @@ from solver_backend.io.markers.text_table import (
     rate_of,
     triples,
 )
-from solver_backend.io.recognition.camera_names import listing
 
 _FRAME = re.compile(r'"?Frame"?\s*[,;\t]', re.IGNORECASE)
 MEASURED = "marker"
@@ -37,7 +37,9 @@ _KNOWN_TYPES = (MEASURED, "rigid body", "rigid body marker", "bone", "bone marke
 def read_motive_csv(
     path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
 ) -> MarkerTake:
-    """Read the markers of a CSV file of Motive; rigid bodies and bones, which it computes from them, are left out.
+    """Read the markers of a CSV file of Motive, and the poses of rigid bodies whose markers it does not hold.
+
+    Bones, which Motive computes from markers, are left out.
 
     Args:
         path: the file.
@@ -72,6 +74,7 @@ def read_motive_csv(
     meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
     header = [header_cells(line, delimiter) for line in lines[1 : at + 1] if line.strip(f'{delimiter} "')]
     columns, labels, notes = _markers(header, path)
+    bodies, said = motive_bodies(header, labels, meta.get("rotation type", ""))
     data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
     quoted = bool(data) and '"' in data[0]
     rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
@@ -88,7 +91,8 @@ def read_motive_csv(
         default_up_axis="y",
         unit=meta.get("length units", ""),
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
-        notes=notes,
+        bodies=None if bodies is None else bodies.poses(values),
+        notes=(*notes, *said),
         problems=frame_problems(numbers, number_in(meta.get("total exported frames"))),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
@@ -134,9 +138,8 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
             f"The file holds no markers but {what}.", where=str(path), hint="Export it with 'Markers' switched on."
         )
     notes: list[str] = []
-    if bodies or bones:
-        what = f"{len(bodies)} rigid bodies ({listing(bodies[:8])}) and {bones} bones"
-        notes.append(f"{what} are left out: they are computed from the markers.")
+    if bones:
+        notes.append(f"{bones} bones are left out: they are computed from the markers.")
     if of_type.get(MEASURED) and expected:
         notes.append(f"{len(expected)} places where assets expect their markers are left out: measured ones are there.")
     elif expected:

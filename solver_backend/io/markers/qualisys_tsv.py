@@ -14,6 +14,8 @@ import numpy as np
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
 from solver_backend.io.files import read_text
+from solver_backend.io.markers.qualisys_bodies import ENDING, bodies_file, qualisys_bodies
+from solver_backend.io.markers.rigid_bodies import RigidBodies
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerEvent, MarkerTake
 from solver_backend.io.markers.text_table import (
@@ -55,9 +57,11 @@ def read_qualisys_tsv(
     header, events = _header(lines[:first])
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))
     if included.strip() and "3D" not in included.upper():
+        beside = f" Poses of rigid bodies become props: keep the file beside that of the markers, as take{ENDING}.tsv."
         raise CaptureNotRecognised(
-            f"The file holds {included} data; markers are 3D.", where=str(path), hint="Export 3D data."
-        )
+            f"The file holds {included} data; markers are 3D.", where=str(path),
+            hint=f"Export 3D data.{beside if '6D' in included.upper() else ''}",
+        )  # fmt: skip
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
     values = number_table([line.split("\t") for line in lines[first:] if line.strip()], first + 1, path)
     stated = number_in(" ".join(header.get("NO_OF_MARKERS", [])))
@@ -77,9 +81,21 @@ def read_qualisys_tsv(
         default_up_axis="z",
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
         events=events,
+        bodies=_bodies_beside(path, len(values)),
         problems=(*problems, *frame_problems(numbers, frames)),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
+    """Return the rigid bodies of the file of 6D data beside a file of markers."""
+    beside = bodies_file(path)
+    if beside is None:
+        return None
+    lines = read_text(beside).splitlines()
+    first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
+    values = number_table([line.split("\t") for line in lines[first:] if line.strip()], first + 1, beside)
+    return qualisys_bodies(_header(lines[:first])[0], values, frames)
 
 
 def _starts_with_number(line: str) -> bool:

@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
 from solver_backend.io.markers.missing import without_sentinels
+from solver_backend.io.markers.rigid_bodies import RigidBodies
 from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
@@ -49,6 +50,8 @@ class MarkerSource:
     """(F, M) the recording program's residual, in the file's unit."""
     first_frame: int = 1
     """The file's number of the first frame."""
+    bodies: RigidBodies | None = None
+    """Rigid bodies whose poses the file holds."""
     events: tuple[MarkerEvent, ...] = ()
     """Events in the file."""
     analog_channels: tuple[str, ...] = ()
@@ -88,7 +91,8 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
     found_unit = find_unit(positions, source.unit, unit, source.default_unit)
     positions *= found_unit.metres
     found_axis = find_up_axis(positions, labels, source.up_axis, up_axis, source.default_up_axis)
-    positions = (positions.reshape(-1, 3) @ rotation_to_z_up(found_axis.name).T).reshape(positions.shape)
+    to_world = rotation_to_z_up(found_axis.name)
+    positions = (positions.reshape(-1, 3) @ to_world.T).reshape(positions.shape)
     rate = _rate(source, fps)
     gaps, missing = gaps_of(np.isfinite(positions[..., 0]))
     unlabelled = tuple(label for label in labels if is_unnamed(label))
@@ -112,7 +116,8 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
         problems=(*source.problems, *_found(found_unit, found_axis), *sentinels, *problems, *_still(positions, labels)),
     )
     residual = source.residual * found_unit.metres if source.residual is not None else None
-    return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report)
+    others = None if source.bodies is None else source.bodies.points(found_unit.metres, to_world, rate)
+    return MarkerTake(MarkerCloud(positions, rate, labels if named else None, residual), report, others)
 
 
 def _require_markers(source: MarkerSource) -> None:

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
+
+import numpy as np
 
 from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
@@ -11,6 +14,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import prefix_of
+from solver_backend.types import MarkerCloud
 
 SEPARATOR = ","
 """Between the prefixes of one person."""
@@ -38,9 +42,9 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
                 f"The file holds {len(subjects)} subjects: {_counts(take)}.", where="subject_prefix",
                 hint=_hint(bodies, places),
             )  # fmt: skip
-        chosen = _part(take, (bodies[0],))
+        chosen = _part(take, (bodies[0],), [name for name in subjects if not places[name]])
         others = listing(f"{name} ({_size(take, name)} markers)" for name in subjects if name != bodies[0])
-        note = f"{bodies[0]} is solved, the only subject with a body's markers; left out: {others}."
+        note = f"{bodies[0]} is solved, the only subject with a body's markers; no part of it: {others}."
         return replace(chosen, report=replace(chosen.report, notes=(*chosen.report.notes, note)))
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:
@@ -49,10 +53,13 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
                 f"The file has no subject '{name}'; it holds {_counts(take) or 'labels without prefixes'}.",
                 where="subject_prefix", hint="Name the one to solve by its prefix.",
             )  # fmt: skip
-    return _part(take, names)
+    beside = [name for name in subjects if name not in names]
+    bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})
+    return _part(take, names, [name for name in beside if name not in bodies])
 
 
-def _part(take: MarkerTake, names: tuple[str, ...]) -> MarkerTake:
+def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> MarkerTake:
+    """Return the markers of a person, with those of things that are nobody's beside."""
     labels = take.cloud.labels or ()
     kept = [i for i, label in enumerate(labels) if prefix_of(label) in names]
     report = replace(
@@ -62,7 +69,19 @@ def _part(take: MarkerTake, names: tuple[str, ...]) -> MarkerTake:
         gaps=tuple(take.report.gaps[i] for i in kept),
         missing=tuple(take.report.missing[i] for i in kept),
     )
-    return MarkerTake(take.cloud.columns(kept, tuple(labels[i] for i in kept)), report)
+    beside = [i for i, label in enumerate(labels) if prefix_of(label) in things]
+    others = joined_columns(take.others, take.cloud.columns(beside, tuple(labels[i] for i in beside)))
+    return MarkerTake(take.cloud.columns(kept, tuple(labels[i] for i in kept)), report, others)
+
+
+def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
+    """Return the markers of two clouds of the same frames side by side; None where there are none."""
+    if not two.labels:
+        return one
+    if one is None:
+        return replace(two, residual=None, covariance=None)
+    positions = np.concatenate([one.positions, two.positions], axis=1)
+    return MarkerCloud(positions, two.fps, (*(one.labels or ()), *two.labels))
 
 
 def _places(take: MarkerTake, name: str) -> frozenset[str]:

@@ -69,6 +69,8 @@ class MarkerTake:
     """The markers; without labels where nobody named any."""
     report: MarkerReport
     """What was recognised."""
+    others: MarkerCloud | None = None
+    """Markers under prefixes of their own that name nobody: props, perhaps."""
 
 
 def gaps_of(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

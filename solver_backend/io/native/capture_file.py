@@ -23,6 +23,7 @@ _STORED = (
     "format", "version", "name", "notes", "problems", "sources", "footage", "footage_first", "camera_names", "K",
     "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence", "joint_set",
     "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
+    "other_positions", "other_labels",
     "people", "people_xy", "people_confidence", "person", "hands", "people_hands",
     *_OF_ONE_CAMERA,
 )  # fmt: skip
@@ -81,6 +82,9 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
     arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
     if capture.markers is not None:
         arrays |= _marker_arrays(capture.markers)
+    if capture.others is not None:
+        arrays["other_positions"] = np.asarray(capture.others.positions, np.float32)
+        arrays["other_labels"] = _strings(capture.others.labels or ())
     arrays |= {_TRUTH + key: np.asarray(value) for key, value in capture.truth.items()}
     return write_npz(path, arrays, overwrite=overwrite)
 
@@ -112,6 +116,7 @@ def _capture(fields: Fields, path: Path) -> Capture:
         cameras=cameras,
         keypoints=keypoints,
         markers=_markers(fields) if "marker_positions" in fields else None,
+        others=_others(fields) if "other_positions" in fields else None,
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
         footage_first=_footage_first(fields),
         sources=fields.texts("sources"),
@@ -198,6 +203,11 @@ def _markers(fields: Fields) -> MarkerCloud:
         residual=fields.numbers("marker_residual", positions.shape[:2]) if "marker_residual" in fields else None,
         covariance=_covariance(fields, positions) if "marker_covariance" in fields else None,
     )
+
+
+def _others(fields: Fields) -> MarkerCloud:
+    positions = fields.numbers("other_positions", (None, None, 3))
+    return MarkerCloud(positions, fields.number("marker_fps"), fields.texts("other_labels"))
 
 
 def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:

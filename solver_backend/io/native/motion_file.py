@@ -27,7 +27,7 @@ from solver_backend.types import NUM_BETAS, Motion
 _SAME = (
     "betas", "transl", "fps", "body", "body_layout", "joints", "keypoints3d", "joint_sigma", "joint_covariance",
     "keyframes", "contacts", "flags", "resting", "reprojection_px", "markers", "marker_residual_mm", "marker_flags",
-    "marker_sigma", "cleaned_markers", "offsets",
+    "marker_sigma", "cleaned_markers", "offsets", "props",
 )  # fmt: skip
 """What a motion and its file call by one name."""
 

@@ -28,13 +28,14 @@ def cut_frames(capture: Capture, first: int, last: int) -> Capture:
             hint=f"0 <= first <= last <= {count - 1}.",
         )  # fmt: skip
     stop = last + 1
-    keypoints, markers = capture.keypoints, capture.markers
+    keypoints, markers, others = capture.keypoints, capture.markers, capture.others
     people = tuple(replace(p, keypoints=p.keypoints.frames(first, stop)) for p in capture.people)
     footage_first = capture.footage_first or (0,) * len(capture.footage)
     return replace(
         capture,
         keypoints=None if keypoints is None else keypoints.frames(first, stop),
         markers=None if markers is None else _cut_markers(markers, first, stop),
+        others=None if others is None else _cut_markers(others, first, stop),
         people=people,
         footage_first=tuple(picture + first for picture in footage_first),
         truth={name: _cut_truth(values, count, first, stop) for name, values in capture.truth.items()},

@@ -94,7 +94,8 @@ def test_every_bone_has_its_collection_and_colour(rig: Rig) -> None:
     assert held.pop(DEFORM_COLLECTION) == {deform_bone(joint) for joint in JOINTS}
     assert held.pop(HELPER_COLLECTION) == set(HELPERS)
     assert sorted(name for names in held.values() for name in names) == sorted([ROOT, *JOINTS, *CONTROLS])
-    shown = {"Root", "Torso", "Head", "Arm Left", "Arm Right", "Leg Left", "Leg Right"}
+    limbs = {f"{part} {side}" for part in ("Arm", "Leg") for side in ("Left", "Right")}
+    shown = {"Root", "Torso", "Head", *limbs, *(f"FK {limb}" for limb in limbs)}
     assert {c.name for c in collections if c.is_visible} == shown
     assert set(held) == shown | {limb.collection for limb in LIMBS} | {"IK Twist"}
     colours = {joint: tuple(rig.armature.data.bones[joint].color.custom.normal) for joint in JOINTS}

@@ -40,6 +40,28 @@ def test_another_take_of_the_body_is_not_led_by_the_first_ones_hands(mocap, solv
     assert [armature.pose.bones[ROOT][limb.switch] for limb in LIMBS] == [0.0] * 4
 
 
+def test_the_joints_of_a_limb_are_hidden_while_its_end_leads(mocap, solved_take, solved) -> None:
+    armature, others = mocap.review.armature, ("left_collar", "left_hand")
+
+    def shown(bone: str) -> bool:
+        return any(group.is_visible for group in armature.data.bones[bone].collections)
+
+    leg, arm = ("left_hip", "left_knee", "left_ankle"), ("left_shoulder", "left_elbow", "left_wrist")
+    assert all(shown(bone) for bone in (*leg, *arm, *others)) and not shown("left_hand_ik")
+    bpy.ops.mocap.switch_limbs(to="IK", limb="left_arm_ik")
+    assert not any(shown(bone) for bone in arm) and shown("left_hand_ik") and shown("left_elbow_pole")
+    assert all(shown(bone) for bone in (*leg, *others)), "the collar and other limbs stay"
+    take_motion(bpy.context, solved.files)
+    assert all(shown(bone) for bone in arm) and not shown("left_hand_ik"), "the new take is posed joint by joint"
+    bpy.ops.mocap.show_take(name=solved_take.name)
+    assert not any(shown(bone) for bone in arm) and shown("left_hand_ik")
+    armature.data.collections_all["IK Arm Left"].is_visible = False
+    bpy.ops.mocap.show_take(name=solved_take.name)
+    assert not shown("left_hand_ik"), "what the user hid stays hidden"
+    bpy.ops.mocap.switch_limbs(to="FK")
+    assert all(shown(bone) for bone in arm) and not shown("left_hand_ik")
+
+
 @pytest.mark.parametrize("moved", [False, True])
 def test_a_pin_is_what_is_seen_also_with_ik_and_a_moved_root(mocap, solved_take, moved: bool) -> None:
     armature = mocap.review.armature

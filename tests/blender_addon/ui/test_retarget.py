@@ -8,6 +8,7 @@ import pytest
 
 from blender_addon.animation.curves import current_action
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
+from tests.support.narrow_layout import draw_panel
 
 
 @pytest.fixture
@@ -33,6 +34,26 @@ def test_a_motion_is_laid_on_a_character_by_the_buttons(mocap, rig, solved_take)
     assert np.linalg.norm(heads[1] - heads[0]) > 0.005, "the rig moves"
 
 
+def test_the_target_is_mapped_when_it_is_chosen(mocap, rig, solved_take):
+    table = {row.name: row.bone for row in mocap.retarget.table}
+    assert table["left_foot"] == f"{PREFIX}LeftFoot" and mocap.retarget.label == "Mixamo" and not mocap.retarget.doubts
+    assert bpy.ops.mocap.retarget() == {"FINISHED"}, "nothing else is to be pressed"
+    box = bpy.data.objects.new("Box", bpy.data.armatures.new("Box"))
+    bpy.context.scene.collection.objects.link(box)
+    mocap.retarget.target = box
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_retarget, 283).drawn
+    assert "Choose the bones" in " ".join(drawn) and "Retarget" not in drawn
+    mocap.retarget.target = None
+    assert not len(mocap.retarget.table) and not mocap.retarget.doubts
+
+
+def test_left_and_right_stand_beside_each_other(mocap, rig, solved_take):
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_rig_table, 283).drawn
+    assert "foot" in drawn and "left foot" not in drawn and "pelvis" in drawn
+    at = drawn.index("foot")
+    assert drawn[at + 1 : at + 3] == ["", ""], "two fields behind one word"
+
+
 def test_a_retargeted_motion_follows_the_frame_rate(mocap, rig, solved_take):
     assert bpy.ops.mocap.map_rig() == {"FINISHED"} and bpy.ops.mocap.retarget() == {"FINISHED"}
     played, scene = current_action(rig), bpy.context.scene
@@ -54,6 +75,7 @@ def test_the_pose_that_the_rig_stands_in_becomes_its_map_pose(mocap, rig):
 
 def test_what_is_missing_is_said_and_nothing_is_made(mocap, rig):
     actions = len(bpy.data.actions)
+    mocap.retarget.map_text = ""
     with pytest.raises(RuntimeError, match="has not been mapped"):
         bpy.ops.mocap.retarget()
     bpy.ops.mocap.map_rig()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any, cast
 
@@ -13,6 +14,7 @@ from blender_addon.ui.operators.import_results import present_capture, take_capt
 from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import shown_panels
+from tests.support.trial_files import write_trial
 
 WIDE = 400
 
@@ -116,3 +118,61 @@ def test_acquisition_is_a_tab_that_is_asked_for(mocap, monkeypatch) -> None:
     assert not [cls for cls in shown_panels() if cls.bl_category == "Acquire"]
     wanted.acquisition = True
     assert {"Live", "Rig", "Studio"} <= {cls.bl_label for cls in shown_panels() if cls.bl_category == "Acquire"}
+
+
+def test_a_warning_has_a_button_where_its_remedy_is_one(mocap, solved, scene, monkeypatch) -> None:
+    take_capture(scene, solved.read)
+    found = (
+        diagnostic("contradicts", cameras=["cam_02"], frames=[(3, 9)]),
+        diagnostic("feet_above_floor", size=6.0),
+        diagnostic("joints_doubted", size=30.0, off=20.0),
+    )
+    names = [item.name for item in mocap.capture.cameras]
+    found = (replace(found[0], where=replace(found[0].where, cameras=(names[1],))), *found[1:])
+    take_motion(bpy.context, solved.files, result={"diagnostics": [item.as_dict() for item in found]})
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_result, WIDE).drawn
+    assert drawn.count(f"Leave Out {names[1]}") == 1 and drawn.count("Feet to Floor") == 1
+    assert bpy.ops.mocap.leave_camera_out(camera=names[1]) == {"FINISHED"}
+    assert [item.use for item in mocap.capture.cameras] == [True, False, True, True]
+    mocap.review.take["diagnostics"] = "{no JSON"
+    assert "6 cm above" in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_result, WIDE).drawn), "the sentences stay"
+
+
+def test_a_failed_reading_offers_the_option_that_it_asks_for(mocap, monkeypatch) -> None:
+    hint = "Synchronise them, or pass --trim to keep the 90 frames that all have, --by-order to count them."
+    error = {
+        "code": "frame_count_mismatch",
+        "message": "The cameras recorded different numbers of frames.",
+        "hint": hint,
+    }
+    monkeypatch.setattr(current, "last", SimpleNamespace(verb="convert", error=error, result=None))
+    monkeypatch.setattr(current, "about", (bpy.context.scene.name, ""))
+    assert "Cut to the Shortest" in on_top() and "Frames by Order" in on_top()
+
+
+def test_the_capture_is_read_again_cut_to_the_shortest(mocap, tmp_path) -> None:
+    """The button does what its text says: the same folder is read, with the option on."""
+    folder = tmp_path / "trial"
+    folder.mkdir()
+    write_trial(folder, lengths=(20, 18, 20, 20))
+    with pytest.raises(RuntimeError, match="different numbers of frames"):
+        bpy.ops.mocap.import_capture(filepath=str(folder))
+    assert "Cut to the Shortest" in on_top() and not mocap.reading.trim
+    assert bpy.ops.mocap.read_again(option="trim") == {"FINISHED"}
+    assert mocap.reading.trim and mocap.capture.frames == 18
+
+
+def test_takes_have_short_names_and_tell_captures_apart(mocap, solved, scene) -> None:
+    take_capture(scene, solved.read)
+    assert take_motion(bpy.context, solved.files).name == "Take 01"
+    other = mocap.captures.add()
+    other.name = "walk"
+    assert take_motion(bpy.context, solved.files, mocap.captures[0]).name == f"{mocap.captures[0].name} Take 01"
+
+
+def test_the_list_of_takes_shows_the_error_of_each(mocap, solved, scene) -> None:
+    take_capture(scene, solved.read)
+    take_motion(bpy.context, solved.files, result={"reprojection_median_px": 2.14})
+    take_motion(bpy.context, solved.files, result={"reprojection_median_px": 3.5})
+    drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_review, WIDE).drawn
+    assert "Take 01, 2.1 px" in drawn and any("3.5 px" in text and "key" in text for text in drawn)

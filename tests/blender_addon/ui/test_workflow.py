@@ -122,7 +122,7 @@ def test_bones_take_the_colour_of_their_confidence_on_every_frame(mocap, take):
     curve = next(c for c in action_curves(take) if c.data_path == 'pose.bones["left_wrist"]["confidence"]')
     for point in curve.keyframe_points:
         point.co.y = 0.1 if point.co.x < 15 else 1.0
-    assert bpy.ops.mocap.show_confidence() == {"FINISHED"} and bpy.context.mode == "POSE"
+    assert bpy.ops.mocap.show_confidence() == {"FINISHED"} and bpy.context.mode == "OBJECT"
     scene.frame_set(3)
     red = tuple(wrist.color.custom.normal)
     scene.frame_set(20)

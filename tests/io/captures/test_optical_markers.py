@@ -88,7 +88,12 @@ def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     path = write_c3d(tmp_path / "box.c3d", replace(cloud, labels=labels))
     capture = load_capture(path)
     assert capture.markers is not None and capture.markers.labels == labels[3:]
-    assert any("Anna is solved, the only subject with a body's markers; left out: Box (3" in n for n in capture.notes)
+    assert capture.others is not None and capture.others.labels == labels[:3]
+    np.testing.assert_allclose(capture.others.positions, cloud.positions[:, :3], atol=1e-5)
+    assert load_capture(path, subject_prefix="Anna").others.labels == labels[:3]
+    assert any(
+        "Anna is solved, the only subject with a body's markers; no part of it: Box (3" in n for n in capture.notes
+    )
 
 
 def test_several_prefixes_are_one_person_where_they_are_named(tmp_path, cloud):

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
+from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.motive_csv import read_motive_csv
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
@@ -87,7 +88,7 @@ def test_units(tmp_path: Path, unit: str, metres: float) -> None:
 
 
 @pytest.mark.parametrize(("rotation", "axes"), [("Quaternion", "XYZW"), ("XYZ", "XYZ"), ("ZYX", "XYZ")])
-def test_rigid_bodies_and_bones_are_left_out(tmp_path: Path, rotation: str, axes: str) -> None:
+def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotation: str, axes: str) -> None:
     body = [
         *columns("Rigid Body", "Wand", "Rotation", axes), *columns("Rigid Body", "Wand", "Position", "XYZ"),
         ("Rigid Body", '"Wand"', '"0"', "", "Mean Marker Error", ""),
@@ -97,11 +98,24 @@ def test_rigid_bodies_and_bones_are_left_out(tmp_path: Path, rotation: str, axes
         *columns("Bone Marker", "Ann:HeadTop", "Position", "XYZ"),
     ]  # fmt: skip
     cells = ",".join(["9"] * len(body)) + "," + numbers(FIRST)
+    if axes == "XYZW":  # a quarter turn about Motive's Y, which is our Z
+        cells = (
+            ",".join(["0", "0.70710678", "0", "0.70710678", "1", "2", "3", *["9"] * (len(body) - 7)])
+            + ","
+            + numbers(FIRST)
+        )
     found = read_motive_csv(write(tmp_path / "t.csv", csv_text([*body, *measured()], rows(cells), rotation=rotation)))
     assert found.cloud.labels == MARKERS
     np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
     notes = " ".join(found.report.notes)
-    assert "1 rigid bodies (Wand) and 1 bones are left out: they are computed from the markers." in notes
+    assert "1 bones are left out: they are computed from the markers." in notes
+    if axes == "XYZW":
+        assert found.others is not None and found.others.labels == tuple(f"Wand:{point}" for point in POSE_POINTS)
+        origin, *arms = found.others.positions[0]
+        np.testing.assert_allclose(origin, [1, -3, 2], atol=1e-9)
+        np.testing.assert_allclose(np.stack(arms) - origin, [[0, 0.1, 0], [0, 0, 0.1], [0.1, 0, 0]], atol=1e-6)
+    else:
+        assert found.others is None and "Euler angles are not supported: Wand" in notes
     assert "2 places where assets expect their markers are left out: measured ones are there." in notes
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, NoDetections
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
 
 HEAD = [
@@ -75,3 +76,30 @@ def test_what_is_none(tmp_path: Path) -> None:
         read_qualisys_tsv(write(path, [CELLS], [HEAD[0], *HEAD[8:]]))
     with pytest.raises(FileDamaged, match="'a' is no number.*line 14"):
         read_qualisys_tsv(write(path, [CELLS, CELLS.replace("90", "a")]))
+
+
+@pytest.mark.parametrize("by_rows", [False, True])
+def test_the_6d_file_beside_the_markers_is_read(tmp_path: Path, by_rows: bool) -> None:
+    roll, pitch, yaw = np.radians((20.0, -35.0, 60.0))
+    x, y, z = (exp_so3(angle * axis) for angle, axis in zip((roll, pitch, yaw), np.eye(3), strict=True))
+    R = x @ y @ z
+    words = [
+        *["1000", "200", "300", "20", "-35", "60", "0.4"],
+        *(f"{value:.6f}" for value in (R if by_rows else R.T).ravel()),
+    ]
+    unseen = ["0.000"] * 16
+    head = ["NO_OF_FRAMES\t3", "NO_OF_BODIES\t2", "FREQUENCY\t200", "DATA_INCLUDED\t6D", "BODY_NAMES\tBat\tBox"]
+    rows = ["\t".join([*words, *(unseen if frame else words)]) for frame in range(3)]
+    path = write(tmp_path / "walk.tsv", [CELLS] * 3)
+    write(tmp_path / "walk_6D.tsv", rows, head)
+    others = read_qualisys_tsv(path).others
+    assert others is not None and others.labels is not None
+    assert others.labels[:4] == ("Bat:origin", "Bat:x", "Bat:y", "Bat:z") and others.fps == 200.0
+    np.testing.assert_allclose(others.positions[:, 0], [[1.0, 0.2, 0.3]] * 3, atol=1e-9)
+    np.testing.assert_allclose(others.positions[1, 1:4] - others.positions[1, 0], 0.1 * R.T, atol=1e-6)
+    assert np.isfinite(others.positions[0]).all() and np.isnan(others.positions[1:, 4:]).all()
+    with pytest.raises(CaptureNotRecognised, match="6D data") as refused:
+        read_qualisys_tsv(tmp_path / "walk_6D.tsv")
+    assert "take_6D.tsv" in refused.value.hint
+    write(tmp_path / "walk_6D.tsv", rows[:2], head)  # of another take
+    assert read_qualisys_tsv(path).others is None

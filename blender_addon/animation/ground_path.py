@@ -1,4 +1,4 @@
-"""The way over the ground: what a root bone carries, and what a motion in place leaves out."""
+"""The path over the ground: what a root bone carries, and what a motion in place leaves out."""
 
 from __future__ import annotations
 
@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
-from .figures import Actor
+from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, sign_continuous
 
 _SMOOTH_S = 0.25
 """Standard deviation of the Gaussian that leaves the sway of the hips to the hips."""
@@ -23,19 +22,20 @@ class GroundPath:
     """(F, 3, 3) heading as a rotation about Z from facing -Y."""
 
 
-def ground_path(actor: Actor, scale: float) -> GroundPath:
-    """Return the smoothed way of the hips, scaled, and the smoothed heading of the pelvis.
+def ground_path(hips: np.ndarray, turns: np.ndarray, fps: float) -> GroundPath:
+    """Return the smoothed way of the hips, and the smoothed heading of the pelvis.
 
     The heading of a rotation q is the twist of its swing-twist decomposition, ``2 atan2(q_z, q_w)``.
 
     Args:
-        actor: the motion.
-        scale: of the target's legs by the actor's.
+        hips: (F, 3) pelvis, metres, Z up.
+        turns: (F, 3, 3) its rotation from facing -Y.
+        fps: frames per second.
     """
-    hips = actor.joints[:, 0] * [1.0, 1.0, 0.0]
-    quat = sign_continuous(quat_from_matrix(actor.turns[:, 0]))
+    on_ground = hips * [1.0, 1.0, 0.0]
+    quat = sign_continuous(quat_from_matrix(turns))
     heading = np.unwrap(2 * np.arctan2(quat[:, 3], quat[:, 0]))
-    smooth = _smoothed(np.column_stack([scale * hips, heading]), _SMOOTH_S * actor.fps)
+    smooth = _smoothed(np.column_stack([on_ground, heading]), _SMOOTH_S * fps)
     return GroundPath(smooth[:, :3], matrix_from_rotvec(smooth[:, 3:] * [0.0, 0.0, 1.0]))
 
 

@@ -1,0 +1,148 @@
+"""Props of a take: what moves as a rigid body and is no part of the person."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from .errors import MotionInvalid
+from .schema import Fields
+from .so3 import matrix_from_rotvec, rotvec_from_matrix
+
+PROPS = (
+    "prop_names", "prop_labels", "prop_of", "prop_points", "prop_rotvec", "prop_transl", "prop_sigma", "prop_seen",
+)  # fmt: skip
+"""Arrays of a motion file that hold its props: names (P,), labels (Q,), the prop of each of the Q points, and the
+fields of ``Prop`` one prop after the other."""
+POSE_POINTS = ("origin", "x", "y", "z")
+"""Labels, after the prop's name and a colon, of points that stand for a pose that a file holds: origin and axes."""
+
+
+@dataclass(frozen=True)
+class Prop:
+    """A rigid body over F frames, ``x_world = R(rotvec) x + transl``, metres and radians."""
+
+    name: str
+    """What it is called."""
+    labels: tuple[str, ...]
+    """M labels of its markers."""
+    points: np.ndarray
+    """(M, 3) the markers in its own frame."""
+    rotvec: np.ndarray
+    """(F, 3) axis-angle, own frame to world."""
+    transl: np.ndarray
+    """(F, 3) its origin in the world."""
+    sigma: np.ndarray
+    """(F, 2) standard deviations: of the origin, the root mean square over the axes (metres), and of the rotation about
+    the axis that is known least (radians)."""
+    seen: np.ndarray
+    """(F,) how many of its markers are seen; where there are none the pose lies between its neighbours."""
+
+    def __post_init__(self) -> None:
+        frames, count = len(self.rotvec), len(self.labels)
+        shapes = {
+            "points": (count, 3), "rotvec": (frames, 3), "transl": (frames, 3), "sigma": (frames, 2), "seen": (frames,),
+        }  # fmt: skip
+        for name, shape in shapes.items():
+            value = np.asarray(getattr(self, name))
+            if value.shape != shape or not np.isfinite(value).all():
+                raise MotionInvalid(
+                    f"{name} of the prop '{self.name}' has shape {value.shape} or values that are not finite; {shape} "
+                    "is expected.",
+                    where="motion",
+                )
+
+    @property
+    def markers(self) -> np.ndarray:
+        """(F, M, 3) where it has its markers in the world."""
+        return self.points @ np.swapaxes(matrix_from_rotvec(self.rotvec), -1, -2) + self.transl[:, None]
+
+    @property
+    def is_of_poses(self) -> bool:
+        """Whether its markers stand for poses that a file holds."""
+        return tuple(label.rpartition(":")[2] for label in self.labels) == POSE_POINTS
+
+    def in_axes(self, origin: np.ndarray, axes: np.ndarray) -> Prop:
+        """Return the same prop in another frame of its own.
+
+        Args:
+            origin: (3,) of that frame in this one.
+            axes: (3, 3) its axes as columns.
+        """
+        R = matrix_from_rotvec(self.rotvec)
+        points, transl = (self.points - origin) @ axes, self.transl + R @ origin
+        return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return plain JSON values."""
+        return {
+            "name": self.name,
+            "markers": {label: point.tolist() for label, point in zip(self.labels, self.points, strict=True)},
+            "rotvec": self.rotvec.tolist(), "transl": self.transl.tolist(), "sigma_m": self.sigma[:, 0].tolist(),
+            "sigma_rad": self.sigma[:, 1].tolist(), "seen": self.seen.tolist(),
+        }  # fmt: skip
+
+
+def require_length(props: Sequence[Prop], frames: int) -> None:
+    """Check that props are as long as their take.
+
+    Raises:
+        MotionInvalid: one is not.
+    """
+    for prop in props:
+        if len(prop.rotvec) != frames:
+            raise MotionInvalid(
+                f"The prop '{prop.name}' has {len(prop.rotvec)} frames; {frames} are expected.", where="motion"
+            )
+
+
+def prop_arrays(props: Sequence[Prop]) -> dict[str, np.ndarray]:
+    """Return the arrays of a file that hold props, none where there are none."""
+    if not props:
+        return {}
+    stacks = {key: np.stack([getattr(prop, key) for prop in props]) for key in ("rotvec", "transl", "sigma")}
+    return {
+        "prop_names": np.array([prop.name for prop in props], dtype=np.str_),
+        "prop_labels": np.array([label for prop in props for label in prop.labels], dtype=np.str_),
+        "prop_of": np.repeat(np.arange(len(props)), [len(prop.labels) for prop in props]),
+        "prop_points": np.concatenate([prop.points for prop in props]).astype(np.float32),
+        **{f"prop_{key}": stack.astype(np.float32) for key, stack in stacks.items()},
+        "prop_seen": np.stack([prop.seen for prop in props]).astype(np.uint8),
+    }
+
+
+def read_props(fields: Fields, frames: int) -> tuple[Prop, ...]:
+    """Return the props that a file of F frames holds.
+
+    Raises:
+        MotionInvalid: their arrays do not fit one another or the frames.
+    """
+    names, labels = fields.texts("prop_names"), fields.texts("prop_labels")
+    if not names:
+        return ()
+    missing = [key for key in PROPS if key not in fields]
+    if missing:
+        raise MotionInvalid(f"The file holds props without {', '.join(missing)}.", where=str(fields.path))
+    shapes = {
+        "prop_of": (len(labels),), "prop_points": (len(labels), 3), "prop_rotvec": (len(names), frames, 3),
+        "prop_transl": (len(names), frames, 3), "prop_sigma": (len(names), frames, 2),
+        "prop_seen": (len(names), frames),
+    }  # fmt: skip
+    found = {key: fields.shaped(key, shape, MotionInvalid) for key, shape in shapes.items()}
+    return tuple(_prop(name, p, labels, found) for p, name in enumerate(names))
+
+
+def _prop(name: str, p: int, labels: tuple[str, ...], found: dict[str, np.ndarray]) -> Prop:
+    own = np.flatnonzero(found["prop_of"] == p)
+    return Prop(
+        name=name,
+        labels=tuple(labels[i] for i in own),
+        points=found["prop_points"][own],
+        rotvec=found["prop_rotvec"][p],
+        transl=found["prop_transl"][p],
+        sigma=found["prop_sigma"][p],
+        seen=found["prop_seen"][p].astype(np.uint8),
+    )

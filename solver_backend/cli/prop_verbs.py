@@ -1,0 +1,56 @@
+"""The verb about props: a motion's props as JSON, for other programs."""
+
+from __future__ import annotations
+
+import argparse
+import json
+from pathlib import Path
+from typing import Any
+
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
+from solver_backend.exchange.outputs import check_output, write_text
+from solver_backend.exchange.progress import Progress
+
+PROP_VERBS = ("export-props",)
+FORMAT, VERSION = "manifold_mocap_props", 1
+
+
+def add_prop_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
+    """Add export-props to the parser's verbs.
+
+    Args:
+        verbs: what ``add_subparsers`` returned.
+        writing: options of verbs that write.
+        common: options of all verbs.
+    """
+    export = verbs.add_parser("export-props", parents=[writing, common], help="write a motion's props as JSON")
+    export.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
+    export.add_argument("--out", type=Path, required=True, metavar="PROPS.json", help="file to write")
+
+
+def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Write the props of a motion as JSON: markers, poses and standard deviations, metres and radians, Z up."""
+    overwrite = bool(args.overwrite)
+    if args.out.suffix.lower() != ".json":
+        raise CommandLineInvalid("Props are written to a file that ends in .json.", where=str(args.out))
+    check_output(args.out, overwrite=overwrite)
+    from solver_backend.exchange.motion_file import read_motion
+
+    motion = read_motion(args.motion)
+    if not motion.props:
+        raise MotionInvalid(
+            "The motion has no props.", where=str(args.motion),
+            hint="Solve a recording with three or more markers on a thing that moves.",
+        )  # fmt: skip
+    progress("Writing the props", 0, 1)
+    plain = {
+        "format": FORMAT, "version": VERSION, "fps": motion.fps, "frames": motion.num_frames, "up": "z", "unit": "m",
+        "props": [prop.as_dict() for prop in motion.props],
+    }  # fmt: skip
+    write_text(args.out, json.dumps(plain), overwrite=overwrite)
+    progress("Writing the props", 1, 1)
+    names = [prop.name for prop in motion.props]
+    data = {"props_file": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "props": names}
+    text = f"{motion.num_frames} frames of {', '.join(names)} at {motion.fps:g} fps"
+    return Outcome(f"{text}\n  written     {args.out}", data)

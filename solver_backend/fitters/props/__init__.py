@@ -1,0 +1,1 @@
+"""Props: groups of markers that move as rigid bodies and are worn by nobody, in six degrees of freedom."""

@@ -1,0 +1,100 @@
+"""The motion of one prop from its markers: six degrees of freedom in every frame, and how surely they are known."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.exchange.props import Prop
+from solver_backend.fitters.props.prop_equations import PropEquations
+from solver_backend.fitters.props.prop_start import LEAST_SIGMA_M, MOST_SIGMA_M, start_prop
+from solver_backend.fitters.props.prop_state import PropState
+from solver_backend.fitters.props.rigid_groups import LEAST_MARKERS
+from solver_backend.fitters.props.unrest import unrest_of
+from solver_backend.fitters.props.wrong_points import without_wrong_points
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.symmetric import mean_sigma, packed
+from solver_backend.residuals.robust import graduated_scales
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
+
+FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
+"""Standard deviations from which on markers are doubted, first and last, and how many steps lead there: frames of one
+or two markers begin decimetres off."""
+STEPS = LMSettings(6, 1e-5)
+LEAST_FRAMES = 4
+
+
+def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
+    """Return the prop that markers show; None where hardly a frame shows three of them.
+
+    Args:
+        name: what it is called.
+        labels: M labels.
+        points: (F, M, 3) world metres, NaN where missing.
+        fps: frames per second.
+    """
+    if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
+        return None
+    points = without_wrong_points(points)
+    start = start_prop(points)
+    known = np.flatnonzero(np.isfinite(start.rest).all(-1))
+    if len(known) < len(labels):
+        return solve_prop(name, [labels[int(m)] for m in known], points[:, known], fps)
+    equations = PropEquations(points, start.rest, start.sigma_m, unrest_of(start, fps), 1.0 / fps, FIRST_SCALE)
+    state = PropState.of_poses(start.R, start.t, 1.0 / fps)
+    for scale in graduated_scales(SCALE, FIRST_SCALE, SCALES):
+        equations = replace(equations, scale=scale)
+        state = _minimised(equations, state)
+    equations = _learned(equations, state)
+    state = _minimised(equations, state)
+    return _prop(name, labels, equations, state)
+
+
+def _minimised(equations: PropEquations, state: PropState) -> PropState:
+    return levenberg_marquardt(state, equations.linearise, PropState.retract, STEPS).state
+
+
+def _learned(equations: PropEquations, state: PropState) -> PropEquations:
+    """Return the equations with the shape that the poses show, and the markers' spread about it."""
+    error, _ = equations.residuals(state)
+    _, weight = equations.weights(error)
+    own = (np.nan_to_num(equations.points - state.t[:, None])) @ state.R
+    total = weight.sum(axis=0)[:, None]
+    mean = (weight[..., None] * own).sum(axis=0) / np.maximum(total, 1e-9)
+    return replace(equations, rest=np.where(total > 0, mean, equations.rest))
+
+
+def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
+    """Return the equations with the markers' own variance: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
+
+    The trace is how many of the measured numbers the poses take up, C their covariance.
+
+    Reference: Hodges and Sargent 2001, "Counting degrees of freedom in hierarchical and other richly-parameterised
+    models".
+    """
+    error, _ = equations.residuals(state)
+    _, weight = equations.weights(error)
+    taken = float((equations.of_markers(state)[1] * _covariance(equations, state)).sum())
+    free = 3.0 * float(weight.sum()) - taken
+    if free <= 0.0:
+        return equations
+    sigma = float(np.sqrt((weight * (error**2).sum(-1)).sum() / free))
+    return replace(equations, sigma_m=min(max(sigma, LEAST_SIGMA_M), MOST_SIGMA_M))
+
+
+def _covariance(equations: PropEquations, state: PropState) -> np.ndarray:
+    """Return the (F, 12, 12) covariances of the frames' unknowns: the diagonal blocks of H⁻¹."""
+    return equations.linearise(state)[1].marginals()[0]
+
+
+def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: PropState) -> Prop:
+    """Return the prop with the standard deviations of its poses, the inverse of the Hessian's blocks."""
+    equations = _of_true_spread(equations, state)
+    blocks = _covariance(equations, state)
+    turn, place = blocks[:, :3, :3], blocks[:, 3:6, 3:6]
+    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(turn)[:, -1], 0.0))
+    sigma = np.stack([mean_sigma(packed(place[:, None]))[:, 0], np.minimum(widest, np.pi / np.sqrt(3.0))], axis=1)
+    seen = np.isfinite(equations.points).all(-1).sum(axis=1)
+    return Prop(name, tuple(labels), equations.rest, log_so3(state.R), state.t, sigma, seen.astype(np.uint8))

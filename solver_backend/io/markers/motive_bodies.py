@@ -1,0 +1,81 @@
+"""Rigid bodies in CSV files of Motive: columns of a quaternion X, Y, Z, W and of a position.
+
+Source: the OptiTrack documentation, "Data Export: CSV".
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.so3 import matrix_from_quat
+from solver_backend.io.markers.rigid_bodies import RigidBodies
+from solver_backend.io.markers.text_table import triples
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import prefix_of
+
+_TYPE, _TURN, _PLACE = "rigid body", "rotation", "position"
+
+
+@dataclass(frozen=True)
+class BodyColumns:
+    """Where rigid bodies stand in a table."""
+
+    names: tuple[str, ...]
+    """One a body."""
+    turns: tuple[int, ...]
+    """First column of each quaternion, X, Y, Z, W."""
+    places: tuple[int, ...]
+    """First column of each position."""
+
+    def poses(self, values: np.ndarray) -> RigidBodies:
+        """Return the bodies of a table of F rows; one without a quaternion in a row is not seen there."""
+        places = triples(values, list(self.places))
+        quat = np.stack([values[:, [turn + 3, turn, turn + 1, turn + 2]] for turn in self.turns], axis=1)
+        length = np.linalg.norm(quat, axis=-1, keepdims=True)
+        good = np.isfinite(length) & (length > 0.5)
+        rotations = matrix_from_quat(np.where(good, quat, (1.0, 0.0, 0.0, 0.0)) / np.where(good, length, 1.0))
+        return RigidBodies(self.names, np.where(good, places, np.nan), rotations)
+
+
+def motive_bodies(
+    header: Sequence[Sequence[str]], labels: Sequence[str], rotation_type: str
+) -> tuple[BodyColumns | None, tuple[str, ...]]:
+    """Return the rigid bodies whose markers a file does not hold, and sentences on the others.
+
+    Args:
+        header: rows from the types to 'Frame', 'Time (Seconds)', ...
+        labels: of the file's markers.
+        rotation_type: as the file states it; Euler angles are not read.
+    """
+    at = next((i for i, row in enumerate(header) if any(cell.lower() == _TYPE for cell in row)), None)
+    if at is None:
+        return None, ()
+    axes = header[-1]
+    types, names, quantities = (
+        [*row, *[""] * len(axes)][: len(axes)] for row in (header[at], header[at + 1], header[-2])
+    )
+    of_body = [i for i in range(len(axes)) if types[i].lower() == _TYPE]
+    found = dict.fromkeys(names[i] for i in of_body)
+    starts = {
+        (names[i], quantities[i].lower()): i
+        for i in reversed(of_body) if axes[i].upper() == "X" and quantities[i].lower() in (_TURN, _PLACE)
+    }  # fmt: skip
+    worn = {prefix_of(label) for label in labels}
+    by_markers = [name for name in found if name in worn or any(label.startswith(f"{name}_") for label in labels)]
+    left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]
+    said = list[str]()
+    if by_markers:
+        said.append(f"Poses of rigid bodies are left out, as their markers are there: {listing(by_markers[:8])}.")
+    if left and rotation_type and not rotation_type.lower().startswith("quat"):
+        said.append(
+            f"Poses of rigid bodies in Euler angles are not supported: {listing(left[:8])}. Export quaternions."
+        )
+        left = []
+    if not left:
+        return None, tuple(said)
+    said.append(f"Rigid bodies ({len(left)}): {listing(left[:8])}.")
+    turns, places = (tuple(starts[name, quantity] for name in left) for quantity in (_TURN, _PLACE))
+    return BodyColumns(tuple(left), turns, places), tuple(said)
