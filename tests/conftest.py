@@ -53,6 +53,12 @@ def pytest_collection_finish() -> None:
     gc.freeze()
 
 
+@pytest.hookimpl(tryfirst=True)
+def pytest_unconfigure() -> None:
+    """Let the interpreter, and Blender in it, end as without that."""
+    gc.unfreeze()
+
+
 @pytest.fixture(autouse=True)
 def _annotations_are_checked(request: pytest.FixtureRequest) -> None:
     """Check shapes and types, but where a test is about the library's own checks."""
