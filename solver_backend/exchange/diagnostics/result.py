@@ -117,6 +117,11 @@ RESULT: dict[str, DiagnosticEntry] = {
         "It is labelled wrongly there, was touched, or the body did not follow.",
         "Look at the marker there.",
     ),
+    "markers_of_nobody": error(
+        "{count} of the {named} markers with names of a body sit where none of a person can",
+        "The markers are on an animal or a machine, or the names mean other places.",
+        "Correct the names; or write how labels are read with `layout`, correct the places, and solve with `--layout`.",
+    ),
     "markers_impossible": error(
         "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
         "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",

@@ -12,6 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import read_label_places
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
@@ -153,6 +154,10 @@ def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
     found = person.provenance.get(MISPLACED, ())
     if not found:
         return []
+    named = sum(not place.startswith(ON_BONE) for place in person.places) + len(found)
+    if 2 * len(found) >= named:
+        labels = [label for label, *_ in found]
+        return [diagnostic("markers_of_nobody", markers=labels, count=len(found), named=named)]
     texts = [f"{label} as {place} ({1000 * off:.0f} mm)" for label, place, off in found]
     return [diagnostic("markers_off_place", markers=[label for label, *_ in found], places=", ".join(texts))]
 

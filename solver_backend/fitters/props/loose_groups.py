@@ -8,6 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.fitters.marker_calibration.attach_unknown import REACH_M, RESIDUAL_M, bone_offsets
 from solver_backend.fitters.props.rigid_groups import rigid_groups
@@ -17,6 +18,9 @@ SEPARATOR = ":"
 """Between a subject's prefix and a label."""
 _OTHER = {"l": "R", "r": "L", "left": "right", "right": "left"}
 _SIDE = tuple(re.compile(text, re.IGNORECASE) for text in (r"left|right", r"^[lr]", r"[lr](?=[\W\d_]*$)"))
+_NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "FIRST", "SECOND", "THIRD", "FIFTH"}
+"""Words of labels that name no part of a body."""
+_FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
 LEAST_NAME = 3
 """Letters that markers' labels have in common from which on these are a prop's name."""
 
@@ -61,8 +65,9 @@ def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[Loo
         own = [i for i, name in enumerate(prefixes) if name == prefix]
         for group in rigid_groups(cloud.positions[:, own]):
             columns = tuple(own[m] for m in group)
-            worn = _is_one_of_a_pair({labels[i] for i in columns}, labels) or (
-                bones is not None and bones.carry(cloud.positions[:, columns])
+            names = {labels[i] for i in columns}
+            worn = bones is not None and (
+                _is_one_of_a_pair(names, labels) or _names_a_part(names) or bones.carry(cloud.positions[:, columns])
             )
             if not worn:
                 found.append(LooseGroup(_name([labels[i] for i in columns], len(found) + 1), columns))
@@ -86,6 +91,13 @@ def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
     outside = {label.casefold() for label in labels if label not in group}
     paired = [label for label in group if mirrored_labels(label) & outside]
     return 2 * len(paired) > len(group)
+
+
+def _names_a_part(group: set[str]) -> bool:
+    """Return whether the labels of most markers begin with a part of the body: ``Head.L``, not ``RacketHead``."""
+    words = load_layouts().words
+    first = [(_FIRST_WORD.match(label.rpartition(SEPARATOR)[2].strip()) or [""])[0] for label in group]
+    return 2 * sum(bool(set(words.of(word)[1]) - _NO_PARTS) for word in first) > len(group)
 
 
 def mirrored_labels(label: str) -> set[str]:

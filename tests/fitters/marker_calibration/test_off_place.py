@@ -7,11 +7,13 @@ import pytest
 
 from solver_backend.body.marker_names import name_markers
 from solver_backend.body.markers import marker_layout
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.diagnostics import Severity, refuse_errors, sentence
+from solver_backend.exchange.errors import ResultRefused
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.off_place import off_place
 from solver_backend.report.diagnose import recorded_diagnostics
 from solver_backend.types import Capture, MarkerCloud
+from tests.support.horse import NAMES, horse_markers
 from tests.support.worn_markers import worn_markers
 
 LABELS = marker_layout("PLUGIN_GAIT_39")
@@ -32,6 +34,15 @@ def test_names_that_point_elsewhere_are_not_used() -> None:
     named = {place for label, place in name_markers(LABELS).known.items() if label in found.where.markers}
     assert named == {place for place in CHAIR if place in name_markers(LABELS).known.values()}
     assert "Their names are not used" in sentence(found)
+
+
+def test_a_horse_is_no_person() -> None:
+    cloud = MarkerCloud(horse_markers(24, 15.0), 15.0, NAMES)
+    motion = solve(Capture("horse", markers=cloud), SolveSettings(contacts=False)).motion
+    found = recorded_diagnostics(motion)
+    with pytest.raises(ResultRefused, match="sit where none of a person can"):
+        refuse_errors(found, (), "horse")
+    assert all(item.severity is not Severity.ERROR for item in refuse_errors(found, ("markers_of_nobody",), "horse"))
 
 
 @pytest.mark.parametrize(

@@ -99,7 +99,15 @@ def test_what_a_bone_carries_is_worn_and_so_is_one_of_a_pair():
     labels = (*cloud.labels, "RFT1", "RFT2", "RFT3", "LFT1", "LFT2", "LFT3")
     shoes = [moving_prop(RACKET[:3], frames=100, seed=seed).recorded(1e-3, 0.0, seed) for seed in (8, 9)]
     pair = MarkerCloud(np.concatenate([cloud.positions, *shoes], axis=1), truth.fps, labels)
-    assert [group.name for group in loose_groups(pair)] == ["thing"]
+    far = BonePoses(joints + 5.0, rotations)
+    assert [group.name for group in loose_groups(pair, far)] == ["thing"]
+    for names, found in (
+        (("Tete.H", "Tete.D", "Tete.G"), []),
+        (("top1", "top2", "top3"), ["top"]),
+        (("RacketHead", "RacketTop", "RacketGrip"), ["Racket"]),
+    ):
+        head = MarkerCloud(shoes[0], truth.fps, names)
+        assert [group.name for group in loose_groups(head, far)] == found
     assert mirrored_labels("A:WheelchairRearR") >= {"a:wheelchairrearl"}
 
 
