@@ -18,8 +18,8 @@ _TEXT_PT, _PADDING, _ICON, _UNIT = 11.0, 4.0, 22.0, 20.0
 _TABS_AND_MARGINS, _BOX, _CHILD = 55.0, 10.0, 6.0
 _SPLIT = 0.4
 """Share of a line that a property's name has where names and values are split."""
-_NUMBER, _MENU = 48.0, 28.0
-"""What a value of three digits needs beside its name; what a menu has around its text."""
+_NUMBER, _SLIDER, _MENU = 48.0, 60.0, 28.0
+"""What a value of three digits needs beside its name, and in a slider; what a menu has around its text."""
 
 
 @dataclass(frozen=True)
@@ -130,8 +130,9 @@ class NarrowLayout:
         return SimpleNamespace()
 
     def prop(
-        self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE", **said: Any
-    ) -> None:
+        self, data: Any, name: str, text: str | None = None, expand: bool = False, icon: str = "NONE",
+        slider: bool = False, **said: Any
+    ) -> None:  # fmt: skip
         prop = data.bl_rna.properties.get(name)
         if prop is None or prop.translation_context != CONTEXT:
             self._look_at_context(text or "", said)
@@ -154,14 +155,14 @@ class NarrowLayout:
         elif kind == "BOOLEAN":
             self._add(shown, words + (extra or _ICON))
         elif kind in ("INT", "FLOAT"):
-            self._add(shown, words + _NUMBER + extra)
+            self._add(shown, words + (_SLIDER if slider else _NUMBER) + extra)
         else:
             self._add(shown, 2 * words + extra if shown else 2 * _ICON)
 
     def prop_enum(self, data: Any, name: str, value: str, text: str | None = None, **said: Any) -> None:
         prop = data.bl_rna.properties[name]
         shown = prop.enum_items[value].name if text is None else text
-        if prop.translation_context != CONTEXT:
+        if text is not None or prop.translation_context != CONTEXT:
             self._look_at_context(shown, said)
         self._add(shown, text_width(shown) + _PADDING)
 

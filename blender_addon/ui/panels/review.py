@@ -48,7 +48,8 @@ class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
         row = layout.row(align=True)
         row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Previous", icon="TRIA_LEFT").backwards = True
         row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Next", icon="TRIA_RIGHT").backwards = False
-        layout.prop(review, "below", slider=True)
+        short = {"text": "Threshold", "text_ctxt": CONTEXT} if is_slim(context) else {}
+        layout.prop(review, "below", slider=True, **short)
         layout.operator(MOCAP_OT_open_report.bl_idname, icon="URL")
 
 

@@ -10,8 +10,9 @@ from ..operators.solver_operator import MOCAP_OT_cancel, current
 from ..project_files import following
 from ..properties import STAGES, MocapSettings
 from ..settings_layout import is_narrow
+from ..translation import CONTEXT
 from .frame_rate import draw_rate
-from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_solve, fits, wrapped
+from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_next, draw_solve, fits, wrapped
 
 VERBS = (
     "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
@@ -42,6 +43,10 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
             wrapped(layout, context, following.failure, "ERROR", alert=True)
         draw_failure(layout, context, VERBS)
         _draw_status(layout, context, settings)
+        if settings.stage in ("EDIT", "DELIVER") and settings.review.armature is None:
+            draw_next(
+                layout, context, "Solve the capture first." if settings.capture.file else "Import a capture first."
+            )
         if settings.capture.file and settings.stage in ("CAPTURE", "SOLVE"):
             draw_solve(layout, context)
 
@@ -103,4 +108,4 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
             row.alert = True
             row.label(text=counted(count, word), icon="ERROR", translate=False)
             if settings.stage != stage:
-                row.prop_enum(settings, "stage", stage, text="Show")
+                row.prop_enum(settings, "stage", stage, text="Show", text_ctxt=CONTEXT)

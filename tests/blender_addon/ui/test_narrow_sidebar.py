@@ -86,4 +86,6 @@ def test_several_captures_people_and_left_out_cameras(mocap, solved_take) -> Non
         person.name, person.views, person.frames = name, 3.4, 1200
     left_out = capture.left_out.add()
     left_out.name, left_out.first, left_out.last = "cam03", 100, 2000
-    assert not cut_off()
+    problem = capture.messages.add()
+    problem.text, problem.is_problem = "Camera cam_03 is turned by 4 degrees.", True
+    assert not cut_off() and not taken_for_blenders()

@@ -176,3 +176,13 @@ def test_the_list_of_takes_shows_the_error_of_each(mocap, solved, scene) -> None
     take_motion(bpy.context, solved.files, result={"reprojection_median_px": 3.5})
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_review, WIDE).drawn
     assert "Take 01, 2.1 px" in drawn and any("3.5 px" in text and "key" in text for text in drawn)
+
+
+def test_a_stage_that_has_nothing_yet_says_what_comes_first(mocap, solved, scene) -> None:
+    for stage in ("EDIT", "DELIVER"):
+        mocap.stage = stage
+        assert "Import a capture first." in on_top()
+    take_capture(scene, solved.read)
+    assert "Solve the capture first." in on_top()
+    take_motion(bpy.context, solved.files)
+    assert "first." not in on_top()
