@@ -103,7 +103,7 @@ def _reading() -> _Parser:
     options.add_argument("--trim", action="store_true", default=None, help="trim all cameras to the shortest")
     options.add_argument(
         "--as-calibrated", action="store_true", default=None,
-        help="use the calibration exactly as written, without corrections",
+        help="use calibration and detections exactly as written, without corrections",
     )  # fmt: skip
     options.add_argument("--joint-set", metavar="NAME", help="keypoint set, when the number of keypoints fits several")
     options.add_argument("--unit", help="length unit of the recording, such as m or mm, to override the file's")
@@ -160,9 +160,10 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
 
 def _add_captures(verbs: Any, common: _Parser, reading: _Parser, writing: _Parser) -> None:
     info = verbs.add_parser(
-        "info", parents=[reading, common], help="report what a capture holds and what is wrong with it"
+        "info", parents=[reading, writing, common], help="report what a capture holds and what is wrong with it"
     )
     info.add_argument("capture", type=Path, metavar="CAPTURE")
+    info.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the capture")
 
     people = verbs.add_parser("people", parents=[reading, common], help="list the people that two or more views see")
     people.add_argument("capture", type=Path, metavar="CAPTURE")

@@ -61,8 +61,17 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Say what a capture holds, what the reader assumed and what is wrong with it."""
-    text, data = describe_capture(load(args.capture, reading(args), progress))
-    return Outcome(text, data)
+    overwrite = bool(args.overwrite)
+    if args.report is not None:
+        check_output(args.report, overwrite=overwrite)
+    capture = load(args.capture, reading(args), progress)
+    text, data = describe_capture(capture)
+    if args.report is None:
+        return Outcome(text, data)
+    from solver_backend.report.capture_page import write_capture_report
+
+    write_capture_report(args.report, capture, overwrite=overwrite)
+    return Outcome(f"{text}\n  page        {args.report}", {**data, "report": str(args.report)})
 
 
 def people(args: argparse.Namespace, progress: Progress) -> Outcome:

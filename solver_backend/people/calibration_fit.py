@@ -104,6 +104,19 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
 
 
+def views_agreement(cameras: Cameras, detections: Detections) -> float:
+    """Return the share of keypoints that agree between views, on few frames.
+
+    Args:
+        cameras: of the detections.
+        detections: everybody in every view; of each frame the largest person counts.
+    """
+    xy, confidence = main_person(detections)
+    frames = well_seen_frames(confidence)
+    frames = frames[np.unique(np.linspace(0, len(frames) - 1, _SEARCH_FRAMES).astype(int))] if len(frames) else frames
+    return _Scores(cameras, xy[:, frames], confidence[:, frames]).of([CameraCorrection()] * len(cameras))
+
+
 def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], list[list[CameraCorrection]]]:
     """Return the reading with the highest score, and the best of each turn and pose of all cameras alike."""
     pictures = [(factor, turn) for factor, turn in product(FACTORS, TURNS)]

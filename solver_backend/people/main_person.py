@@ -11,19 +11,22 @@ _FRAMES = 40
 """Frames that are looked at, spread over the take."""
 
 
-def main_person(detections: Detections) -> tuple[np.ndarray, np.ndarray]:
+def main_person(detections: Detections, *, every_keypoint: bool = False) -> tuple[np.ndarray, np.ndarray]:
     """Return xy (C, F, J, 2) px and confidence (C, F, J) of the largest person in each picture.
 
     Args:
-        detections: everybody; of their keypoints those that every detector finds (``compared_keypoints``) are returned.
+        detections: everybody.
+        every_keypoint: return all keypoints, not only those that every detector finds (``compared_keypoints``).
     """
     columns, _ = compared_keypoints(detections.joint_set)
+    kept = np.arange(detections.xy.shape[3]) if every_keypoint else columns
     xy, confidence = detections.xy[..., columns, :].astype(np.float64), detections.confidence[..., columns]
     seen = confidence >= MIN_CONFIDENCE
     low = np.where(seen[..., None], xy, np.inf).min(-2)
     high = np.where(seen[..., None], xy, -np.inf).max(-2)
     size = np.where(seen.sum(-1) >= MIN_POINTS, np.linalg.norm(np.where(high > low, high - low, 0.0), axis=-1), -1.0)
     largest = size.argmax(-1)[..., None, None]
+    xy, confidence = detections.xy[..., kept, :].astype(np.float64), detections.confidence[..., kept]
     confidence = np.take_along_axis(confidence, largest, axis=2)[:, :, 0]
     return np.take_along_axis(xy, largest[..., None], axis=2)[:, :, 0], confidence
 

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.report.markup import text
 from solver_backend.report.plots import nice_steps
-from solver_backend.types import Cameras, Motion
+from solver_backend.types import Cameras
 
 SIZE = 420.0
 MARGIN = 34.0
@@ -17,9 +17,13 @@ Place = Callable[[np.ndarray], tuple[float, float]]
 """From world metres to the drawing."""
 
 
-def plan(cameras: Cameras | None, motion: Motion) -> str:
-    """Return the floor plan of a solve as SVG, one metre grid, north (world +Y) up."""
-    way = motion.joints[:, 0, :2]
+def plan(cameras: Cameras | None, way: np.ndarray) -> str:
+    """Return the floor plan as SVG, one metre grid, north (world +Y) up.
+
+    Args:
+        cameras: drawn as the wedges that they look along.
+        way: (N, 2) of the person, world metres.
+    """
     centres = np.empty((0, 2)) if cameras is None else cameras.centres[:, :2]
     everything = np.concatenate([way, centres, way.mean(axis=0) + [[-1.0, -1.0], [1.0, 1.0]]])
     middle = (everything.min(axis=0) + everything.max(axis=0)) / 2

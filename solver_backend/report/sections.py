@@ -233,7 +233,9 @@ def scene_section(capture: Capture, motion: Motion) -> str:
         rows.append(("height of the cameras", height))
     wedges = "" if capture.cameras is None else "; wedges are the cameras' views"
     lead = f"From above, world Y up. Green is the start of the pelvis' way, red its end{wedges}."
-    return section("Scene", f'<div class="pair">{plan(capture.cameras, motion)}{facts(rows)}</div>', lead, "scene")
+    return section(
+        "Scene", f'<div class="pair">{plan(capture.cameras, motion.joints[:, 0, :2])}{facts(rows)}</div>', lead, "scene"
+    )
 
 
 def provenance_section(capture: Capture, motion: Motion) -> str:

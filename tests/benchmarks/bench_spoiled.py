@@ -66,12 +66,13 @@ def run() -> list[Metric]:
 def tried(kind: str, seed: int) -> Found:
     """Spoil a seed's capture, read and solve it."""
     capture = _film(seed)
-    spoiled = (KINDS | LIES)[kind](_recording(capture), np.random.default_rng(seed), seed)
-    first = FILM_FRAMES - TAKE_FRAMES
-    if spoiled.starts is None:
-        spoiled = _from(spoiled, first)
+    rng, first = np.random.default_rng(seed), FILM_FRAMES - TAKE_FRAMES
+    if kind in LIES:
+        spoiled = LIES[kind](_from(_recording(capture), first), rng, seed)
     else:
-        first = int(spoiled.starts.max())
+        spoiled = KINDS[kind](_recording(capture), rng, seed)
+        first = first if spoiled.starts is None else int(spoiled.starts.max())
+        spoiled = spoiled if spoiled.starts is not None else _from(spoiled, first)
     joints = np.asarray(capture.truth["joints"])
     result = result_of(capture, spoiled, joints)
     if "--stature" in result.refused:

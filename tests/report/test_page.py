@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 from dataclasses import replace
-from html.parser import HTMLParser
 
 import numpy as np
 import pytest
@@ -14,35 +13,8 @@ from solver_backend.exchange.errors import MotionInvalid, OutputExists
 from solver_backend.report.calibration import CameraFits
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
+from tests.support.html_page import Strict
 from tests.support.solved import FRAMES, NAME, bare, solved
-
-VOID = {"meta"}
-
-
-class Strict(HTMLParser):
-    """Collects tags, texts and attributes, and fails where tags do not nest."""
-
-    def __init__(self, page: str) -> None:
-        super().__init__()
-        self.open: list[str] = []
-        self.seen: list[tuple[str, dict[str, str | None]]] = []
-        self.words: list[str] = []
-        self.feed(page)
-        assert self.open == []
-
-    def handle_starttag(self, tag, attrs):
-        self.seen.append((tag, dict(attrs)))
-        if tag not in VOID:
-            self.open.append(tag)
-
-    def handle_startendtag(self, tag, attrs):
-        self.seen.append((tag, dict(attrs)))
-
-    def handle_endtag(self, tag):
-        assert self.open.pop() == tag
-
-    def handle_data(self, data):
-        self.words.append(data)
 
 
 def test_the_page_is_well_formed_and_names_what_it_shows():

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.checked_views import CheckedViews
 from solver_backend.cameras.view_checks.view_consistency import ViewRange, inconsistent_ranges, misfit
-from solver_backend.cameras.view_checks.view_faults import BETTER, Explanation, NamedLike, explain
+from solver_backend.cameras.view_checks.view_faults import BETTER, EXPLAINED, Explanation, NamedLike, explain
 from solver_backend.types import Cameras, Keypoints2D
 
 LASTING_S = 1.0
@@ -25,6 +25,8 @@ MOST_PERMUTED = 4
 """Of so many cameras every order of the names is tried, of more only pairs."""
 ORDERED_FRAMES = 8
 """Frames on which orders are compared."""
+ALIKE = 1.05
+"""Orders whose misfit is so near the least fit alike, as the names moved round a ring do: the fewest names change."""
 HOPELESS = 0.7
 """A view is left out where its misfit is larger ..."""
 SOUND = 0.3
@@ -50,8 +52,9 @@ def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triang
         triangulation: of these detections.
     """
     faults: list[ViewFault] = []
-    if 2 < len(cameras) <= MOST_PERMUTED and triangulation.sigma_px.mean() > _usual_sigma(cameras):
-        faults = _misnamed(cameras, keypoints, np.minimum(triangulation.sigma_px, _usual_sigma(cameras)))
+    usual = np.minimum(triangulation.sigma_px, _usual_sigma(cameras))
+    if 2 < len(cameras) <= MOST_PERMUTED and _contradict(cameras, keypoints, triangulation, usual):
+        faults = _misnamed(cameras, keypoints, usual)
         for fault in faults:
             keypoints = fault.explanation.undone(cameras, keypoints, fault.view_range)
         triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence) if faults else triangulation
@@ -91,6 +94,14 @@ def _usual_sigma(cameras: Cameras) -> float:
     return USUAL_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
 
 
+def _contradict(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, sigma_px: np.ndarray) -> bool:
+    """Return whether views scatter beyond what detectors do, or fit each other badly as they are."""
+    frames = ViewRange(0, 0, keypoints.num_frames - 1).sample(ORDERED_FRAMES)
+    few = keypoints.at(frames)
+    scattered = triangulation.sigma_px.mean() > _usual_sigma(cameras)
+    return bool(scattered or misfit(cameras, few.xy, few.confidence, sigma_px).mean() > EXPLAINED)
+
+
 def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) -> list[ViewFault]:
     """Return the exchanges of names, one after the other, that make the views agree far better; none if none do.
 
@@ -105,9 +116,12 @@ def _misnamed(cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray) ->
         return float(misfit(cameras, xy[list(order)], confidence[list(order)], sigma_px).mean())
 
     as_named = tuple(range(len(cameras)))
-    best = min(itertools.permutations(as_named), key=total)
-    if total(best) > BETTER * total(as_named):
+    totals = {order: total(order) for order in itertools.permutations(as_named)}
+    least = min(totals.values())
+    if least > BETTER * totals[as_named]:
         return []
+    alike = [order for order, misfits in totals.items() if misfits <= ALIKE * least]
+    best = min(alike, key=lambda order: sum(order[view] != view for view in as_named))
     now, faults = list(as_named), []
     for view, wanted in enumerate(best):
         other = now.index(wanted)

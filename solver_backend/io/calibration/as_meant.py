@@ -7,7 +7,7 @@ from dataclasses import replace
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.person_unit import unit_by_person
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.people.calibration_fit import fit_calibration
+from solver_backend.people.calibration_fit import CalibrationFit, fit_calibration
 from solver_backend.people.detections import Detections
 
 KEEP = "To keep it as written: --as-calibrated."
@@ -23,7 +23,24 @@ def as_meant(calibration: Calibration, detections: Detections, up_axis: str | No
         detections: in step.
         up_axis: axis of the file's world that was said to point up.
     """
-    fit = fit_calibration(calibration.cameras, detections, rotation_to_z_up(up_axis or "z"))
+    return as_fitted(calibration, fit_as_meant(calibration, detections, up_axis))
+
+
+def fit_as_meant(calibration: Calibration, detections: Detections, up_axis: str | None) -> CalibrationFit:
+    """Return how the views say that a calibration is meant.
+
+    Args: those of ``as_meant``.
+    """
+    return fit_calibration(calibration.cameras, detections, rotation_to_z_up(up_axis or "z"))
+
+
+def as_fitted(calibration: Calibration, fit: CalibrationFit) -> Calibration:
+    """Return the calibration as it is meant, with what was corrected among its problems.
+
+    Args:
+        calibration: as written.
+        fit: of its cameras.
+    """
     if not fit.changed:
         return calibration
     problems = (*calibration.problems, f"{fit.sentence()} {KEEP}")

@@ -9,12 +9,14 @@ import numpy as np
 
 from solver_backend.cameras.camera_corrections import corrected
 from solver_backend.exchange.solve_settings import SYNC_OFF
-from solver_backend.io.calibration.as_meant import KEEP, as_meant
+from solver_backend.io.calibration.as_meant import KEEP, as_fitted, as_meant, fit_as_meant
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.people.calibration_fit import AGREES, CalibrationFit
 from solver_backend.people.detections import Detections
+from solver_backend.people.picture_flips import find_flip, flipped
 from solver_backend.people.resampled import at_one_rate
 from solver_backend.people.unlike_views import ViewReading, explain_unlike, views_match
 
@@ -41,8 +43,9 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    One camera alone agrees with itself. Cameras that match as they are stay. Else the calibration is read as the views
-    in step show; else other frame rates and readings are tried at all offsets. Offsets are found last.
+    One camera alone agrees with itself. Pictures that are flipped in all views come first. Cameras that match as they
+    are stay. Else the calibration is read as the views in step show; else other frame rates and readings are tried at
+    all offsets. Offsets are found last.
 
     Args:
         calibration: of C cameras.
@@ -58,16 +61,34 @@ def bring_to_agreement(
         return Agreeing(calibration, InTime(detections), (False,))
     ratios, problems = np.ones(len(detections.cameras)), ()
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
-    if not views_match(calibration.cameras, detections):
+    fit, flips = None, ()
+    if not options.as_calibrated:
+        detections, fit, flips = _unflipped(calibration, detections, options)
+    in_step = fit is not None and fit.written >= AGREES
+    if not in_step and not views_match(calibration.cameras, detections):
         ratios = _stated_ratios(rates, fps)
-        if searched and (ratios == 1).all():
-            calibration, ratios = _explained(calibration, detections, options)
+        if searched and fit is not None and (ratios == 1).all():
+            calibration, ratios = _explained(calibration, fit, detections, options)
         if (ratios != 1).any():
             detections, problems = at_one_rate(detections, ratios.tolist()), _said(detections, ratios, fps)
     in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
     if not options.as_calibrated:
         calibration = as_meant(calibration, in_time.detections, options.up_axis)
-    return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), problems)
+    return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), flips + problems)
+
+
+def _unflipped(
+    calibration: Calibration, detections: Detections, options: ReadOptions
+) -> tuple[Detections, CalibrationFit, tuple[str, ...]]:
+    """Return the detections with what is flipped in all views undone, how they fit in step, and what is wrong."""
+    in_step = as_numbered(detections, options)
+    fit = fit_as_meant(calibration, in_step, options.up_axis)
+    found = find_flip(fit, in_step, calibration.cameras)
+    if found.flip is None:
+        return detections, fit, (found.doubt,) if found.doubt else ()
+    detections = flipped(detections, found.flip, found.image_size)
+    fit = fit_as_meant(calibration, as_numbered(detections, options), options.up_axis)
+    return detections, fit, (f"{found.flip.sentence()} {KEEP}",)
 
 
 def _stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
@@ -77,13 +98,12 @@ def _stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
 
 
 def _explained(
-    calibration: Calibration, detections: Detections, options: ReadOptions
+    calibration: Calibration, fit: CalibrationFit, detections: Detections, options: ReadOptions
 ) -> tuple[Calibration, np.ndarray]:
     """Return the calibration, and frames of each camera for one of the take, under which all views match."""
     ratios = np.ones(len(detections.cameras))
-    in_step = as_meant(calibration, as_numbered(detections, options), options.up_axis)
-    if in_step is not calibration:
-        return in_step, ratios
+    if fit.changed:
+        return as_fitted(calibration, fit), ratios
     to_world = rotation_to_z_up(options.up_axis or "z")
     in_file = replace(calibration.cameras, R=calibration.cameras.R @ to_world)
     readings = explain_unlike(in_file, detections)

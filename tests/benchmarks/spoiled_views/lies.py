@@ -14,6 +14,8 @@ FOCAL_ERROR = 1.10
 """Times the true focal length: a zoom that moved, or another mode of the camera."""
 LEFT_SHARE, DROPPED = 0.4, 0.15
 """Share of the take in which the person is away; share of the pictures of one camera that are missing."""
+TREMBLING_PX = 3.0
+"""Standard deviation of detections of somebody who does not move."""
 
 
 def flat_confidence(recording: Recording, value: float) -> Recording:
@@ -84,6 +86,13 @@ def late(recording: Recording, camera: int, frames: int) -> Recording:
     return replace(recording, xy=xy, confidence=confidence)
 
 
+def still(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Return the recording of a person who stands as in the first frame, seen by a detector that trembles."""
+    xy = recording.xy[:, :1] + rng.normal(0.0, TREMBLING_PX, recording.xy.shape)
+    confidence = np.broadcast_to(recording.confidence[:, :1], recording.confidence.shape).copy()
+    return replace(recording, xy=xy, confidence=confidence)
+
+
 def _one(rng: np.random.Generator, recording: Recording) -> int:
     return int(rng.integers(len(recording.cameras)))
 
@@ -99,6 +108,8 @@ LIES: dict[str, Callable[[Recording, np.random.Generator, int], Recording]] = {
     "cameras exchanged": lambda r, g, seed: exchanged(r, g),
     "pictures dropped": lambda r, g, seed: dropped_pictures(r, _one(g, r), g),
     "person away": lambda r, g, seed: person_away(r, g),
+    "all mirrored": lambda r, g, seed: mirrored(r, np.arange(len(r.cameras))),
+    "still": lambda r, g, seed: still(r, g),
     "one late": lambda r, g, seed: late(r, _one(g, r), 7),
 }
 """What is wrong with a recording, given randomness and the seed."""

@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Capture
+from solver_backend.types import Capture, JointSet
 from tests.support.trial_files import mp4_bytes, write_trial
 
 DEMO = demo_capture()
@@ -79,3 +79,27 @@ def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
     capture = load_capture(tmp_path, as_calibrated=True)
     assert not any("corrected" in problem for problem in capture.problems)
     np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)
+
+
+def test_v_counted_from_below(tmp_path: Path) -> None:
+    xy = KEYPOINTS.xy.copy()
+    xy[..., 1] = CAMERAS.image_size[:, 1, None, None] - 1 - xy[..., 1]
+    write_trial(tmp_path, cameras=CAMERAS, people=[(xy, KEYPOINTS.confidence)], names=NAMES, calibrated=NAMES)
+    capture = load_capture(tmp_path)
+    assert median_error_m(capture, 0) < 0.03
+    said = [problem for problem in capture.problems if "v counts from the bottom" in problem]
+    assert len(said) == 1 and "--as-calibrated" in said[0]
+    kept = load_capture(tmp_path, as_calibrated=True)
+    assert not any("v counts" in problem for problem in kept.problems)
+
+
+def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
+    """Short takes of few keypoints match at no offset clearly, and yet agree as they are numbered."""
+    names = KEYPOINTS.joint_set.keypoints
+    columns = [names.index(name) if name in names else names.index("nose") for name in JointSet.MPII_15.keypoints]
+    columns.append(names.index("neck"))
+    people = [(KEYPOINTS.xy[:, :40, columns], KEYPOINTS.confidence[:, :40, columns])]
+    write_trial(tmp_path, cameras=CAMERAS, people=people, names=NAMES, calibrated=NAMES)
+    capture = load_capture(tmp_path, joint_set=JointSet.MPII_15)
+    assert capture.num_frames == 40
+    assert not any("frame rates" in problem for problem in capture.problems)

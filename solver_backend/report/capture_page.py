@@ -1,0 +1,186 @@
+"""The page of a capture before it is solved: cameras, person and floor, which views agree when, what was corrected."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.cameras.projection import project
+from solver_backend.cameras.triangulation.point_refinement import INLIER_SIGMAS
+from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import warnings_in
+from solver_backend.exchange.outputs import write_text
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.report.diagnose import by_gravity, capture_diagnostics
+from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
+from solver_backend.report.page import page_of
+from solver_backend.report.plan import plan
+from solver_backend.report.plots import strip_plot
+from solver_backend.report.sections import diagnostics_section
+from solver_backend.report.space_drawing import space_drawing
+from solver_backend.report.statistics import detected_share, located_share, share
+from solver_backend.types import Capture
+
+MOST_FRAMES = 400
+"""Frames of a take that are triangulated for the page, spread over it."""
+
+
+def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool = False) -> Path:
+    """Write one self-contained HTML page about a capture, whole or not at all.
+
+    Args:
+        path: the page.
+        capture: as it was read.
+        overwrite: replace a page that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable: the page cannot be written.
+    """
+    return write_text(path, capture_html(capture), overwrite=overwrite)
+
+
+def capture_html(capture: Capture) -> str:
+    """Return the page of a capture."""
+    rows = np.unique(np.linspace(0, capture.num_frames - 1, min(capture.num_frames, MOST_FRAMES)).astype(int))
+    views = _Views.of(capture, rows)
+    found = by_gravity(capture_diagnostics(capture))
+    headline = tiles(_tiles(capture, views, len(list(warnings_in(found)))))
+    body = [
+        diagnostics_section(found, capture.fps or 1.0),
+        _space_section(capture, views, rows),
+        _agreement_section(capture, views),
+        _source_section(capture),
+    ]
+    whose = f", {capture.person}" if capture.person else ""
+    return page_of(f"Capture {text(capture.name + whose)}", text(_subtitle(capture)), headline + "".join(body))
+
+
+class _Views:
+    """What the views show together in some frames."""
+
+    def __init__(self, points: np.ndarray, seen: np.ndarray, agrees: np.ndarray, off_px: np.ndarray) -> None:
+        self.points, self.seen, self.agrees, self.off_px = points, seen, agrees, off_px
+
+    @classmethod
+    def of(cls, capture: Capture, rows: np.ndarray) -> _Views | None:
+        """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many px."""
+        if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
+            return None
+        keypoints = capture.keypoints.at(rows)
+        found = triangulate(capture.cameras, keypoints.xy, keypoints.confidence)
+        points = np.asarray(found.points)
+        seen = (keypoints.confidence > 0) & np.isfinite(points).all(-1)
+        px = _projected(capture, points)
+        off = np.where(seen, np.linalg.norm(px - keypoints.xy, axis=-1), np.nan)
+        return cls(points, seen, seen & np.asarray(found.inliers), off)
+
+
+def _projected(capture: Capture, points: np.ndarray) -> np.ndarray:
+    c = capture.cameras
+    assert c is not None
+    return project(c.K, c.distortion, c.R, c.t, points, c.distortion_model)
+
+
+def _tiles(capture: Capture, views: _Views | None, warnings: int) -> list[Tile]:
+    found: list[Tile] = []
+    if views is not None:
+        agreement = float(share(views.agrees, views.seen, (0, 1, 2)))
+        level = "good" if agreement >= 90 else "look" if agreement >= 75 else "bad"
+        found.append(Tile("View agreement", number(agreement, 0), "%", "of the detections fit the other views", level))
+        middle = float(quantile(views.off_px.ravel(), 0.5, axis=0))
+        found.append(Tile("Off the common points", number(middle), "px", "median of all detections"))
+    located = located_share(capture)
+    if located is not None:
+        found.append(Tile("Seen by two or more", number(100 * float(located.mean()), 0), "%", "of the keypoints"))
+    if capture.markers is not None:
+        known = np.isfinite(capture.markers.positions).all(-1)
+        found.append(Tile("Markers seen", number(100 * float(known.mean()), 0), "%", "of all markers and frames"))
+    people = max(len(capture.people), 1)
+    found.append(Tile("People", str(people), "", capture.person or "one person"))
+    found.append(Tile("Corrected or doubtful", str(warnings), "", "see the list", "look" if warnings else "good"))
+    return found
+
+
+def _space_section(capture: Capture, views: _Views | None, rows: np.ndarray) -> str:
+    if views is not None:
+        assert capture.keypoints is not None
+        points, names = views.points, capture.keypoints.joint_set
+    elif capture.markers is not None:
+        points, names = np.asarray(capture.markers.positions)[rows], None
+    else:
+        points, names = np.empty((0, 0, 3)), None
+    drawing = space_drawing(capture.cameras, points, names)
+    if not drawing:
+        return ""
+    known = points[np.isfinite(points).all(-1)]
+    values: list[tuple[str, object]] = []
+    if len(known):
+        low, high = (quantile(known, q, axis=0) for q in (0.01, 0.99))
+        values.append(("lowest and highest point", f"{low[2]:.2f} and {high[2]:.2f} m"))
+        values.append(("extent over the floor", f"{high[0] - low[0]:.1f} x {high[1] - low[1]:.1f} m"))
+    if capture.cameras is not None:
+        for name, (x, y, z) in zip(capture.cameras.names, capture.cameras.centres.tolist(), strict=True):
+            values.append((f"camera {name}", f"{x:.2f}, {y:.2f}, {z:.2f} m"))
+    with np.errstate(invalid="ignore"):
+        known_rows = np.isfinite(points).all(-1)
+        middle = np.where(known_rows[..., None], points, 0.0).sum(1) / np.maximum(known_rows.sum(1), 1)[:, None]
+    way = middle[known_rows.any(1)] if len(points) else np.empty((0, 3))
+    above = plan(capture.cameras, way[:, :2]) if len(way) else ""
+    lead = (
+        "The person at a few moments, later ones stronger, left blue and right orange; the floor, z = 0; the cameras "
+        "with the corners of their pictures. Below it the same from above, world Y up. Feet that are not on the floor, "
+        "or a person who leans, are a world that is not the room's."
+    )
+    return section("Space", f'{drawing}<div class="pair">{above}{facts(values)}</div>', lead, "space")
+
+
+def _agreement_section(capture: Capture, views: _Views | None) -> str:
+    seen = detected_share(capture)
+    if seen is None or capture.cameras is None or capture.keypoints is None:
+        return ""
+    names, fps = capture.cameras.names, capture.keypoints.fps
+    shown = f"<h3>Keypoints that each camera detected</h3>{strip_plot(_strips(names, seen), fps)}"
+    lead = "When each camera detected the person; full colour is all keypoints, empty is none."
+    if views is None:
+        return section("Views", shown, lead, "views")
+    frames = np.maximum(views.seen.sum(-1), 1)
+    agrees = views.agrees.sum(-1) / frames
+    rate = fps * views.seen.shape[1] / max(capture.num_frames, 1)
+    table = _camera_table(names, views)
+    lead += (
+        f" Detections agree where the views' common point lies within {INLIER_SIGMAS:g} standard deviations. A strip "
+        "that is empty throughout is a camera of another place, size or name; one that is empty for a while is a "
+        "camera that was touched, or somebody else; all strips patchy are cameras that did not start together."
+    )
+    shown = f"<h3>Detections that agree with the other views</h3>{strip_plot(_strips(names, agrees), rate)}{shown}"
+    return section("Views", f"{shown}<h3>Camera by camera</h3>{table}", lead, "views")
+
+
+def _strips(names: tuple[str, ...], values: np.ndarray) -> list[tuple[str, np.ndarray]]:
+    return [(name, values[c]) for c, name in enumerate(names)]
+
+
+def _camera_table(names: tuple[str, ...], views: _Views) -> str:
+    agreement = share(views.agrees, views.seen, (1, 2))
+    off = np.array([[float(quantile(camera.ravel(), q, axis=0)) for q in (0.5, 0.9)] for camera in views.off_px])
+    usual = max(float(np.nan_to_num(np.nanmedian(off[:, 0]))) if np.isfinite(off).any() else 0.0, 1e-9)
+    values = np.concatenate([agreement[:, None], off], axis=1)
+    tint = np.concatenate([(100 - agreement[:, None]) / 40, off / usual / [3.0, 9.0]], axis=1)
+    return heat_table(values, names, ["agree, %", "off, px (median)", "off, px (90 %)"], strength=tint, unit="")
+
+
+def _source_section(capture: Capture) -> str:
+    rows: list[tuple[str, object]] = [("source", source) for source in capture.sources]
+    return section("Files", facts(rows), "", "files") if rows else ""
+
+
+def _subtitle(capture: Capture) -> str:
+    parts = [f"{len(capture.cameras)} cameras"] if capture.cameras is not None else []
+    seconds = f" ({capture.num_frames / capture.fps:.1f} s)" if capture.fps else ""
+    parts.append(f"{capture.num_frames} frames at {capture.fps:g} fps{seconds}")
+    if capture.keypoints is not None:
+        parts.append(capture.keypoints.joint_set.value)
+    if capture.markers is not None:
+        parts.append(f"{capture.markers.positions.shape[1]} markers")
+    return ", ".join(parts)
