@@ -35,7 +35,7 @@ WHEEL_SHA256 = {
 }
 """The wheels a manifest may list. They are pure Python: Blender brings NumPy itself."""
 _LEFT_OUT = frozenset({"__pycache__", "training"})
-_COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer"})
+_COMPARED = frozenset({"catalogue", "lie_vae", "svae", "vposer", "vposer_worded", "rvposer_second_norm"})
 """Priors that a solve is compared with, and the table of all: no user of the extension needs them."""
 _SUFFIXES = frozenset({".py", ".toml", ".npz", ".md", ".html", ".css", ".js", ".json", ".txt", ".c3d"})
 _EPOCH = (1980, 1, 1, 0, 0, 0)

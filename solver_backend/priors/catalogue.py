@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
+from typing import get_args
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.base import PosePrior
-from solver_backend.priors.gaussian_vae import load_vae
+from solver_backend.priors.gaussian_vae import VaeName, load_vae
 from solver_backend.priors.gmm import load_gmm
 from solver_backend.priors.lie_vae import load_lie_vae
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
@@ -18,8 +19,7 @@ from solver_backend.priors.weights import ASSETS
 
 LOADERS: dict[str, Callable[[Path], PosePrior]] = {
     "sposer": load_sposer,
-    "rvposer": partial(load_vae, "rvposer"),
-    "vposer": partial(load_vae, "vposer"),
+    **{name: partial(load_vae, name) for name in get_args(VaeName)},
     "svae": load_svae,
     "lie_vae": load_lie_vae,
     "gmm": load_gmm,

@@ -15,8 +15,9 @@ from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
-VaeName = Literal["vposer", "rvposer"]
-"""``vposer`` as published (Pavlakos et al. 2019); ``rvposer`` its robust variant (thesis 4.2.4)."""
+VaeName = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm"]
+"""``vposer`` as its public code has it (Pavlakos et al. 2019), ``vposer_worded`` as the thesis describes it;
+``rvposer`` the robust variant (thesis 4.2.4), ``rvposer_second_norm`` with the public code's second normalisation."""
 
 
 class GaussianVAE(PoseAutoencoder):
@@ -24,7 +25,7 @@ class GaussianVAE(PoseAutoencoder):
 
     @property
     def name(self) -> str:
-        """``"vposer"`` or ``"rvposer"``."""
+        """One of ``VaeName``."""
         return self.metadata["prior"]
 
     def posterior(self, rotations: Poses) -> tuple[Codes, Codes]:
@@ -51,7 +52,7 @@ class GaussianVAE(PoseAutoencoder):
 
 
 def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
-    """Load the weights of VPoser or RVPoser.
+    """Load the weights of a form of VPoser or RVPoser.
 
     Raises:
         FileMissing: there is no such file.

@@ -29,6 +29,7 @@ from solver_backend.training.gmm.train import train_gmm
 from solver_backend.training.lifter.train import train_lifter
 from solver_backend.training.pose_ndf.train import train_pose_ndf
 from solver_backend.training.sposer.train import train_sposer
+from solver_backend.training.vae.latents import LATENTS
 from solver_backend.training.vae.train import train_vae
 from solver_backend.training.view_lifter.train import train_view_lifter
 
@@ -36,10 +37,7 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "gmm": train_gmm,
     "sposer": train_sposer,
     "pose_ndf": train_pose_ndf,
-    "rvposer": partial(train_vae, "rvposer"),
-    "vposer": partial(train_vae, "vposer"),
-    "svae": partial(train_vae, "svae"),
-    "lie_vae": partial(train_vae, "lie_vae"),
+    **{kind: partial(train_vae, kind) for kind in LATENTS},
     "lifter": train_lifter,
     "view_lifter": train_view_lifter,
 }

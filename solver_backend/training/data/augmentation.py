@@ -42,7 +42,7 @@ def middle_frame(windows: torch.Tensor) -> int:
 
 def mirrored(rotations: torch.Tensor) -> torch.Tensor:
     """Return (..., 21, 3, 3) poses reflected left to right, ``R' = S R S`` with ``S = diag(-1, 1, 1)``."""
-    return rotations[..., _MIRRORED, :, :] * _FLIP.to(rotations.dtype)
+    return rotations[..., _MIRRORED, :, :] * _FLIP.to(rotations)
 
 
 def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:

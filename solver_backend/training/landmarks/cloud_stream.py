@@ -11,7 +11,7 @@ from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, other_side
 from solver_backend.training.landmarks.body_points import PLACES, BodyPoints, rodrigues
 from solver_backend.training.landmarks.corruption import Corruption
-from solver_backend.training.landmarks.layout_masks import layout_masks
+from solver_backend.training.landmarks.layout_masks import layout_masks, part_masks
 
 _LIMBS = ((13, 16, 18, 20), (14, 17, 19, 21), (1, 2, 4, 5, 7, 8, 10, 11), (12, 15))
 """Joints that travel together when poses exchange limbs."""
@@ -47,6 +47,10 @@ class Variety:
     """Standard deviation of each joint's turn, rad."""
     exchanged: float = 0.1
     """Chance that a limb comes from another pose."""
+    thinned: float = 0.35
+    """Chance that a layout lacks up to half of its markers."""
+    parts: float = 0.12
+    """Chance that only a part of the body wears markers."""
     tilted: float = 0.12
     """Chance that the whole cloud is turned by up to 90° about a level axis."""
 
@@ -59,6 +63,7 @@ class CloudStream:
         self.device, self.variety = device, variety
         self.corruption = Corruption(self.points.device, ghosts=variety.ghosts, noise=variety.noise)
         self.layouts, self.layout_chance = layout_masks(device)
+        self.parts = part_masks(self.points.weights)
         names = (*PLACES, *JOINTS)
         self.mirror = torch.tensor([names.index(other_side(name)) for name in names], device=device)
         self.flip = torch.tensor([-1.0, 1.0, 1.0], device=device)
@@ -139,7 +144,9 @@ class CloudStream:
         worn = self.layouts[which]
         kept = 0.5 + 0.5 * torch.rand(count, 1, device=device)
         thinned = torch.rand(count, len(PLACES), device=device) < kept
-        worn = torch.where(_often(0.25, count, 1, like=kept) > 0, worn & thinned, worn)
+        worn = torch.where(_often(self.variety.thinned, count, 1, like=kept) > 0, worn & thinned, worn)
+        part = self.parts[torch.randint(len(self.parts), (count,), device=device)]
+        worn = torch.where(_often(self.variety.parts, count, 1, like=kept) > 0, worn & part, worn)
         more = torch.rand(count, len(PLACES), device=device) < 0.06 * torch.rand(count, 1, device=device)
         return torch.where(_often(0.25, count, 1, like=kept) > 0, worn | more, worn)
 

@@ -33,7 +33,7 @@ from solver_backend.training.landmarks.pose_draws import Balance, drawer
 from solver_backend.training.landmarks.poses import PoseTable
 from solver_backend.training.landmarks.unet import BLOCKS
 
-FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
+FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
 """The thesis' clouds: all 53 markers, its augmentations and corruptions alone."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
@@ -44,7 +44,7 @@ FADING = replace(ORTHO, blended=0.5, fades=True)
 
 HALVED = 2 ** (BLOCKS - 1)
 """A UNet halves maps so often."""
-OURS_WIDTH = 96
+OURS_WIDTH = 128
 """Of the network that ships."""
 
 

@@ -20,6 +20,7 @@ from solver_backend.training.data.corpus import HELD_OUT
 from solver_backend.training.data.sources.clips import load_clips, load_far_clips
 from solver_backend.training.engine.devices import check_device
 from solver_backend.training.engine.recipe import Finished
+from solver_backend.training.landmarks.calibration import GHOST_LOGIT, TEMPERATURE, calibrated
 from solver_backend.training.landmarks.distance_table import write_distance_table
 from solver_backend.training.landmarks.drawing import SIZE
 from solver_backend.training.landmarks.loop import LandmarkTraining
@@ -44,7 +45,7 @@ def train_landmark_rows(
         out: folder of the weights.
         settings: steps or seconds, batch and the like.
         row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
-        width: of the network; its own if 0 (ours 96, the published 32).
+        width: of the network; its own if 0 (ours 128, the published 32).
         resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
         start: checkpoint of another row or seed to go on from, where ``work`` has none.
@@ -93,7 +94,8 @@ def publish(
 ) -> Path:  # fmt: skip
     """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note; return the weights' path."""
     path = out / f"{NAME}.npz"
-    halved = {name.removeprefix("net."): np.asarray(a).astype(np.float16) for name, a in arrays.items()}
+    named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}
+    halved = {name: array.astype(np.float16) for name, array in calibrated(named).items()}
     metadata: dict[str, Any] = {"settings": asdict(settings), "metrics": figures, "held_out": sorted(HELD_OUT)}
     digest = write_weights(path, PriorWeights(NAME, halved, metadata))
     write_text(path.with_suffix(".md"), _card(settings, figures, table, digest, _count(halved), note), overwrite=True)
@@ -122,7 +124,8 @@ Read in NumPy (`solver_backend/labelling/point_network.py`); trained by `train l
 mocap.cs.cmu.edu, NSF EIA-0196217; hand-keyed animations by Quaternius and Mesh2Motion, CC0), with the pelvis' rotation;
 those of subjects {", ".join(sorted(HELD_OUT))} and of {", ".join(HELD_TAKES)} are held out, and so are the rarest 3 %,
 which are anchors of blended poses only. UI-PRMD has no part in it. Clouds are made while it trains: shapes, placement
-by each place's spread, mirrored, any heading, tilts, sizes, layouts and subsets, occlusion, ghosts, noise, props.
+by each place's spread, mirrored, any heading, tilts, sizes, layouts, subsets and parts of the body, occlusion, ghosts,
+noise, props.
 
 ## Training
 
@@ -130,6 +133,9 @@ by each place's spread, mirrored, any heading, tilts, sizes, layouts and subsets
 |---|---|
 {settings_rows}
 {note}
+After training, label scores are divided by {TEMPERATURE:g} and that of "no marker" is lowered by {GHOST_LOGIT:g}, as
+recorded takes ask for (`solver_backend/training/landmarks/calibration.py`). The figures below are without this.
+
 ## Validation
 
 `fixed`: all 53 markers under the thesis' corruptions; `any`: layouts, subsets and all else as in training. Poses of

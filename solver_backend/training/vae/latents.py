@@ -11,7 +11,7 @@ from scipy.special import gammaln, ive
 
 from solver_backend.geometry.rotations import exp_so3, matrix_from_6d
 
-Kind = Literal["vposer", "rvposer", "svae", "lie_vae"]
+Kind = Literal["vposer", "vposer_worded", "rvposer", "rvposer_second_norm", "svae", "lie_vae"]
 GAUSSIAN_DIM = 32
 SPHERE_DIM = 32
 ROTATIONS = 10
@@ -94,7 +94,9 @@ class RotationLatent:
 
 LATENTS: dict[Kind, type[Latent]] = {
     "vposer": GaussianLatent,
+    "vposer_worded": GaussianLatent,
     "rvposer": GaussianLatent,
+    "rvposer_second_norm": GaussianLatent,
     "svae": SphereLatent,
     "lie_vae": RotationLatent,
 }

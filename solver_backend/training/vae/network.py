@@ -24,6 +24,31 @@ _INPUTS = 3 * NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)
+class VaeLayers:
+    """What the autoencoders' layers differ by."""
+
+    first_norm: bool = False
+    """Batch normalisation before the encoder's first layer."""
+    second_norm: bool = False
+    """Batch normalisation after the encoder's first activation."""
+    decoder_dropout: bool = False
+    last_activation: bool = False
+    """An activation after the decoder's last layer."""
+
+
+LAYERS: dict[Kind, VaeLayers] = {
+    "vposer": VaeLayers(first_norm=True, second_norm=True, decoder_dropout=True),
+    "vposer_worded": VaeLayers(first_norm=True, decoder_dropout=True, last_activation=True),
+    "rvposer": VaeLayers(),
+    "rvposer_second_norm": VaeLayers(second_norm=True),
+    "svae": VaeLayers(),
+    "lie_vae": VaeLayers(),
+}
+"""VPoser as its public code has it and as the thesis describes it (4.2.4); RVPoser without any normalisation, and with
+the second one, of which the thesis does not speak."""
+
+
+@dataclass(frozen=True)
 class VaeSettings:
     """Which autoencoder, and the losses' weights."""
 
@@ -35,25 +60,22 @@ class VaeSettings:
 
 
 class VariationalAutoencoder(nn.Module):
-    """63 -> 512 -> 512 -> posterior; code -> 512 -> 512 -> 126.
-
-    VPoser has batch normalisation before its first layer, dropout in encoder and decoder and an activation after the
-    decoder's last layer; the others have only the encoder's dropout.
-    """
+    """63 -> 512 -> 512 -> posterior; code -> 512 -> 512 -> 126."""
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()
-        published = kind == "vposer"
+        layers = LAYERS[kind]
         self.latent = LATENTS[kind]()
-        self.norm = nn.BatchNorm1d(_INPUTS) if published else nn.Identity()
+        self.norm = nn.BatchNorm1d(_INPUTS) if layers.first_norm else nn.Identity()
+        self.second_norm = nn.BatchNorm1d(HIDDEN) if layers.second_norm else nn.Identity()
         self.encoder = nn.Sequential(
-            nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
-            nn.Linear(HIDDEN, self.latent.outputs),
+            nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), self.second_norm, nn.Dropout(_DROPOUT),
+            nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, self.latent.outputs),
         )  # fmt: skip
         self.decoder = nn.Sequential(
-            nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(), nn.Dropout(_DROPOUT if published else 0.0),
-            nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, 126),
-            nn.LeakyReLU() if published else nn.Identity(),
+            nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(),
+            nn.Dropout(_DROPOUT if layers.decoder_dropout else 0.0), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
+            nn.Linear(HIDDEN, 126), nn.LeakyReLU() if layers.last_activation else nn.Identity(),
         )  # fmt: skip
 
     def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
@@ -88,7 +110,7 @@ class VaeTask:
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
         decoded = self.model.decode(z)
-        penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if s.kind == "rvposer" else nats
+        penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if s.kind.startswith("rvposer") else nats
         evenly = torch.ones(len(truth), device=truth.device)
         return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
 

@@ -21,16 +21,22 @@ from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.vae.latents import Kind
 from solver_backend.training.vae.network import (
     HIDDEN,
+    LAYERS,
     VaeSettings,
     VaeTask,
     VariationalAutoencoder,
 )
 
 _SUMMARIES: dict[Kind, str] = {
-    "vposer": """VPoser (Pavlakos et al. 2019): a variational autoencoder of the 21 body joints' rotations with a
-standard normal code of 32 dimensions, batch normalisation, dropout and a leaky last layer; retrained on our corpus.""",
+    "vposer": """VPoser (Pavlakos et al. 2019) as its public code has it: a variational autoencoder of the 21 body
+joints' rotations with a standard normal code of 32 dimensions, batch normalisation before the encoder's first and
+second layer and dropout in the decoder; retrained on our corpus.""",
+    "vposer_worded": """VPoser as the thesis describes it (4.2.4): batch normalisation before the first layer alone, and
+an activation after the decoder's last, which the public code does not have; retrained on our corpus.""",
     "rvposer": """RVPoser (thesis 4.2.4): VPoser without batch normalisation, decoder dropout and last activation, its
 divergence under a Charbonnier penalty (4.16-4.19).""",
+    "rvposer_second_norm": """RVPoser (thesis 4.2.4) read to the letter: of the public code's two batch normalisations
+only the first is removed; its divergence under a Charbonnier penalty (4.16-4.19).""",
     "svae": """SVAE (Davidson et al. 2018; thesis table 6.5): a variational autoencoder of the 21 body joints' rotations
 whose codes are unit vectors in R^32, von Mises-Fisher about each pose's direction and uniform over all of them. Layers
 as RVPoser's.""",
@@ -38,7 +44,10 @@ as RVPoser's.""",
 rotations whose codes are ten rotations, normal in the tangent space of each pose's and uniform on the group over all.
 Layers as RVPoser's.""",
 }
-_TITLES: dict[Kind, str] = {"vposer": "VPoser", "rvposer": "RVPoser", "svae": "SVAE", "lie_vae": "LieVAE"}
+_TITLES: dict[Kind, str] = {
+    "vposer": "VPoser", "vposer_worded": "VPoser as worded", "rvposer": "RVPoser",
+    "rvposer_second_norm": "RVPoser with the second normalisation", "svae": "SVAE", "lie_vae": "LieVAE",
+}  # fmt: skip
 
 
 def train_vae(kind: Kind, job: TrainingJob) -> Finished:
@@ -52,7 +61,7 @@ def train_vae(kind: Kind, job: TrainingJob) -> Finished:
         "encoder_hidden": (HIDDEN, HIDDEN),
         "decoder_hidden": (HIDDEN, HIDDEN),
         "activation": "leaky_relu",
-        "activate_last": kind == "vposer",
+        "activate_last": LAYERS[kind].last_activation,
     }
     asked = asdict(settings) | asdict(job.settings)
 
@@ -65,15 +74,19 @@ def train_vae(kind: Kind, job: TrainingJob) -> Finished:
 
 
 def folded_encoder(model: VariationalAutoencoder) -> nn.Sequential:
-    """Return the encoder with the batch normalisation's scale and shift taken into the first layer."""
-    layers = linear_layers(model.encoder)
-    if not isinstance(model.norm, nn.BatchNorm1d):
-        return nn.Sequential(*layers)
-    norm, first = model.norm, layers[0]
+    """Return the encoder with each batch normalisation's scale and shift taken into the layer after it."""
+    first, *rest = linear_layers(model.encoder)
+    return nn.Sequential(_folded(model.norm, first), _folded(model.second_norm, rest[0]), *rest[1:])
+
+
+def _folded(norm: nn.Module, layer: nn.Linear) -> nn.Linear:
+    """Return a layer that takes what the normalisation before it took: ``W ((x - m) s + b) + c``."""
+    if not isinstance(norm, nn.BatchNorm1d):
+        return layer
     mean, variance = cast(torch.Tensor, norm.running_mean), cast(torch.Tensor, norm.running_var)
     scale = norm.weight / torch.sqrt(variance + norm.eps)
-    folded = nn.Linear(first.in_features, first.out_features)
+    folded = nn.Linear(layer.in_features, layer.out_features)
     with torch.no_grad():
-        folded.weight.copy_(first.weight * scale)
-        folded.bias.copy_(first.bias + first.weight @ (norm.bias - mean * scale))
-    return nn.Sequential(folded, *layers[1:])
+        folded.weight.copy_(layer.weight * scale)
+        folded.bias.copy_(layer.bias + layer.weight @ (norm.bias - mean * scale))
+    return folded

@@ -18,7 +18,10 @@ PITCH_DEG = (6.0, 11.0)
 """Mean and deviation of how far down a camera looks."""
 STEEP = 0.2
 """Share of cameras that look from anywhere between 25 degrees below and 65 above."""
-ROLL_DEG = 4.0
+ROLL_DEG = 12.0
+"""Deviation of how far a camera is turned about its axis: people hold telephones askew."""
+TUMBLED = 0.08
+"""Share of windows in which the person is turned about a level axis by up to half a turn: somersaults, handstands."""
 OFF_AXIS = 0.45
 """Greatest distance of the person from the principal point, in focal lengths."""
 NOISE_M = (0.004, 0.03)
@@ -78,7 +81,12 @@ class FilmedWindows:
 
 
 def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
-    """Return the windows about (B,) frames, seen by as many random cameras."""
+    """Return the windows about (B,) frames, seen by as many random cameras; drawn on the recordings' device."""
+    with recordings.points.device:
+        return _filmed(recordings, centres, generator)
+
+
+def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
     count = len(centres)
     frames = centres[:, None] + torch.arange(WINDOW) - MIDDLE
     start, end = recordings.clip_start[centres, None], recordings.clip_end[centres, None]
@@ -95,6 +103,8 @@ def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generat
     local, root = local.clone(), root.clone()
     local[flip], root[flip] = mirrored(local[flip]), side[:, None] * root[flip] * side
     points = torch.matmul(points, shape[:, None, None, :, None])[..., 0] + place[:, :, None]
+    tumble = _tumbles(count, generator)
+    points, root = torch.matmul(points, tumble.mT[:, None]), torch.matmul(tumble, root)
     turn, up = _cameras(count, generator)
     distance = _log_uniform(DISTANCE_M, (count,), generator)
     aside = OFF_AXIS * (2.0 * torch.rand(count, 2, generator=generator) - 1.0)
@@ -110,6 +120,14 @@ def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generat
     return FilmedWindows(
         image, confidence, torch.where(known, shaken, torch.zeros_like(up)), local, torch.matmul(turn, root), up
     )  # fmt: skip
+
+
+def _tumbles(count: int, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 3, 3) turns about level axes, most of them none."""
+    heading, turn, chance = torch.rand(3, count, generator=generator)
+    angle = torch.where(chance < TUMBLED, torch.pi * (2.0 * turn - 1.0), torch.zeros(count))
+    heading = 2.0 * torch.pi * heading
+    return exp_so3(angle[:, None] * torch.stack([torch.cos(heading), torch.zeros(count), torch.sin(heading)], dim=1))
 
 
 def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:

@@ -47,7 +47,9 @@ class Recordings:
     """(C,) frames that windows are drawn about."""
 
     @classmethod
-    def of(cls, corpus: Corpus, body: Body, exchanged: int, seed: int) -> Recordings:
+    def of(
+        cls, corpus: Corpus, body: Body, exchanged: int, seed: int, device: torch.device = torch.device("cpu")
+    ) -> Recordings:  # fmt: skip
         """Return the recordings of a corpus, and copies of them with limbs of one another.
 
         Args:
@@ -55,24 +57,26 @@ class Recordings:
             body: whose points are seen.
             exchanged: number of copies.
             seed: of the exchange.
+            device: where they are formed and stay.
         """
         kept = np.isfinite(corpus.root).all(axis=(1, 2))
         number = np.cumsum(kept) - 1
-        local, root = torch.from_numpy(corpus.rotations[kept]), torch.from_numpy(corpus.root[kept])
-        start, end = (
-            torch.from_numpy(number[edge[kept]] + more)
-            for edge, more in ((corpus.clip_start, 0), (corpus.clip_end - 1, 1))
-        )
-        centres = torch.from_numpy(number[corpus.distinct[kept[corpus.distinct]]])
-        tilted = root[centres, 1, 1] < TILTED_COSINE
-        centres = torch.cat([centres, centres[tilted].repeat(TILTED_REPEATS - 1)])
-        generator, copies = torch.Generator().manual_seed(seed), [local]
-        copies += [_with_limbs_of_others(local, start, end, generator) for _ in range(exchanged)]
-        shifts = [len(local) * copy for copy in range(len(copies))]
-        local, root = torch.cat(copies), torch.cat([root] * len(copies))
-        start, end, centres = (torch.cat([part + shift for shift in shifts]) for part in (start, end, centres))
-        place = standing_place(local, root, start)
-        return cls(local, root, place, _points(body, local, root), start, end, centres)
+        with device:
+            local, root = torch.as_tensor(corpus.rotations[kept]), torch.as_tensor(corpus.root[kept])
+            start, end = (
+                torch.as_tensor(number[edge[kept]] + more)
+                for edge, more in ((corpus.clip_start, 0), (corpus.clip_end - 1, 1))
+            )
+            centres = torch.as_tensor(number[corpus.distinct[kept[corpus.distinct]]])
+            tilted = root[centres, 1, 1] < TILTED_COSINE
+            centres = torch.cat([centres, centres[tilted].repeat(TILTED_REPEATS - 1)])
+            generator, copies = torch.Generator().manual_seed(seed), [local]
+            copies += [_with_limbs_of_others(local, start, end, generator) for _ in range(exchanged)]
+            shifts = [len(local) * copy for copy in range(len(copies))]
+            local, root = torch.cat(copies), torch.cat([root] * len(copies))
+            start, end, centres = (torch.cat([part + shift for shift in shifts]) for part in (start, end, centres))
+            place = standing_place(local, root, start)
+            return cls(local, root, place, _points(body, local, root), start, end, centres)
 
 
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
@@ -131,12 +135,12 @@ def _with_limbs_of_others(
     for first in start.unique().tolist():
         length = int(end[first]) - first
         for limb in EXCHANGED_JOINTS:
-            if torch.rand((), generator=generator) > 0.3:
+            if torch.rand((), generator=generator, device="cpu") > 0.3:
                 continue
-            donor = int(torch.randint(max(1, len(local) - length), (), generator=generator))
+            donor = int(torch.randint(max(1, len(local) - length), (), generator=generator, device="cpu"))
             donor = min(donor, max(0, int(end[donor]) - length))
             theirs = local[donor : donor + length]
-            if torch.rand((), generator=generator) < 0.5:
+            if torch.rand((), generator=generator, device="cpu") < 0.5:
                 theirs = mirrored(theirs)
             columns = [joint - 1 for joint in limb]
             out[first : first + length, columns] = theirs[:, columns]

@@ -26,9 +26,9 @@ _JOINTS = 24
 class ViewLifterSettings:
     """The network and the people it is shown."""
 
-    hidden: tuple[int, ...] = (512, 512, 512, 512)
+    hidden: tuple[int, ...] = (640, 512, 512, 512)
     """Widths of the hidden layers."""
-    exchanged: int = 1
+    exchanged: int = 3
     """Copies of the recordings whose clips have limbs of one another."""
     tips: float = 0.3
     """Weight of points along the joints' axes against the joints."""
@@ -43,12 +43,13 @@ class ViewLifterTask:
 
     def __init__(
         self, training: Corpus, validation: Corpus, body: Body, prior: SPoser, settings: ViewLifterSettings,
-        batch: int, seed: int,
+        batch: int, seed: int, device: str = "cpu",
     ) -> None:  # fmt: skip
         torch.manual_seed(seed)
         self._network = dense_stack((INPUTS, *settings.hidden, OUTPUTS), "silu")
         self._settings, self._prior, self._batch = settings, prior, batch
-        self._recordings = Recordings.of(training, body, settings.exchanged, seed)
+        self._device = torch.device(device)
+        self._recordings = Recordings.of(training, body, settings.exchanged, seed, self._device)
         unseen = Recordings.of(validation, body, 0, seed)
         chosen = unseen.centres[:: max(1, len(unseen.centres) // _VALIDATION_WINDOWS)]
         self._unseen = film(unseen, chosen, torch.Generator().manual_seed(seed + 1))
@@ -59,9 +60,11 @@ class ViewLifterTask:
         return self._network
 
     def draw(self, generator: torch.Generator) -> FilmedWindows:
-        """Draw windows."""
+        """Draw windows where the network trains: a processor could not draw as fast as a GPU learns."""
         centres = self._recordings.centres
-        chosen = centres[torch.randint(len(centres), (self._batch,), generator=generator)]
+        if self._device.type != "cpu":
+            generator = torch.Generator(self._device).manual_seed(generator.initial_seed())
+        chosen = centres[torch.randint(len(centres), (self._batch,), generator=generator, device=self._device)]
         return film(self._recordings, chosen, generator)
 
     def loss(self, batch: FilmedWindows, generator: torch.Generator) -> torch.Tensor:

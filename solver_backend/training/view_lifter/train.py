@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from typing import cast
 
 from torch import nn
@@ -37,12 +37,14 @@ def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifte
     """Train, export and write the model card."""
     prior = load_sposer()
     task = ViewLifterTask(
-        job.training, job.validation, load_body(), prior, settings, job.settings.batch, job.settings.seed
+        job.training, job.validation, load_body(), prior, settings, job.settings.batch, job.settings.seed,
+        job.settings.device,
     )  # fmt: skip
     if job.start is not None:
         start = read_weights(job.start, "view_lifter")
         take_over(cast(nn.Sequential, task.model), read_stack(start, "network", INPUTS, OUTPUTS))
-    network = cast(nn.Sequential, run_training(task, job.settings, job.work, job.progress))
+    asked = job.settings if job.settings.device == "cpu" else replace(job.settings, workers=0)
+    network = cast(nn.Sequential, run_training(task, asked, job.work, job.progress))
     header = {
         "network_hidden": settings.hidden,
         "activation": "silu",
@@ -50,5 +52,5 @@ def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifte
         "sposer_sha256": prior.metadata["sha256"],
     }
     arrays, figures = stack_arrays(network, "network"), {"metrics": task.evaluate(network)}
-    asked = asdict(settings) | asdict(job.settings)
-    return publish(job, "view_lifter", arrays, header, asked, lambda path: figures, CARD)
+    chosen = asdict(settings) | asdict(job.settings)
+    return publish(job, "view_lifter", arrays, header, chosen, lambda path: figures, CARD)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -13,7 +15,7 @@ from solver_backend.body.markers import marker_landmarks  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS, other_side  # noqa: E402
 from solver_backend.training.landmarks.body_points import PLACES, BodyPoints, rodrigues  # noqa: E402
-from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety  # noqa: E402
+from solver_backend.training.landmarks.cloud_stream import Clouds, CloudStream, Variety  # noqa: E402
 from solver_backend.training.landmarks.corruption import Corruption  # noqa: E402
 
 PLAIN = Variety(layouts=False, ghosts=False, noise=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
@@ -105,3 +107,18 @@ def test_the_other_side_of_the_other_side_is_oneself():
     assert (other_side("LASI") if "LASI" in PLACES else other_side("LFWT"))[0] == "R"
     assert other_side("C7") == "C7" and other_side("RBAC") == "LBAC" and other_side("left_knee") == "right_knee"
     assert len(MARKERS) == 53
+
+
+def test_some_people_wear_markers_on_a_part_of_the_body_alone() -> None:
+    torch.manual_seed(0)
+    everywhere = Variety(ghosts=False, noise=False, thinned=0.0, parts=0.0)
+    whole = CloudStream(load_body(), "cpu", everywhere).draw(poses(400))
+    cut = CloudStream(load_body(), "cpu", replace(everywhere, parts=1.0)).draw(poses(400))
+    legs = [i for i, name in enumerate(MARKERS) if name.endswith(("KNE", "ANK", "HEE"))]
+    arms = [i for i, name in enumerate(MARKERS) if name.endswith(("ELB", "WRA", "FIN"))]
+
+    def lacking(clouds: Clouds, which: list[int]) -> float:
+        return float((~torch.isin(clouds.labels, torch.tensor(which)).any(1)).float().mean())
+
+    assert lacking(whole, legs) < 0.02 and lacking(whole, arms) < 0.05
+    assert lacking(cut, legs) > 0.1 and lacking(cut, arms) > 0.2

@@ -40,7 +40,7 @@ def turning(seed: int, frames: int = 60) -> Corpus:
 
 @pytest.fixture
 def faultless(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("BIAS_M", "THROWN", "LOST", "CUT", "EXCHANGED", "NO_TOES", "UP_DEG", "SHORT"):
+    for name in ("TUMBLED", "BIAS_M", "THROWN", "LOST", "CUT", "EXCHANGED", "NO_TOES", "UP_DEG", "SHORT"):
         monkeypatch.setattr(filming, name, 0.0)
     monkeypatch.setattr(filming, "NOISE_M", (1e-7, 1e-7))
     monkeypatch.setattr(filming, "DISTANCE_M", (200.0, 200.1))
