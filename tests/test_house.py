@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
-from collections.abc import Iterator
+from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 
@@ -16,6 +16,7 @@ LONGEST = 300
 """Lines of a product file."""
 
 
+@cache
 def product_files() -> list[Path]:
     """Return the modules of the three packages, and the scripts and tools beside them."""
     packages = (path for name in (*PRODUCT, "supply") for path in sorted((ROOT / name).rglob("*.py")))
@@ -27,18 +28,33 @@ def dotted(path: Path) -> str:
     return ".".join(path.relative_to(ROOT).with_suffix("").parts).removesuffix(".__init__")
 
 
-def imported(path: Path) -> Iterator[str]:
-    """Yield the full names that a file imports, also those taken out of modules, inside functions and for types."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
+@cache
+def files_of_tests() -> list[Path]:
+    """Return every file of the tests."""
+    return sorted((ROOT / "tests").rglob("*.py"))
+
+
+@cache
+def found_in(path: Path) -> tuple[list[str], list[str]]:
+    """Return the full names that a file imports, also inside functions and for types, and its public classes."""
     package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
-    for node in ast.walk(tree):
+    names: list[str] = []
+    classes: list[str] = []
+    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
-            yield from (alias.name for alias in node.names)
+            names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):
             around = package[: len(package) + 1 - node.level] if node.level else []
             base = ".".join([*around, *([node.module] if node.module else [])])
-            yield base
-            yield from (f"{base}.{alias.name}" for alias in node.names)
+            names += [base, *(f"{base}.{alias.name}" for alias in node.names)]
+        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            classes.append(node.name)
+    return names, classes
+
+
+def imported(path: Path) -> list[str]:
+    """Return the full names that a file imports, also those taken out of modules."""
+    return found_in(path)[0]
 
 
 def imports_under(files: list[Path], prefixes: tuple[str, ...]) -> list[str]:
@@ -48,14 +64,14 @@ def imports_under(files: list[Path], prefixes: tuple[str, ...]) -> list[str]:
 
 
 def test_no_file_imports_a_test() -> None:
-    every = sorted((ROOT / "tests").rglob("*.py"))
+    every = files_of_tests()
     tests = {dotted(path) for path in every if path.name.startswith("test_")}
     assert len(tests) > 100
     assert not {f"{dotted(path)} imports {name}" for path in every for name in imported(path) if name in tests}
 
 
 def test_tests_import_benchmarks_only_beside_them() -> None:
-    files = [path for path in sorted((ROOT / "tests").rglob("*.py")) if "benchmarks" not in path.parts]
+    files = [path for path in files_of_tests() if "benchmarks" not in path.parts]
     assert not imports_under(files, ("tests.benchmarks",))
 
 
@@ -81,9 +97,8 @@ def test_a_public_class_name_has_one_home() -> None:
     for path in product_files():
         if path.is_relative_to(ROOT / "blender_addon" / "_exchange"):
             continue
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                homes.setdefault(node.name, []).append(dotted(path))
+        for name in found_in(path)[1]:
+            homes.setdefault(name, []).append(dotted(path))
     assert len(homes) > 500
     assert not {name: places for name, places in homes.items() if len(places) > 1}
 
@@ -107,7 +122,7 @@ def test_pages_link_to_pages_and_name_files_and_modules_that_are_there(page: Pat
     assert not [link for link in links if not (page.parent / link).exists()]
     if page.parent.name == "decisions":
         return  # which name files as they were
-    files = [path.as_posix() for path in (*product_files(), *sorted((ROOT / "tests").rglob("*.py")))]
+    files = [path.as_posix() for path in (*product_files(), *files_of_tests())]
     named = re.findall(r"`([\w./]+\.py)`", text)
     assert not [name for name in named if not any(path.endswith(f"/{name}") for path in files)]
     modules = {dotted(Path(path)).removesuffix(".__main__") for path in files}

@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
+from functools import wraps
 from pathlib import Path
+from typing import Concatenate, ParamSpec, TypeVar
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -21,9 +25,11 @@ _OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "GPL-3.0-or-later"
+_Key = ParamSpec("_Key")
+_Result = TypeVar("_Result")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class BodyFile:
     """A skinned body in its rest frame: Y up, facing +Z, left = +X, metres."""
 
@@ -59,6 +65,25 @@ class BodyFile:
     def rest_joints(self, betas: np.ndarray) -> np.ndarray:
         """Return the (J, 3) joints at rest, ``J_regressor @ shaped`` (Loper et al. 2015, eq. 10)."""
         return self.J_regressor @ self.shaped(betas)
+
+
+def once_a_body(
+    function: Callable[Concatenate[BodyFile, _Key], _Result],
+) -> Callable[Concatenate[BodyFile, _Key], _Result]:
+    """Let a function of a body and of hashable values compute each result once while that body is in use.
+
+    Results are shared: nobody may write into them.
+    """
+    known: WeakKeyDictionary[BodyFile, dict[object, _Result]] = WeakKeyDictionary()
+
+    @wraps(function)
+    def call(body: BodyFile, *args: _Key.args, **kwargs: _Key.kwargs) -> _Result:
+        results, key = known.setdefault(body, {}), (args, tuple(kwargs.items()))
+        if key not in results:
+            results[key] = function(body, *args, **kwargs)
+        return results[key]
+
+    return call
 
 
 def default_body_path() -> Path:

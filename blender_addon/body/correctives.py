@@ -19,7 +19,7 @@ import numpy as np
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import BodyLayout
 from .armature import rotation_from_body_axes
-from .body_file import BodyFile
+from .body_file import BodyFile, once_a_body
 from .corrective_nodes import (
     IN_POSITION,
     JOINT,
@@ -79,12 +79,41 @@ def add_correctives(
     """
     if body.posedirs is None:
         return 0
-    table = corrective_table(body.posedirs)
-    joints = np.unique(table.joint).tolist()
+    axes = np.asarray(rotation_from_body_axes(armature), np.float64)
+    table, turned, rows, joints, across = _mirrored_rows(body, axes.tobytes())
     if not joints:
         return 0
-    turned = _in_bone_axes(table, rotation_from_body_axes(armature))
-    across = mirror_of(body.v_template)
+    points = _table_object(f"{mesh.name} correctives", table, turned, joints)
+    hidden.objects.link(points)
+    mesh.data.attributes.new(ROW, "INT", "POINT").data.foreach_set("value", rows)
+    modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
+    names, mirror = [body.layout.joints[joint] for joint in joints], body.layout.mirror
+    opposite = [names.index(body.layout.joints[mirror[joint]]) for joint in joints] if across else []
+    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
+    mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
+    for name in names:
+        for axis in range(3):
+            _drive(drive_input(modifier, name, axis), armature, name, "XYZ"[axis])
+    return len(joints)
+
+
+@once_a_body
+def _mirrored_rows(body: BodyFile, axes: bytes) -> tuple[CorrectiveTable, np.ndarray, np.ndarray, list[int], bool]:
+    """Return what is kept of a body's table: its left half where the right one mirrors it.
+
+    Args:
+        body: with correctives.
+        axes: (J, 3, 3) of the bones, as bytes of float64.
+
+    Returns:
+        The table, the same in the axes of the bones (N, 3, 3, 3), the row of each vertex (V,), the joints of the whole
+        table, and whether the right half is left out.
+    """
+    assert body.posedirs is not None
+    table = corrective_table(body.posedirs)
+    joints = np.unique(table.joint).tolist()
+    turned = _in_bone_axes(table, np.frombuffer(axes).reshape(-1, 3, 3))
+    across = mirror_of(body.v_template) if joints else None
     if across is not None and not _is_mirrored(table, turned, across, body.layout):
         across = None
     rows = np.full(len(body.v_template), NO_ROW, np.int32)
@@ -96,18 +125,7 @@ def add_correctives(
     if across is not None:
         right = body.v_template[:, 0] < -_SAME_PLACE_M
         rows[right] = np.where(rows[across[right]] >= 0, MIRRORED - rows[across[right]], NO_ROW)
-    points = _table_object(f"{mesh.name} correctives", table, turned, joints)
-    hidden.objects.link(points)
-    mesh.data.attributes.new(ROW, "INT", "POINT").data.foreach_set("value", rows)
-    modifier = mesh.modifiers.new(CORRECTIVES, "NODES")
-    names, mirror = [body.layout.joints[joint] for joint in joints], body.layout.mirror
-    opposite = [names.index(body.layout.joints[mirror[joint]]) for joint in joints] if across is not None else []
-    modifier.node_group = build_corrective_nodes(f"{mesh.name} correctives", points, names, opposite)
-    mesh.modifiers.move(len(mesh.modifiers) - 1, 0)
-    for name in names:
-        for axis in range(3):
-            _drive(drive_input(modifier, name, axis), armature, name, "XYZ"[axis])
-    return len(joints)
+    return table, turned, rows, joints, across is not None
 
 
 def mirror_of(vertices: np.ndarray) -> np.ndarray | None:

@@ -8,7 +8,7 @@ import numpy as np
 from ..conventions.materials import BODY_COLOURS, GLOSSY, create_material
 from ..conventions.skeleton import JOINTS, NUM_BETAS
 from .armature import deform_bone
-from .body_file import BodyFile
+from .body_file import BodyFile, once_a_body
 from .layout import around_pelvis
 from .quads import pair_triangles
 
@@ -27,8 +27,7 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     """
     mesh = bpy.data.meshes.new(name)
     vertices = around_pelvis(body, np.zeros(NUM_BETAS), np.array(armature.data.bones[JOINTS[0]].head_local))
-    material = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material
-    polygons, material = pair_triangles(body.v_template, body.faces, np.clip(material, 0, len(BODY_COLOURS) - 1))
+    polygons, material = _polygons(body)
     mesh.from_pydata(vertices.tolist(), [], polygons)
     mesh.polygons.foreach_set("use_smooth", np.ones(len(polygons), dtype=bool))
     _add_materials(mesh, material.astype(np.int32))
@@ -42,6 +41,13 @@ def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.ty
     _add_weights(obj, body)
     obj.modifiers.new("Armature", "ARMATURE").object = armature
     return obj
+
+
+@once_a_body
+def _polygons(body: BodyFile) -> tuple[list[list[int]], np.ndarray]:
+    """Return the body's quadrilaterals and triangles, and the material of each."""
+    material = np.zeros(len(body.faces), np.int32) if body.face_material is None else body.face_material
+    return pair_triangles(body.v_template, body.faces, np.clip(material, 0, len(BODY_COLOURS) - 1))
 
 
 def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:

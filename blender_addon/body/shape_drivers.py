@@ -15,7 +15,7 @@ import numpy as np
 
 from ..conventions.skeleton import BodyLayout
 from .armature import deform_bone
-from .body_file import BodyFile
+from .body_file import BodyFile, once_a_body
 from .controls.limbs import LIMBS
 from .drivers import add_driver
 from .layout import shape_directions
@@ -49,28 +49,38 @@ def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyF
         body: the body.
         rest_betas: (10,) the shape at which nothing is moved.
     """
+    names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
+    axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
+    for driven, parts in _sources(body, tuple(names), np.stack(axes).tobytes()):
+        bone = armature.pose.bones[driven.bone]
+        if parts:
+            _drive_by_bones(bone, driven.axis, armature, parts)
+        else:
+            drive_by_betas(bone, "location", driven.axis, driven.row, float(-driven.row @ rest_betas), mesh)
+
+
+@once_a_body
+def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
+    """Return every location that betas move, each with the earlier ones that drive it, none where betas do.
+
+    Args:
+        body: the body.
+        names: N bones: those that move against their parents, then one that deforms for each joint.
+        axes: (N, 3, 3) rest axes of the bones in columns, as bytes of float64.
+    """
     _, directions = shape_directions(body)
     joints, parents = body.layout.joints, body.layout.parents
     from_parent = directions - np.where(np.array(parents)[:, None, None] >= 0, directions[list(parents)], 0.0)
-    moves: list[tuple[str, np.ndarray, tuple[str, ...]]] = [
-        (n, from_parent[j], ()) for n, j in _moved_with_joints(body.layout)
-    ]
-    for j, joint in enumerate(joints):
-        moves.append((deform_bone(joint), -directions[j], (joint, deform_bone(joints[max(parents[j], 0)]))))
-    driven: list[_Driven] = []
-    for name, way, related in moves:
-        bone = armature.pose.bones[name]
-        axes = np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64)
-        earlier = tuple(driven)  # a bone that moved by itself would be a cycle
-        for axis, row in enumerate(axes.T @ way):
-            if np.abs(row).max() <= _LEAST_M:
-                continue
-            parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
-            if parts:
-                _drive_by_bones(bone, axis, armature, parts)
-            else:
-                drive_by_betas(bone, "location", axis, row, float(-row @ rest_betas), mesh)
-            driven.append(_Driven(name, axis, row))
+    ways = [(from_parent[j], ()) for _, j in _moved_with_joints(body.layout)]
+    ways += [(-directions[j], (n, deform_bone(joints[max(parents[j], 0)]))) for j, n in enumerate(joints)]
+    found: list[tuple[_Driven, list[tuple[float, _Driven]]]] = []
+    for name, B, (way, related) in zip(names, np.frombuffer(axes).reshape(-1, 3, 3), ways, strict=True):
+        earlier = [driven for driven, _ in found]  # a bone that moved by itself would be a cycle
+        for axis, row in enumerate(B.T @ way):
+            if np.abs(row).max() > _LEAST_M:
+                parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
+                found.append((_Driven(name, axis, row), parts))
+    return found
 
 
 def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:

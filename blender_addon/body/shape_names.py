@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 
 from ..conventions.skeleton import NUM_BETAS
-from .body_file import BodyFile
+from .body_file import BodyFile, once_a_body
 
 _UNNAMED = "detail"
 _LEAST_SHARE = 0.02
@@ -32,6 +32,7 @@ _NAMES = {
 """What a measure's growth is called, and its decline."""
 
 
+@once_a_body
 def shape_names(body: BodyFile) -> tuple[str, ...]:
     """Return what each of the ten shape directions does, in two or three words.
 

@@ -14,7 +14,7 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace, device
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.arrays import Array, constant
@@ -144,22 +144,26 @@ def undistort_normalised(xy: ImagePoints, distortion: Distortion, model: str) ->
 
 def _invert_opencv(xy: Array, distortion: Array, limit: Array) -> Array:
     xp = array_namespace(xy)
-    guess = xp.where(xp.isfinite(xy), xy, xp.zeros_like(xy))
-    target = guess
+    flat = xp.reshape(xy, (xy.shape[0], -1, 2))
+    target = xp.where(xp.isfinite(flat), flat, xp.zeros_like(flat))
+    guess, limit = xp.asarray(target, copy=True), xp.reshape(limit, (-1, 1))
+    active = xp.arange(target.shape[1], device=device(xy))  # columns that some camera is not done with
     for _ in range(NEWTON_STEPS):
-        guess = _pulled_inside(guess, limit)
-        value, (xx, cross, yy) = distort_with_jacobian(guess, distortion, "opencv")
-        error = target - value
+        start = _pulled_inside(guess[:, active], limit)
+        value, (xx, cross, yy) = distort_with_jacobian(start, distortion, "opencv")
+        error = target[:, active] - value
         determinant = xx * yy - cross * cross
-        flat = xp.abs(determinant) < 1e-12
-        determinant = xp.where(flat, xp.ones_like(determinant), determinant)
+        singular = xp.abs(determinant) < 1e-12
+        determinant = xp.where(singular, xp.ones_like(determinant), determinant)
         ex, ey = error[..., 0], error[..., 1]
         step = xp.stack((yy * ex - cross * ey, xx * ey - cross * ex), axis=-1) / determinant[..., None]
-        step = xp.where(flat[..., None], xp.zeros_like(step), step)
-        guess = guess + step
-        if bool(xp.all(xp.abs(step) < 4.0 * xp.finfo(xy.dtype).eps)):
+        step = xp.where(singular[..., None], xp.zeros_like(step), step)
+        guess[:, active] = start + step
+        moving = xp.any(xp.abs(step) >= 4.0 * xp.finfo(xy.dtype).eps, axis=(0, 2))
+        if not bool(xp.any(moving)):
             break
-    return guess
+        active = active[moving]
+    return xp.reshape(guess, tuple(xy.shape))
 
 
 def _pulled_inside(xy: Array, limit: Array) -> Array:

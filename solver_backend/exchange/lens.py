@@ -10,7 +10,7 @@ import numpy as np
 
 DISTORTION_MODELS = {"opencv": 8, "fisheye": 4}
 """Coefficients per model: k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4."""
-_MOST_STEPS, _DIFFERENCE = 20, 1e-6
+_MOST_STEPS = 20
 _EXACT, _ACCEPTED, _SMALL = 1e-11, 1e-7, 1e-4
 """Normalised units; at a focal length of 1000 px, 1e-7 is 0.0001 px."""
 
@@ -55,11 +55,14 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
     known = np.isfinite(xy).all(axis=-1)
     target = np.asarray(xy, np.float64)[known]
     guess = target.copy()
+    active = np.arange(len(target))
     for _ in range(_MOST_STEPS):
-        error = distort(guess, coefficients, model) - target
-        if not len(target) or np.nanmax(np.abs(error), initial=0.0) < _EXACT:
+        error = distort(guess[active], coefficients, model) - target[active]
+        open_ = np.abs(error).max(axis=-1, initial=0.0) >= _EXACT  # False for NaN: beyond the lens's edge
+        active, error = active[open_], error[open_]
+        if not len(active):
             break
-        guess = guess - _solve(_jacobian(guess, coefficients, model), error)
+        guess[active] -= _solve(*_derivative(guess[active], coefficients, model), error)
     off = np.abs(distort(guess, coefficients, model) - target).max(axis=-1, initial=0.0)
     # Beyond the lens's edge the formula folds over, and its other branch lies on the far side of the centre.
     folded = (guess * target).sum(axis=-1) < -_SMALL
@@ -69,18 +72,35 @@ def undistort(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarra
     return result
 
 
-def _jacobian(xy: np.ndarray, coefficients: np.ndarray, model: str) -> np.ndarray:
-    """Return the (..., 2, 2) derivative of ``distort`` by central differences."""
-    steps = _DIFFERENCE * np.eye(2)
-    columns = [distort(xy + d, coefficients, model) - distort(xy - d, coefficients, model) for d in steps]
-    return np.stack(columns, axis=-1) / (2 * _DIFFERENCE)
+def _derivative(xy: np.ndarray, coefficients: np.ndarray, model: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the entries xx, xy and yy of the symmetric derivative of ``distort``, (...) each.
+
+    With ``s(r²)`` the factor of the radius, ``s I + 2 s' (x, y)ᵀ (x, y)``, and the tangential terms' own.
+    """
+    x, y = xy[..., 0], xy[..., 1]
+    u = x * x + y * y
+    if model == "fisheye":
+        r = np.sqrt(np.maximum(u, 1e-12))
+        angle = np.arctan(r)
+        bent = 1 + _polynomial(coefficients[:4], angle**2)
+        scale = angle * bent / r
+        growth = bent + 2 * angle**2 * _slope(coefficients[:4], angle**2)
+        slope = (growth / (1 + r * r) - scale) / (2 * r * r)
+        return scale + 2 * x * x * slope, 2 * x * y * slope, scale + 2 * y * y * slope
+    k1, k2, p1, p2, k3, k4, k5, k6 = coefficients
+    bottom = 1 + _polynomial((k4, k5, k6), u)
+    scale = (1 + _polynomial((k1, k2, k3), u)) / bottom
+    slope = (_slope((k1, k2, k3), u) - scale * _slope((k4, k5, k6), u)) / bottom
+    xx = scale + 2 * x * x * slope + 2 * p1 * y + 6 * p2 * x
+    yy = scale + 2 * y * y * slope + 6 * p1 * y + 2 * p2 * x
+    return xx, 2 * x * y * slope + 2 * (p1 * x + p2 * y), yy
 
 
-def _solve(J: np.ndarray, error: np.ndarray) -> np.ndarray:
-    determinant = J[..., 0, 0] * J[..., 1, 1] - J[..., 0, 1] * J[..., 1, 0]
+def _solve(xx: np.ndarray, cross: np.ndarray, yy: np.ndarray, error: np.ndarray) -> np.ndarray:
+    determinant = xx * yy - cross * cross
     determinant = np.where(np.abs(determinant) < 1e-9, np.nan, determinant)
-    x = J[..., 1, 1] * error[..., 0] - J[..., 0, 1] * error[..., 1]
-    y = J[..., 0, 0] * error[..., 1] - J[..., 1, 0] * error[..., 0]
+    x = yy * error[..., 0] - cross * error[..., 1]
+    y = xx * error[..., 1] - cross * error[..., 0]
     return np.stack([x, y], axis=-1) / determinant[..., None]
 
 
@@ -101,4 +121,12 @@ def _polynomial(coefficients: np.ndarray | tuple[float, ...], x: np.ndarray) -> 
     total = np.zeros_like(x)
     for c in reversed(tuple(coefficients)):
         total = (total + c) * x
+    return total
+
+
+def _slope(coefficients: np.ndarray | tuple[float, ...], x: np.ndarray) -> np.ndarray:
+    """Return ``c1 + 2 c2 x + 3 c3 x² + ...``, the derivative of ``_polynomial``."""
+    total = np.zeros_like(x)
+    for power, c in reversed(tuple(enumerate(coefficients, start=1))):
+        total = total * x + power * c
     return total

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Hashable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,10 @@ _MOST_CELLS = 4_000_000
 _NEIGHBOURS = 3
 """In arrays of more than 8 cameras each is compared with so many around on either side."""
 _EACH = 8
+
+
+PairTable = tuple[np.ndarray, np.ndarray, float]
+"""Gains of a pair of views, what was possible, and how far most frames disagree."""
 
 
 @dataclass(frozen=True)
@@ -65,13 +70,21 @@ class PairGains:
         return gained, possible
 
 
-def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = _SAMPLES) -> PairGains:
+def pair_gains(
+    cameras: Cameras,
+    xy: np.ndarray,
+    most_samples: int = _SAMPLES,
+    names: Sequence[Hashable] = (),
+    known: dict[Hashable, PairTable] | None = None,
+) -> PairGains:
     """Return the gains of all pairs of views, those of neighbours in large arrays.
 
     Args:
         cameras: C cameras.
         xy: (C, F, P, J, 2) normalised points of everybody, NaN where missing.
         most_samples: frames of a view that are compared with all of another.
+        names: one a camera; views of the same name show the same.
+        known: tables of pairs of named views, taken from here and added to it.
     """
     views = people_of_views(xy)
     count, num_frames = len(views), xy.shape[1]
@@ -84,10 +97,14 @@ def pair_gains(cameras: Cameras, xy: np.ndarray, most_samples: int = _SAMPLES) -
     columns = np.arange(0, num_frames, step)
     thinned = [view.rows(columns) for view in views]
     tables, possible, usual = {}, {}, {}
+    found: dict[Hashable, PairTable] = {} if known is None else known
     for i, j in pairs:
-        share = disagreements(cameras, i, j, views[i].rows(rows[i]), thinned[j])
-        tables[i, j], possible[i, j] = _gains(share, rows[i], num_frames, step)
-        usual[i, j] = float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else 0.0
+        key = (names[i], names[j], samples, num_frames) if names else (i, j)
+        if key not in found:
+            share = disagreements(cameras, i, j, views[i].rows(rows[i]), thinned[j])
+            most = float(np.median(share[np.isfinite(share)])) if np.isfinite(share).any() else 0.0
+            found[key] = (*_gains(share, rows[i], num_frames, step), most)
+        tables[i, j], possible[i, j], usual[i, j] = found[key]
     return PairGains(tables, possible, usual, num_frames, step)
 
 

@@ -7,7 +7,7 @@ which it matches is right, if no other comes near.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import product
@@ -17,7 +17,7 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
 from solver_backend.people.camera_starts import largest_gain
 from solver_backend.people.detections import Detections
-from solver_backend.people.pair_gains import PairGains, pair_gains
+from solver_backend.people.pair_gains import PairGains, PairTable, pair_gains
 from solver_backend.people.resampled import nearest_rows
 from solver_backend.people.sightings import sightings
 from solver_backend.types import Cameras
@@ -138,7 +138,7 @@ def _differ(one: Sequence[ViewReading], other: Sequence[ViewReading]) -> bool:
 
 
 class _Tried:
-    """Gains of views under different readings, on few frames."""
+    """Gains of views under different readings, on few frames; what two readings share is computed once."""
 
     def __init__(self, cameras: Cameras, detections: Detections, seeing: list[int]) -> None:
         self._cameras, self._seeing = cameras, seeing
@@ -147,6 +147,8 @@ class _Tried:
         self._thin = replace(
             detections, xy=detections.xy[:, ::step], confidence=detections.confidence[:, ::step], hands=None
         )
+        self._points: dict[tuple[int, float, int, float], np.ndarray] = {}
+        self._pairs: dict[Hashable, PairTable] = {}
 
     def groups(self, readings: Sequence[ViewReading], share: float | None = None) -> list[list[int]]:
         """Return the cameras that match with each other, or show too little to tell, the largest group first.
@@ -171,7 +173,7 @@ class _Tried:
     def strength(self, readings: Sequence[ViewReading], base: Sequence[int], group: Sequence[int]) -> float:
         """Return how many frames match between the first camera of a group and the base."""
         chosen = [*base, group[0]]
-        return self._strength(self._gains(readings, chosen, of_last=True), len(chosen), of_last=True)
+        return self._strength(self._gains(readings, chosen), len(chosen), of_last=True)
 
     def strength_of_all(self, readings: Sequence[ViewReading]) -> float:
         """Return how many frames match for each of the cameras."""
@@ -182,11 +184,20 @@ class _Tried:
         strengths = [_strength(float(g), float(p)) for g, p in zip(gained, possible, strict=True)]
         return strengths[-1] if of_last else float(np.median(strengths))
 
-    def _gains(self, readings: Sequence[ViewReading], chosen: Sequence[int], of_last: bool = False) -> PairGains:
+    def _gains(self, readings: Sequence[ViewReading], chosen: Sequence[int]) -> PairGains:
         cameras = corrected(self._cameras.subset(list(chosen)), [readings[c].correction for c in chosen])
-        part = nearest_rows(self._thin, list(chosen), [readings[c].rate for c in chosen])
-        seen = sightings(cameras, part)
-        return pair_gains(seen.cameras, seen.xy, _SAMPLES)
+        seen = [self._seen(cameras.subset([k]), c, readings[c]) for k, c in enumerate(chosen)]
+        xy = np.full((len(chosen), max(map(len, seen)), *seen[0].shape[1:]), np.nan)
+        for k, points in enumerate(seen):
+            xy[k, : len(points)] = points
+        return pair_gains(cameras, xy, _SAMPLES, [(c, readings[c]) for c in chosen], self._pairs)
+
+    def _seen(self, camera: Cameras, c: int, reading: ViewReading) -> np.ndarray:
+        """Return (F, P, J, 2) normalised points of a camera so read; how it stands does not move them."""
+        key = (c, reading.correction.factor, reading.correction.turn, reading.rate)
+        if key not in self._points:
+            self._points[key] = sightings(camera, nearest_rows(self._thin, [c], [reading.rate])).xy[0]
+        return self._points[key]
 
 
 def _strength(gained: float, possible: float) -> float:

@@ -17,8 +17,8 @@ _STEP_PX = 14
 _NEAR_PX = 20
 _SCROLL_WAITS = 12
 """Tenths of a second after which the wheel has moved nothing."""
-_ONE_ROW_PX = 280
-"""From this width on the stages stand in one row."""
+_ROW_PX = 20
+"""Height of a button; the stages stand in two rows where the sidebar is narrow."""
 _MARGIN_PX = 12
 """From the sidebar's edge to where no list or field takes the wheel for itself."""
 _LAG = 8
@@ -69,15 +69,16 @@ class User(Hands):
         if mocap.stage == stage:
             return
         names = [item.identifier for item in mocap.bl_rna.properties["stage"].enum_items]
-        across = (names.index(stage) + 0.5) / len(names)
-        x, y = yield from self._found("mocap.stage", across)
-        yield from self.click(x, y)
-        yield 0.3
-        if self.region("UI").width < _ONE_ROW_PX:
-            mocap.stage = stage  # there the buttons stand in two rows
-            self.viewport.tag_redraw()
+        region, index, clicks = self.region("UI"), names.index(stage), self.clicks
+        _, y = yield from self._found("mocap.stage")
+        for columns, below in ((len(names), 0), *((2, px) for px in (0, _ROW_PX, -_ROW_PX))):
+            x = int(region.x + (index % columns + 0.5) / columns * (region.width - 24))
+            yield from self.click(x, y - below)
             yield 0.3
-        assert mocap.stage == stage, f"the click opened {mocap.stage}"
+            if bpy.context.scene.mocap.stage == stage:
+                break
+        self.clicks = clicks + 1  # the others look for where the button is
+        assert bpy.context.scene.mocap.stage == stage, f"the click opened {bpy.context.scene.mocap.stage}"
         self.note(f"opened the stage {stage}")
 
     def find(self, words: str, across: float = 0.5) -> Generator[float | None, None, tuple[int, int]]:

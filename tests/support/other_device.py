@@ -5,13 +5,12 @@ Values lie on the CPU, so a whole solve can be checked for arrays that were made
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import torch
 from torch.overrides import TorchFunctionMode
-from torch.utils._pytree import tree_map
 
 _MAY_MIX = ("aten::copy_", "aten::index", "aten::index_put_", "aten::index_put", "aten::_index_put_impl_")
 """Operations that take indices or values of the CPU beside tensors of a device."""
@@ -72,7 +71,7 @@ def another_device() -> Iterator[None]:
 
 def _run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
     flat: list[torch.Tensor] = []
-    tree_map(lambda x: flat.append(x) if isinstance(x, torch.Tensor) else None, (args, kwargs))
+    _mapped(lambda x: flat.append(x) if isinstance(x, torch.Tensor) else None, (*args, *kwargs.values()))
     there = [x for x in flat if isinstance(x, Elsewhere)]
     here = [x for x in flat if not isinstance(x, Elsewhere) and x.ndim > 0]
     name = func.name().split(".")[0] if hasattr(func, "name") else func.__name__
@@ -80,10 +79,24 @@ def _run(func: Any, args: Any, kwargs: dict[str, Any]) -> Any:
         raise RuntimeError(f"{name} met tensors of two devices: {[tuple(x.shape) for x in flat]}")
     leaves = name == "aten::_to_copy" and str(kwargs.get("device", DEVICE)) == "cpu"
     stays = isinstance(args[0], Elsewhere) if name == "aten::copy_" else not leaves
-    kwargs = {key: value for key, value in kwargs.items() if key != "device"}
-    out = func(*tree_map(_inner, args), **tree_map(_inner, kwargs))
+    kwargs = {key: _mapped(_inner, value) for key, value in kwargs.items() if key != "device"}
+    out = func(*_mapped(_inner, args), **kwargs)
     kept = {id(x.held): x for x in there}
-    return tree_map(lambda x: kept.get(id(x), Elsewhere(x) if stays else x) if isinstance(x, torch.Tensor) else x, out)
+    return _mapped(lambda x: _outer(x, kept, stays) if isinstance(x, torch.Tensor) else x, out)
+
+
+def _mapped(change: Callable[[Any], Any], value: Any) -> Any:
+    """Return a value with everything in its lists and tuples changed; torch's ``tree_map`` takes half of a solve."""
+    if isinstance(value, list | tuple):
+        parts = [_mapped(change, part) for part in value]
+        return parts if isinstance(value, list) else tuple(parts)
+    return change(value)
+
+
+def _outer(made: torch.Tensor, kept: dict[int, Elsewhere], stays: bool) -> torch.Tensor:
+    if id(made) in kept:
+        return kept[id(made)]
+    return Elsewhere(made) if stays else made
 
 
 def _pick(func: Any, tensor: torch.Tensor, index: Any, *value: Any) -> Any:

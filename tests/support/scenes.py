@@ -93,12 +93,12 @@ def small_motion(frames: int = 6, optional: bool = True, seed: int = 0) -> Motio
 
 
 _STANDING = {
-    "nose": (0.0, 0.10, 1.62), "left_eye": (0.03, 0.08, 1.66), "right_eye": (-0.03, 0.08, 1.66),
-    "left_ear": (0.07, 0.0, 1.64), "right_ear": (-0.07, 0.0, 1.64), "left_shoulder": (0.19, 0.0, 1.45),
-    "right_shoulder": (-0.19, 0.0, 1.45), "left_elbow": (0.27, 0.02, 1.17), "right_elbow": (-0.27, 0.02, 1.17),
-    "left_wrist": (0.30, 0.10, 0.93), "right_wrist": (-0.30, 0.10, 0.93), "left_hip": (0.10, 0.0, 0.95),
-    "right_hip": (-0.10, 0.0, 0.95), "left_knee": (0.11, 0.03, 0.52), "right_knee": (-0.11, 0.03, 0.52),
-    "left_ankle": (0.11, 0.0, 0.09), "right_ankle": (-0.11, 0.0, 0.09),
+    "nose": (0.0, 0.10, 1.62), "left_eye": (-0.03, 0.08, 1.66), "right_eye": (0.03, 0.08, 1.66),
+    "left_ear": (-0.07, 0.0, 1.64), "right_ear": (0.07, 0.0, 1.64), "left_shoulder": (-0.19, 0.0, 1.45),
+    "right_shoulder": (0.19, 0.0, 1.45), "left_elbow": (-0.27, 0.02, 1.17), "right_elbow": (0.27, 0.02, 1.17),
+    "left_wrist": (-0.30, 0.10, 0.93), "right_wrist": (0.30, 0.10, 0.93), "left_hip": (-0.10, 0.0, 0.95),
+    "right_hip": (0.10, 0.0, 0.95), "left_knee": (-0.11, 0.03, 0.52), "right_knee": (0.11, 0.03, 0.52),
+    "left_ankle": (-0.11, 0.0, 0.09), "right_ankle": (0.11, 0.0, 0.09),
 }  # fmt: skip
 _BETWEEN = {
     "neck": ("left_shoulder", "right_shoulder"), "mid_hip": ("left_hip", "right_hip"),

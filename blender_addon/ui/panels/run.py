@@ -9,7 +9,7 @@ from ..operators.review import MOCAP_OT_next_bad_range
 from ..operators.solver_operator import MOCAP_OT_cancel, current
 from ..project_files import following
 from ..properties import STAGES, MocapSettings
-from ..settings_layout import is_narrow
+from ..settings_layout import is_narrow, is_slim
 from ..translation import CONTEXT
 from .frame_rate import draw_rate
 from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_next, draw_solve, fits, wrapped
@@ -104,7 +104,7 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     warnings = len(str(take.get(WARNINGS, "")).splitlines()) if take is not None else 0
     for count, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
         if count:
-            row = column.row(align=True)
+            row = column.column(align=True) if is_slim(context) else column.row(align=True)
             row.alert = True
             row.label(text=counted(count, word), icon="ERROR", translate=False)
             if settings.stage != stage:

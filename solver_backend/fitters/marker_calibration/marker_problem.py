@@ -18,6 +18,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
 from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
+from solver_backend.fitters.marker_calibration.exchanged_sides import check_sides
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
@@ -72,6 +73,7 @@ def marker_problem(
     subject = subject_of(person, body, like)
 
     check_handedness(worn.positions, subject.landmarks)
+    check_sides(worn.positions, subject.landmarks)
 
     def ready(markers: MarkerCloud) -> Problem:
         measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
@@ -181,6 +183,7 @@ def calibrated(
     own = {**names.known, **own}
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
+    check_sides(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names
     exchanged = exchanged_labels(problem, like)
     if exchanged:
