@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import gc
 import os
 
 # Small matrices gain nothing from BLAS threads and suites run side by side; set before NumPy loads its BLAS.
@@ -44,19 +43,6 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: takes more than a few seconds")
     config.addinivalue_line("markers", "shared: needs the recordings kept beside the repository")
     config.addinivalue_line("markers", "misshapen: passes what the annotations forbid, to see the library refuse it")
-
-
-@pytest.hookimpl(trylast=True)
-def pytest_collection_finish() -> None:
-    """Leave half a million objects of the collection out of what Python looks through for garbage at every round."""
-    gc.collect()
-    gc.freeze()
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_unconfigure() -> None:
-    """Let the interpreter, and Blender in it, end as without that."""
-    gc.unfreeze()
 
 
 @pytest.fixture(autouse=True)
