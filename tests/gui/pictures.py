@@ -38,6 +38,7 @@ def cameras(user: Any) -> Any:
     yield _SETTLED_S
     yield from user.shot("cameras")
     yield from user.press("mocap.leave_camera()")
+    yield from user.open_stage("SOLVE")
     yield from user.press("mocap.solve()")
     run = extension("ui.operators.solver_operator").current
     yield from user.until(lambda: run.run is None or run.run.share > 0.1, "it is on its way", 120)
