@@ -1,4 +1,4 @@
-"""What a prop's motion is judged by: its markers, and a motion whose acceleration is noise."""
+"""The cost of a prop's motion: its markers, and a motion whose acceleration is noise."""
 
 from __future__ import annotations
 

@@ -50,7 +50,7 @@ class TrainingSettings:
     part: str = ""
     """Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty."""
     device: str = "cpu"
-    """``cpu`` or ``cuda``; every draw but dropout's is made on the CPU, alike for both."""
+    """``cpu`` or ``cuda``; draws are made on the CPU, alike for both, but dropout's and the view lifter's windows."""
     workers: int = 0
     """Processes that draw batches ahead of the network; none: it waits for each. Their number changes no batch."""
 
@@ -64,7 +64,7 @@ class Task(Protocol):
         ...
 
     def draw(self, generator: torch.Generator) -> Any:
-        """Return a fresh batch, on the CPU; processes that draw ahead call it too."""
+        """Return a fresh batch; processes that draw ahead call it too, where it is drawn on the CPU."""
         ...
 
     def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
