@@ -24,8 +24,8 @@ _INPUTS = 3 * NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)
-class VaeLayers:
-    """What the autoencoders' layers differ by."""
+class VaeForm:
+    """What the autoencoders differ by besides their codes."""
 
     first_norm: bool = False
     """Batch normalisation before the encoder's first layer."""
@@ -34,15 +34,17 @@ class VaeLayers:
     decoder_dropout: bool = False
     last_activation: bool = False
     """An activation after the decoder's last layer."""
+    charbonnier: bool = False
+    """The divergence counts by its Charbonnier penalty (thesis eq. 4.17)."""
 
 
-LAYERS: dict[Kind, VaeLayers] = {
-    "vposer": VaeLayers(first_norm=True, second_norm=True, decoder_dropout=True),
-    "vposer_worded": VaeLayers(first_norm=True, decoder_dropout=True, last_activation=True),
-    "rvposer": VaeLayers(),
-    "rvposer_second_norm": VaeLayers(second_norm=True),
-    "svae": VaeLayers(),
-    "lie_vae": VaeLayers(),
+FORMS: dict[Kind, VaeForm] = {
+    "vposer": VaeForm(first_norm=True, second_norm=True, decoder_dropout=True),
+    "vposer_worded": VaeForm(first_norm=True, decoder_dropout=True, last_activation=True),
+    "rvposer": VaeForm(charbonnier=True),
+    "rvposer_second_norm": VaeForm(second_norm=True, charbonnier=True),
+    "svae": VaeForm(),
+    "lie_vae": VaeForm(),
 }
 """VPoser as its public code has it and as the thesis describes it (4.2.4); RVPoser without any normalisation, and with
 the second one, of which the thesis does not speak."""
@@ -64,18 +66,18 @@ class VariationalAutoencoder(nn.Module):
 
     def __init__(self, kind: Kind) -> None:
         super().__init__()
-        layers = LAYERS[kind]
+        form = FORMS[kind]
         self.latent = LATENTS[kind]()
-        self.norm = nn.BatchNorm1d(_INPUTS) if layers.first_norm else nn.Identity()
-        self.second_norm = nn.BatchNorm1d(HIDDEN) if layers.second_norm else nn.Identity()
+        self.norm = nn.BatchNorm1d(_INPUTS) if form.first_norm else nn.Identity()
+        self.second_norm = nn.BatchNorm1d(HIDDEN) if form.second_norm else nn.Identity()
         self.encoder = nn.Sequential(
             nn.Linear(_INPUTS, HIDDEN), nn.LeakyReLU(), self.second_norm, nn.Dropout(_DROPOUT),
             nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(), nn.Linear(HIDDEN, self.latent.outputs),
         )  # fmt: skip
         self.decoder = nn.Sequential(
             nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(),
-            nn.Dropout(_DROPOUT if layers.decoder_dropout else 0.0), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
-            nn.Linear(HIDDEN, 126), nn.LeakyReLU() if layers.last_activation else nn.Identity(),
+            nn.Dropout(_DROPOUT if form.decoder_dropout else 0.0), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
+            nn.Linear(HIDDEN, 126), nn.LeakyReLU() if form.last_activation else nn.Identity(),
         )  # fmt: skip
 
     def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
@@ -110,7 +112,7 @@ class VaeTask:
         self.model.train()
         z, nats = self.model.latent.draw(self.model.posterior(truth), generator)
         decoded = self.model.decode(z)
-        penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if s.kind.startswith("rvposer") else nats
+        penalty = torch.sqrt(1.0 + nats.square()) - 1.0 if FORMS[s.kind].charbonnier else nats
         evenly = torch.ones(len(truth), device=truth.device)
         return pose_loss(truth, decoded, evenly, s.orthogonality) + s.divergence * penalty.mean()
 

@@ -20,8 +20,8 @@ from solver_backend.training.engine.publish import Figures, publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.vae.latents import Kind
 from solver_backend.training.vae.network import (
+    FORMS,
     HIDDEN,
-    LAYERS,
     VaeSettings,
     VaeTask,
     VariationalAutoencoder,
@@ -61,7 +61,7 @@ def train_vae(kind: Kind, job: TrainingJob) -> Finished:
         "encoder_hidden": (HIDDEN, HIDDEN),
         "decoder_hidden": (HIDDEN, HIDDEN),
         "activation": "leaky_relu",
-        "activate_last": LAYERS[kind].last_activation,
+        "activate_last": FORMS[kind].last_activation,
     }
     asked = asdict(settings) | asdict(job.settings)
 
