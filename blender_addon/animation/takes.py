@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import bpy
 
+from .._exchange.diagnostics import Diagnostic, read_diagnostics, warnings_in
 from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
@@ -79,6 +82,25 @@ def person_of(provenance: str) -> str:
     except (ValueError, KeyError, TypeError, RecursionError):
         return ""
     return whom if isinstance(whom, str) else ""
+
+
+def found_in(provenance: str) -> list[dict[str, Any]]:
+    """Return what was found while a motion was solved, by its provenance, JSON text; plain JSON values."""
+    try:
+        record = json.loads(provenance)
+        values = [*(record.get("findings") or ()), *(record.get("diagnostics") or ())]
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return []
+    return [item.as_dict() for item in read_diagnostics(values)]
+
+
+def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
+    """Return the warnings that a take keeps; of takes of earlier versions their sentences alone are known."""
+    try:
+        found = json.loads(action[DIAGNOSTICS])
+    except (KeyError, TypeError, ValueError, RecursionError):
+        found = str(action.get(WARNINGS, "")).splitlines()
+    return warnings_in(read_diagnostics(found))
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:

@@ -10,8 +10,10 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
+from .._exchange.diagnostics import Diagnostic
 from ..animation.curves import current_action
 from ..animation.retiming import is_take, laid_rate, same_rate
+from ..animation.takes import warnings_of_take
 from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
 from ..scene.alone import alone
@@ -50,6 +52,8 @@ class ExportTake:
     """How the skeleton is laid out in the file."""
     clip: str = ""
     """Name of the animation in files that name one, "" for the scene's."""
+    warnings: tuple[Diagnostic, ...] = ()
+    """Warnings of its solve, which whoever exports it repeats."""
 
     @property
     def metres_a_unit(self) -> float:
@@ -117,7 +121,10 @@ def take_of(
     clip = "" if action is None else action.name
     step = 1.0 if same_rate(laid, fps) else laid / fps
     count = 1 + math.floor((frames[1] - frames[0]) / step + _SLACK)
-    return ExportTake(armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step, clip=clip)
+    found = () if action is None else tuple(warnings_of_take(action))
+    return ExportTake(
+        armature.name, scene, armature, tuple(meshes), frames[0], count, fps, step, clip=clip, warnings=found
+    )
 
 
 @contextmanager

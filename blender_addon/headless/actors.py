@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from .._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from .._exchange.motion_file import read_motion
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
@@ -40,7 +41,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
     from ..retarget.clips import play_action
 
     if path.suffix.lower() in (".npz", ""):
-        return ReadActor(_of_motion(path, body))
+        return _of_motion(path, body)
     scene, rig = _opened(path, armature)
     if action:
         play_action(rig, action)
@@ -56,7 +57,8 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
     from ..retarget.clips import clips_of, play_action
 
     if path.suffix.lower() == ".npz":
-        yield ReadActor(replace(_of_motion(path, body), name=path.stem))
+        read = _of_motion(path, body)
+        yield replace(read, actor=replace(read.actor, name=path.stem))
         return
     scene, rig = _opened(path, armature)
     names = [action.name for action in clips_of(rig)]
@@ -69,13 +71,15 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
         yield _of_rig(rig, scene)  # which names what is missing
 
 
-def _of_motion(path: Path, body: Path | None) -> Actor:
+def _of_motion(path: Path, body: Path | None) -> ReadActor:
+    from ..animation.takes import found_in
     from ..retarget.motion.figures import actor_of_motion
 
     motion = read_motion(path)
     chosen = read_body(body or body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, chosen)
-    return actor_of_motion(motion, chosen)
+    found = warnings_in(read_diagnostics(found_in(motion.provenance)))
+    return ReadActor(actor_of_motion(motion, chosen), tuple(sentence(item, motion.fps) for item in found))
 
 
 def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
@@ -87,12 +91,16 @@ def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Objec
 
 
 def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
+    from ..animation.curves import current_action
+    from ..animation.takes import warnings_of_take
     from ..retarget.actor_rig import is_actor, read_actor
     from ..retarget.recognition import map_rig
     from ..retarget.rig_actor import read_rig_actor
     from ..retarget.user_presets import user_presets_folder
 
     if is_actor(rig):
-        return ReadActor(read_actor(rig, scene)[0])
+        action = current_action(rig)
+        found = () if action is None else warnings_of_take(action)
+        return ReadActor(read_actor(rig, scene)[0], tuple(sentence(item) for item in found))
     actor, _, notes = read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
     return ReadActor(actor, notes)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .._exchange.diagnostics import sentence
 from .._exchange.errors import FileDamaged, FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
@@ -41,7 +42,7 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     """Write one file a format, named as the take is.
 
     Returns:
-        The ``result`` event: outputs, frames and frames per second.
+        The ``result`` event: outputs, frames, frames per second, and the warnings of the take's solve.
 
     Raises:
         MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
@@ -60,7 +61,11 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     for name, path in paths.items():
         export_take(take, name, path, overwrite=request.overwrite, progress=progress)
     outputs = [str(path) for path in paths.values()]
-    return {"event": "result", "outputs": outputs, "frames": take.num_frames, "fps": take.fps, "notes": []}
+    return {
+        "event": "result", "outputs": outputs, "frames": take.num_frames, "fps": take.fps,
+        "notes": [sentence(item, take.fps) for item in take.warnings],
+        "diagnostics": [item.as_dict() for item in take.warnings],
+    }  # fmt: skip
 
 
 def _check_free(request: ExportRequest, paths: list[Path]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
 
 import bpy
@@ -9,7 +10,7 @@ import bpy
 from .._exchange.capture_file import CaptureFile
 from .._exchange.motion_file import MotionFile
 from ..animation.action import bake_action
-from ..animation.takes import BETAS, mark_as_asset
+from ..animation.takes import BETAS, DIAGNOSTICS, found_in, mark_as_asset
 from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
 from ..body.posed_body import with_own_hands
@@ -104,6 +105,7 @@ def bake_take(
         motion.name, motion, rig.armature, rest[0], timing, settings.keys_per_second, settings.tolerance_mm
     )
     action[BETAS] = motion.betas.tolist()
+    action[DIAGNOSTICS] = json.dumps(found_in(motion.provenance))
     notes += [action["keys_deviation"]] if "keys_deviation" in action else []
     if settings.asset:
         mark_as_asset(action)

@@ -5,23 +5,30 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from functools import cache
+from itertools import product
 
+from solver_backend.body.label_affixes import Affixes, bare_label, prefixes, suffixes
 from solver_backend.body.marker_layouts import label_key
 
 JOINT, KEYPOINT = "=", "~"
 """A place that begins so is the joint of the body named after it, or what detectors mean by the keypoint named so."""
 LEAST_SHARE = 0.85
 """Of the labels that a vocabulary must know: marker sets share some words with skeletons (knee, heel, forearm)."""
+_FINGER = re.compile(
+    r"(in)?(hand)?(thumb|index|middle|ring|pinky|little|forefinger|finger)(finger|proximal|distal)?\w{0,4}"
+)
+"""Bones of fingers, by the ways they are numbered: LeftHandIndex1, LeftInHandRing, L Finger01."""
 _WORDS: dict[str, dict[str, str]] = {
     "bones": {
         "hips hip": "=pelvis", "pelvis": "=pelvis", "root": "=pelvis", "neck": "=neck", "head": "=head",
-        "headend headtop headnub": "~head_top",
+        "headend headtop headtopend headnub": "~head_top",
         "spine spine1 spine2 spine3 spine4 spinelow spinemid spinetop lowerback chest chest1 chest2 chest3 chest4 body "
-        "upperback thorax neck1 abdomen": "",
+        "upperback thorax neck1 abdomen torso trunk l5 l3 t12 t8": "",
     },
     "joints": {
         "nose": "~nose", "neck": "~neck", "head headtop topofhead": "~head_top",
-        "midhip chip hipcenter hipcentre pelvis hips root": "~mid_hip",
+        "midhip chip hip hipcenter hipcentre pelvis hips root spinebase": "~mid_hip",
+        "spinemid spineshoulder spinenaval spinechest": "",
         "thorax spine spine1 spine2 spine3 chest mouth belly uppernecks upperneck jaw body": "",
     },
 }  # fmt: skip
@@ -29,8 +36,9 @@ _WORDS: dict[str, dict[str, str]] = {
 _SIDED: dict[str, dict[str, str]] = {
     "bones": {
         "upleg upperleg thigh femur hip": "=hip", "leg lowerleg lowleg shin shank calf tibia": "=knee",
-        "foot ankle": "=ankle", "toe toes toebase ball": "=foot", "toeend toesend toetip toenub": "~big_toe",
-        "heel": "~heel", "arm uparm upperarm humerus shldr": "=shoulder", "forearm lowerarm lowarm radius": "=elbow",
+        "foot ankle": "=ankle", "toe toe0 toes toebase ball": "=foot", "toeend toesend toetip toenub": "~big_toe",
+        "heel": "~heel", "arm uarm uparm upperarm humerus shldr": "=shoulder",
+        "forearm larm lowerarm lowarm radius": "=elbow",
         "hand": "=wrist", "finger fingers fingerbase": "=hand",
         "shoulder collar clavicle fingerend fingersend handend thumb thumbend wrist": "",
     },
@@ -38,7 +46,7 @@ _SIDED: dict[str, dict[str, str]] = {
         "hip": "~hip", "knee": "~knee", "ankle": "~ankle", "shoulder": "~shoulder", "elbow": "~elbow",
         "wrist": "~wrist", "bigtoe footindex toe": "~big_toe", "smalltoe littletoe": "~small_toe", "heel": "~heel",
         "eye": "~eye", "ear": "~ear", "index": "~index", "pinky": "~pinky", "thumb": "~thumb",
-        "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand": "",
+        "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand handtip": "",
     },
 }  # fmt: skip
 """The same of sided words: a bone is named by where it begins."""
@@ -59,8 +67,9 @@ def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
     A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. An empty answer says that the labels
     are not a skeleton's: fewer than ``LEAST_SHARE`` are words of one vocabulary, or no limb is there on both sides.
     """
-    for vocabulary in _WORDS:
-        found = {label: _place(label, vocabulary) for label in labels}
+    bare = tuple(map(bare_label, labels))
+    for vocabulary, affixes in product(_WORDS, (Affixes(), *prefixes(bare), *suffixes(bare))):
+        found = {label: _place(affixes.bare(label), vocabulary) for label in labels}
         places = {label: place for label, place in found.items() if place is not None}
         if len(places) >= LEAST_SHARE * len(labels) and _is_skeleton(set(places.values()), vocabulary):
             return _without_repeats(_as_joints(places) if vocabulary == "joints" else places)
@@ -82,6 +91,8 @@ def _place(label: str, vocabulary: str) -> str | None:
             if part != key and part in sided:
                 place = sided[part]
                 return place and f"{place[0]}{'left' if side[0] == 'l' else 'right'}_{place[1:]}"
+            if part != key and _FINGER.fullmatch(part):
+                return ""
     return None
 
 
@@ -104,11 +115,18 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:
-    """Return places of a vocabulary of joints, which are a detector's where it has points that no skeleton has."""
+    """Return places of a vocabulary of joints, which are a detector's where it has points that no skeleton has.
+
+    Where there is no ankle a leg ends in its foot, which is the ankle then (Human3.6M).
+    """
     if {re.sub("left_|right_", "", place) for place in places.values()} & _FACE:
         return places
 
+    ankles = any(place.endswith("_ankle") for place in places.values())
+
     def joint(place: str) -> str:
+        if not ankles and place.endswith("_foot"):
+            return place.replace("_foot", "_ankle")
         for keypoint, name in _OTHERWISE.items():
             place = place.replace(keypoint, name)
         return place if place.endswith("heel") else place.replace(KEYPOINT, JOINT)

@@ -1,4 +1,4 @@
-"""What all labels of a recording together say: a shared prefix, sides glued to the end, the system they are of."""
+"""What all labels of a recording together say: shared affixes, sides glued to the end, the system they are of."""
 
 from __future__ import annotations
 
@@ -7,12 +7,9 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import product
 
+from solver_backend.body.label_affixes import Affixes, bare_label, prefixes, suffixes
 from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key
 
-SHARED = 0.8
-"""Share of labels that a prefix without a separator begins, at least: some points are a stick's or a box's."""
-LONGEST_PREFIX = 30
-"""Characters of such a prefix, at most."""
 _ENGLISH, _FRENCH = (("L", "L"), ("R", "R")), (("G", "L"), ("D", "R"))
 _AXES = ("OALP", "OXYZ", "OAPL")
 
@@ -22,8 +19,8 @@ class LabelContext:
     """How the labels of one recording are to be read."""
 
     file: LayoutFile
-    prefix: str
-    """What begins nearly all of them and is no part of their names."""
+    affixes: Affixes
+    """What nearly all of them begin and end with."""
     letters: tuple[tuple[str, str], ...]
     """Side by the letter that stands for it."""
     glued: dict[str, tuple[str, str]]
@@ -34,7 +31,7 @@ class LabelContext:
 
     def places_of(self, label: str) -> tuple[str, ...]:
         """Return the places that a label names; several where it may be either, none where it names none."""
-        bare = self._bare(label)
+        bare = self.affixes.bare(label)
         for key in keys_of(bare):
             found = next((family.names[key] for family in self.families if key in family.names), None)
             if found or (found := self.file.names.get(key)):
@@ -47,23 +44,15 @@ class LabelContext:
 
     def is_exact(self, label: str) -> bool:
         """Return whether a label is one of the names that the layouts list."""
-        return any(key in self.file.names for key in keys_of(self._bare(label)))
+        return any(key in self.file.names for key in keys_of(self.affixes.bare(label)))
 
     def is_virtual(self, label: str) -> bool:
         """Return whether a label is that of a computed point."""
-        bare = self._bare(label)
+        bare = self.affixes.bare(label)
         keys = set(keys_of(bare))
         if any(keys & family.virtual for family in self.families):
             return True
         return not self.places_of(label) and (label_key(bare) in self.computed or self.file.is_virtual(bare))
-
-    def _bare(self, label: str) -> str:
-        return bare_label(label).removeprefix(self.prefix)
-
-
-def bare_label(label: str) -> str:
-    """Return a label without its subject."""
-    return label.rpartition(":")[2].strip()
 
 
 def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelContext:
@@ -72,25 +61,25 @@ def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelCont
     Args:
         labels: of the points that somebody named.
         file: of the layouts.
-        least: labels that a prefix must make known before it is taken for one.
+        least: labels that a prefix or suffix must make known before it is taken for one.
     """
     bare = tuple(dict.fromkeys(map(bare_label, labels)))
-    plain = _context(bare, file, "")
-    known = _count(plain, bare)
-    best, most = plain, max(2 * known, known + least - 1, least - 1)
-    for prefix in _prefixes(bare):
-        context = _context(bare, file, prefix)
+    best = _context(bare, file, Affixes())
+    known = _count(best, bare)
+    most = max(2 * known, known + least - 1, least - 1)
+    for affixes in (*prefixes(bare), *suffixes(bare)):
+        context = _context(bare, file, affixes)
         if (count := _count(context, bare)) > most:
             best, most = context, count
     return best
 
 
-def _context(bare: Sequence[str], file: LayoutFile, prefix: str) -> LabelContext:
-    names = [label.removeprefix(prefix) for label in bare]
+def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelContext:
+    names = [affixes.bare(label) for label in bare]
     keys = frozenset(key for name in names for key in keys_of(name))
     letters = _ENGLISH if _sided(file, names, _ENGLISH) >= _sided(file, names, _FRENCH) else _FRENCH
     families = tuple(family for family in file.families.values() if family.fits(keys))
-    return LabelContext(file, prefix, letters, _glued(names, letters), families, _axes_of(keys))
+    return LabelContext(file, affixes, letters, _glued(names, letters), families, _axes_of(keys))
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: tuple[tuple[str, str], ...]) -> int:
@@ -102,13 +91,6 @@ def _sided(file: LayoutFile, names: Iterable[str], letters: tuple[tuple[str, str
 def _count(context: LabelContext, labels: Iterable[str]) -> int:
     found = [context.places_of(label) for label in labels]
     return len({places[0] for places in found if len(places) == 1})
-
-
-def _prefixes(bare: Sequence[str]) -> list[str]:
-    """Return what may be a prefix that nearly all labels share, the shortest first."""
-    counts = Counter(label[:length] for label in bare for length in range(1, min(len(label) - 1, LONGEST_PREFIX) + 1))
-    least = max(2.0, SHARED * len(bare))
-    return sorted((prefix for prefix, count in counts.items() if count >= least), key=len)
 
 
 def _glued(names: Sequence[str], letters: tuple[tuple[str, str], ...]) -> dict[str, tuple[str, str]]:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from solver_backend.body.joint_names import joint_centre_places
+from solver_backend.body.label_affixes import Affixes
 from solver_backend.body.label_context import context_of
 from solver_backend.body.marker_layouts import load_layouts
 
@@ -36,8 +37,8 @@ class MarkerNames:
     """Labels of places that another label has taken."""
     ambiguous: dict[str, tuple[str, ...]] = field(default_factory=dict)
     """Places that a label may name, of labels that may name several; they are among the unknown."""
-    prefix: str = ""
-    """What begins nearly all labels and is no part of their names."""
+    affixes: Affixes = field(default_factory=Affixes)
+    """What nearly all labels begin and end with, which is no part of their names."""
 
 
 def is_unnamed(label: str) -> bool:
@@ -77,5 +78,5 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
         virtual=tuple(label for label in places if virtual[label]),
         doubled=tuple(label for label, place in places.items() if place is not None and label not in known),
         ambiguous={label: found for label, found in meant.items() if len(found) > 1},
-        prefix=context.prefix,
+        affixes=context.affixes,
     )

@@ -92,7 +92,8 @@ def _tiles(capture: Capture, views: _Views | None, warnings: int) -> list[Tile]:
         found.append(Tile("Off the common points", number(middle), "px", "median of all detections"))
     located = located_share(capture)
     if located is not None:
-        found.append(Tile("Seen by two or more", number(100 * float(located.mean()), 0), "%", "of the keypoints"))
+        seen = "Seen by the camera" if capture.is_one_view else "Seen by two or more"
+        found.append(Tile(seen, number(100 * float(located.mean()), 0), "%", "of the keypoints"))
     if capture.markers is not None:
         known = np.isfinite(capture.markers.positions).all(-1)
         found.append(Tile("Markers seen", number(100 * float(known.mean()), 0), "%", "of all markers and frames"))

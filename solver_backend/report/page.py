@@ -17,6 +17,7 @@ from solver_backend.report import markers, sections
 from solver_backend.report.calibration import CameraFits, calibration_section
 from solver_backend.report.diagnose import diagnose
 from solver_backend.report.markup import Tile, number, text, tiles
+from solver_backend.report.one_view import one_view_section
 from solver_backend.report.props import props_section
 from solver_backend.report.rest_pose import rest_pose_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
@@ -59,6 +60,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
     found = diagnose(capture, motion, residuals)
     body = [
         sections.diagnostics_section(found, motion.fps),
+        one_view_section(capture, motion),
         sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
         sections.residual_section(motion, residuals),
         markers.residual_over_time(motion, shades, sections.shades_key(motion)),
@@ -140,7 +142,8 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     located = located_share(capture)
     if located is not None:
         share = 100 * float(located.mean())
-        found.append(Tile("Seen by two or more", number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
+        seen = "Seen by the camera" if capture.is_one_view else "Seen by two or more"
+        found.append(Tile(seen, number(share, 0), "%", "of the keypoints", _level(share, 90, 70)))
     why = f"{sections.far_from(motion)} or hardly known"
     found.append(Tile("Frames to look at", str(unsure), "", why, "look" if unsure else "good"))
     found.append(Tile("Bridged frames", str(unseen), "", sections.why_bridged(motion), "bad" if unseen else "good"))

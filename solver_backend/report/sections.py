@@ -32,13 +32,18 @@ def far_from(motion: Motion) -> str:
 
 def why_bridged(motion: Motion) -> str:
     """Return why frames are bridged, in words."""
-    return "nobody seen by two cameras" if motion.markers is None else "too few markers seen"
+    if motion.markers is not None:
+        return "too few markers seen"
+    return "nobody seen by the camera" if _is_of_one_camera(motion) else "nobody seen by two cameras"
 
 
 def shades_key(motion: Motion) -> str:
     """Return the legend of shaded plots."""
-    bridged = "seen by fewer than two cameras" if motion.markers is None else why_bridged(motion)
-    return SHADES_KEY.format(far=far_from(motion), bridged=bridged)
+    return SHADES_KEY.format(far=far_from(motion), bridged=why_bridged(motion))
+
+
+def _is_of_one_camera(motion: Motion) -> bool:
+    return motion.reprojection_px is not None and len(motion.reprojection_px) == 1
 
 
 def shades_of(motion: Motion) -> list[Shade]:
@@ -106,11 +111,11 @@ def missing_section(capture: Capture, motion: Motion) -> str:
     if seen is None or located is None:
         return ""
     names = capture.cameras.names if capture.cameras is not None else [f"view {c}" for c in range(len(seen))]
-    rows = [(str(name), seen[c]) for c, name in enumerate(names)] + [("two or more", located)]
-    lead = (
-        "The share of the keypoints that each camera detected in each frame, and the share that two or more cameras "
-        "detected (only those can be placed in space). Full colour is complete, empty is none."
-    )
+    rows = [(str(name), seen[c]) for c, name in enumerate(names)]
+    lead = "The share of the keypoints that each camera detected in each frame. Full colour is complete, empty is none."
+    if not capture.is_one_view:
+        rows.append(("two or more", located))
+        lead += " Those that two or more cameras detected can be placed in space."
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 

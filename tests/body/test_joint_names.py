@@ -9,6 +9,7 @@ from solver_backend.body.marker_names import name_markers
 from solver_backend.body.markers import marker_landmarks, placement_precision
 from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
 from solver_backend.io.motions.skeleton_maps import MAPS
+from tests.support.label_systems import SKELETONS, SYSTEMS
 from tests.support.skeleton_labels import POSE2SIM, SUIT
 
 
@@ -93,3 +94,23 @@ def test_joint_centres_are_places_on_the_body():
     landmarks = marker_landmarks(load_body(), tuple(names.known.values()))
     assert landmarks.posedirs is None and len(landmarks) == len(POSE2SIM)
     assert placement_precision(load_body(), landmarks.names).shape == (len(POSE2SIM), 3, 3)
+
+
+@pytest.mark.parametrize("system", SKELETONS)
+def test_skeletons_of_other_programs_are_recognised(system):
+    labels, some = SKELETONS[system]
+    places = joint_centre_places(labels)
+    assert set(places) == set(labels) and {label: places[label] for label in some} == some
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_marker_sets_of_other_systems_are_no_skeletons_and_are_known(system):
+    labels, no_place = SYSTEMS[system]
+    assert not joint_centre_places(labels)
+    assert set(name_markers(labels).known) == set(labels) - set(no_place)
+
+
+def test_an_ending_that_all_share_is_no_part_of_the_names():
+    names = name_markers(SYSTEMS["OpenCap"][0])
+    assert names.affixes.suffix.lstrip("_") == "study" and names.virtual == ("RHJC_study", "LHJC_study")
+    assert names.known["r_mknee_study"] == "RKNM" and names.known["L.ASIS_study"] == "LFWT"

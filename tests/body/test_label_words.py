@@ -62,14 +62,14 @@ def test_french_sides_are_letters_of_their_own():
 @pytest.mark.parametrize("prefix", ["L", "p", "Skeleton_", "Athlete 7 ", "m."])
 def test_a_prefix_that_all_share_is_no_part_of_the_names(prefix):
     names = name_markers([prefix + label for label in PLUG_IN_GAIT] + ["Stick1", "Stick2"])
-    assert names.prefix == prefix.rstrip("_ .") and len(names.known) == 39
+    assert names.affixes.prefix == prefix.rstrip("_ .") and len(names.known) == 39
     assert names.known[prefix + "LASI"] == "LFWT" and names.known[prefix + "RASI"] == "RFWT"
 
 
 def test_one_side_alone_is_no_prefix():
     left = [label for label in PLUG_IN_GAIT if label.startswith("L")]
     names = name_markers(left)
-    assert names.prefix == "" and set(names.known) == set(left)
+    assert names.affixes.prefix == "" and set(names.known) == set(left)
 
 
 def test_names_of_a_system_mean_something_among_their_own_alone():

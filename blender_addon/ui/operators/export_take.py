@@ -3,6 +3,7 @@
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
+from ..._exchange.diagnostics import sentence
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import absolute
 from ...export.destinations import ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
@@ -120,6 +121,8 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         finally:
             windows.progress_end()
         self.report({"INFO"}, f"Wrote {take.num_frames} frames at {take.fps:g} fps to {path.name}")
+        for item in take.warnings:
+            self.report({"WARNING"}, sentence(item, take.fps))
         return {"FINISHED"}
 
 

@@ -68,19 +68,11 @@ def _solved(context: bpy.types.Context) -> dict[str, Any] | None:
 
 
 def _kept_warnings(context: bpy.types.Context) -> Sequence[Diagnostic]:
-    """Return the warnings that the take keeps; of takes of earlier versions their sentences alone are known."""
-    import json
-
-    from ...animation.takes import DIAGNOSTICS, WARNINGS
+    """Return the warnings that the take keeps."""
+    from ...animation.takes import warnings_of_take
 
     take = context.scene.mocap.review.take
-    if take is None:
-        return ()
-    try:
-        found = json.loads(take[DIAGNOSTICS])
-    except (KeyError, TypeError, ValueError, RecursionError):
-        found = str(take.get(WARNINGS, "")).splitlines()
-    return warnings_in(read_diagnostics(found))
+    return () if take is None else warnings_of_take(take)
 
 
 def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:

@@ -54,7 +54,10 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
     if names is None:
         return []
     attached = names.unknown
-    said = [f"'{names.prefix}' begins nearly all labels and is read as no part of their names."] if names.prefix else []
+    shared = ((names.affixes.prefix, "begins"), (names.affixes.suffix, "ends"))
+    said = [
+        f"'{text}' {does} nearly all labels and is read as no part of their names." for text, does in shared if text
+    ]
     if names.ambiguous:
         either = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
         said.append(f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}.")

@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 import pytest
 
+from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon._exchange.motion_file import write_motion
 from blender_addon.headless.main import main
 from tests.support.mixamo_rig import mixamo_rig
 
@@ -39,6 +42,16 @@ def test_a_motion_file_goes_onto_a_rig_of_a_file(files: Any, rig_file: Path, tmp
     assert bpy.data.objects["Other"].animation_data is None
     assert main(chosen) == 3 and said(capfd)["code"] == "output_exists"
     assert main([*chosen, "--overwrite", "--map", str(kept), "--in-place"]) == 0
+
+
+def test_a_rig_that_plays_one_cameras_motion_repeats_its_warnings(
+    files: Any, rig_file: Path, tmp_path: Path, capfd: Any
+) -> None:
+    record = json.dumps({"diagnostics": [diagnostic("limb_depth_open", frames=[(3, 9)], part="left arm").as_dict()]})
+    motion = write_motion(tmp_path / "walk.npz", replace(files.motion, provenance=record))
+    given = ["retarget", str(motion), "--target", str(rig_file), "--object", "Hero", "--body", str(files.body_path)]
+    assert main([*given, "--out", str(tmp_path / "out.blend"), "--json"]) == 0
+    assert any(note.startswith("The depth of the left arm is open in frames 3-9") for note in said(capfd)["notes"])
 
 
 def test_what_is_wrong_is_named_and_nothing_is_written(files: Any, rig_file: Path, tmp_path: Path, capfd: Any) -> None:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +16,8 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon._exchange.motion_file import write_motion
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import SolverStopped
 from blender_addon.headless.blender_command import Command, run
@@ -139,6 +142,23 @@ def test_export_of_a_motion(files: Any, tmp_path: Path, capfd: pytest.CaptureFix
     capfd.readouterr()
     assert main([*same, "--format", "amass", "--overwrite"]) == 3, "a source is never overwritten"
     assert said(capfd)["code"] == "output_exists"
+
+
+def test_whatever_is_exported_repeats_what_one_camera_left_open(
+    files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = diagnostic("one_camera", size=21.0, share=4.0, source="the given stature")
+    record = json.dumps({"diagnostics": [found.as_dict()]})
+    motion = write_motion(tmp_path / "walk.npz", replace(files.motion, provenance=record))
+    given = ["--body", str(files.body_path), "--out", str(tmp_path / "out")]
+    assert main(["export", str(motion), *given, "--format", "bvh", "--json"]) == 0
+    result = said(capfd)
+    assert [item["code"] for item in result["diagnostics"]] == ["one_camera"]
+    assert len(result["notes"]) == 1 and "± 21 cm along the line of sight" in result["notes"][0]
+    assert main(["bake", str(motion), *given, "--no-pictures"]) == 0
+    capfd.readouterr()
+    assert main(["export", str(tmp_path / "out" / "walk.blend"), *given[2:], "--format", "csv"]) == 0
+    assert "note: One camera: distance and the depth of limbs are estimated" in capfd.readouterr().err
 
 
 def test_export_of_a_blender_file_leaves_it_alone(

@@ -11,6 +11,8 @@ import bpy
 import pytest
 
 import blender_addon
+from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon.animation.takes import DIAGNOSTICS
 from blender_addon.export.formats import FORMATS
 from blender_addon.scene.bake import BakedTake
 
@@ -39,6 +41,17 @@ def test_it_writes_the_format_that_was_chosen(selected: BakedTake, tmp_path: Pat
     assert path.read_text(encoding="utf-8").startswith("PathFileType")
     items = bpy.ops.mocap.export_take.get_rna_type().properties["format"].enum_items
     assert [item.identifier for item in items] == list(FORMATS)
+
+
+def test_what_one_camera_left_open_is_a_warning_of_every_export(
+    selected: BakedTake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    found = diagnostic("one_camera", size=21.0, share=4.0, source="the given stature")
+    noted = diagnostic("earlier_note", text="Read as metres.")
+    selected.action[DIAGNOSTICS] = json.dumps([found.as_dict(), noted.as_dict()])
+    assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "walk.csv"), format="csv") == {"FINISHED"}
+    out = capfd.readouterr().out
+    assert "Info: Wrote 60 frames" in out and "Warning: One camera: distance" in out and "Read as metres" not in out
 
 
 def test_errors_are_sentences_and_nothing_is_overwritten(selected: BakedTake, tmp_path: Path) -> None:
