@@ -21,6 +21,7 @@ from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
+from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.io.recognition.start_times import reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
 from solver_backend.people.one_view import select_in_one_view
@@ -31,7 +32,7 @@ DEFAULT_FPS = 60.0
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "
-    "(OpenPose, AlphaPose, MMPose, EasyMocap, COCO, DeepLabCut, SLEAP, FreeMoCap)"
+    "(OpenPose, AlphaPose, MMPose, OpenPifPaf, Ultralytics, EasyMocap, COCO, DeepLabCut, SLEAP, FreeMoCap, own tables)"
 )
 
 
@@ -65,6 +66,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     )
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
+    detections = in_pixels(detections, calibration.cameras.image_size)
     calibration = with_sizes_of(calibration, videos, detections)
     rate, rate_notes, rate_problems = _frame_rate(options.fps, config, videos)
     stated = [None if header is None else header.fps for header in videos]

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -68,6 +69,36 @@ def triples(values: object, name: str, where: str) -> np.ndarray:
             f"'{name}' holds {array.size} numbers; x, y and confidence of each keypoint are expected.", where=where
         )
     return array.reshape(-1, 3)
+
+
+_X, _Y, _SCORES = "x", "y", ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
+"""Names of a point's numbers where it is an object of its own, as in MediaPipe's and MoveNet's JSON."""
+
+
+def are_objects(values: object) -> bool:
+    """Whether a list holds points that are objects with x and y."""
+    return isinstance(values, list) and bool(values) and isinstance(values[0], dict) and {_X, _Y} <= values[0].keys()
+
+
+def objects(values: list[Any], where: str) -> np.ndarray:
+    """Return (K, 3) from a list of points that are objects with x, y and a score; without one a point is sure.
+
+    Raises:
+        FileDamaged: a point lacks x or y, or holds what is no number.
+    """
+    try:
+        points = [
+            (point[_X], point[_Y], next((point[name] for name in _SCORES if name in point), 1.0)) for point in values
+        ]
+        return np.array(points, dtype=np.float64).reshape(-1, 3)
+    except (KeyError, TypeError, ValueError, OverflowError) as error:
+        raise FileDamaged("A point in the file lacks x or y, or they are no numbers.", where=where) from error
+
+
+def names_of_objects(values: list[Any]) -> tuple[str, ...]:
+    """Return the names of points that are objects, () where any has none."""
+    names = [point.get("name", point.get("part")) if isinstance(point, dict) else None for point in values]
+    return tuple(map(str, names)) if all(names) else ()
 
 
 def points_with_scores(points: object, scores: object, where: str) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""JSON of one picture: OpenPose, EasyMocap's annotations, MMPose's instances."""
+"""JSON of one picture: OpenPose, EasyMocap, MMPose's and Sapiens' instances, OpenPifPaf, points as objects."""
 
 from __future__ import annotations
 
@@ -8,13 +8,27 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
-from solver_backend.io.detections.camera_frames import Hands, People, points_with_scores, triples
+from solver_backend.io.detections.camera_frames import (
+    Hands,
+    People,
+    are_objects,
+    names_of_objects,
+    objects,
+    points_with_scores,
+    triples,
+)
 
 _OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
 """Names of the body's list, of today's OpenPose and of version 1.0."""
 
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
 """Names of the hands' lists: of today's OpenPose and of version 1.0, by side, and of EasyMocap, left and right."""
+
+_LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
+"""Names of the list of people where an object holds it."""
+_POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints")
+_SCORES = ("keypoint_scores", "keypoints_scores", "scores")
+"""Names of a person's points and of the scores beside them."""
 
 
 def people_in_picture(document: Any, where: str) -> People:
@@ -28,12 +42,28 @@ def people_in_picture(document: Any, where: str) -> People:
         return _kept(_openpose_person(entry, where) for entry in document["people"])
     if isinstance(document, dict) and isinstance(document.get("annots"), list):
         return _kept(_easymocap_person(entry, where) for entry in document["annots"])
-    if isinstance(document, list) and all(isinstance(entry, dict) and "keypoint_scores" in entry for entry in document):
-        return _kept(instance(entry, where) for entry in document)
+    if (people := listed_people(document)) is not None:
+        return _kept(instance(entry, where) for entry in people)
     raise FileDamaged(
         "The file lacks OpenPose's list 'people'.", where=where,
-        hint="Also read: EasyMocap's 'annots' and MMPose's instances with 'keypoints' and 'keypoint_scores'.",
+        hint="Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
+        "predictions, and points that are objects with x, y and score.",
     )  # fmt: skip
+
+
+def listed_people(document: Any) -> list[Any] | None:
+    """Return the list of people in a document whose people are all of a known form; None where it holds none.
+
+    It is the document itself or a list in it (``instances`` of MMPose, ``predictions`` of OpenPifPaf, ``poses`` of
+    MoveNet), or the document is one person (``landmarks`` of MediaPipe).
+    """
+    if isinstance(document, dict):
+        if _points_of(document) is not None:
+            return [document]
+        document = next((document[name] for name in _LISTS if isinstance(document.get(name), list)), None)
+    if not isinstance(document, list) or not all(isinstance(e, dict) and _points_of(e) is not None for e in document):
+        return None
+    return document
 
 
 def hands_in_picture(document: Any, where: str) -> Hands:
@@ -71,14 +101,32 @@ def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
 
 
 def instance(entry: Any, where: str) -> Any:
-    """Return (K, 3) of one of MMPose's instances.
+    """Return (K, 3) of a person: points with scores beside them, triples, or objects with x, y and score.
 
     Raises:
         FileDamaged, KeypointCountMismatch: it is none.
     """
     if not isinstance(entry, dict):
         raise FileDamaged("An instance in the file is no object.", where=where)
-    return points_with_scores(entry.get("keypoints"), entry.get("keypoint_scores"), where)
+    points = _points_of(entry)
+    if isinstance(points, list) and not points:
+        return np.zeros((0, 3))
+    if are_objects(points):
+        return objects(points, where)
+    scores = next((entry[name] for name in _SCORES if name in entry), None)
+    return triples(points, "keypoints", where) if scores is None else points_with_scores(points, scores, where)
+
+
+def names_in(entry: dict[str, Any]) -> tuple[str, ...]:
+    """Return the names of a person's points where they are objects that name themselves."""
+    points = _points_of(entry)
+    return names_of_objects(points) if are_objects(points) else ()
+
+
+def _points_of(entry: dict[str, Any]) -> Any:
+    """Return a person's points, None where the entry is no person: MMPose's boxes alone, or a list of another kind."""
+    points = next((entry[name] for name in _POINTS if name in entry), None)
+    return points if isinstance(points, list) else None
 
 
 def _openpose_person(entry: Any, where: str) -> Any:

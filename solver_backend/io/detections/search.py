@@ -9,28 +9,33 @@ from functools import partial
 from pathlib import Path
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
-from solver_backend.io.detections import deeplabcut, freemocap, sleap
+from solver_backend.io.detections import freemocap, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.deeplabcut_hdf5 import is_hdf5_table, read_hdf5_table
 from solver_backend.io.detections.openpose import cameras_of_flat_files, frames_in_files, json_files
-from solver_backend.io.detections.take_documents import frames_in_document
+from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document
+from solver_backend.io.detections.take_files import take_files
 from solver_backend.io.files import read_text
 from solver_backend.io.recognition.camera_names import natural_key
 
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
-DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections")
+DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections", "labels")
 """With those of EasyMocap, of MMPose's inferencer and of COCO's tools."""
-_ENDINGS = re.compile(r"[_\-. ](json|keypoints|openpose|alphapose)$", re.IGNORECASE)
+BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
+"""Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
+_ENDINGS = re.compile(
+    r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
+)
 _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+", re.IGNORECASE)
 _MOST_CAMERAS = 64
 """Files beside one another that may be a camera each; more are frames."""
 _LOOKED_AT = 4096
 """Characters of a file that say which program wrote it."""
-_WHOLE = re.compile(r'"(instance_info|image_id|annotations|images)"|"[^"]+\.(jpe?g|png)"\s*:')
+_WHOLE = re.compile(
+    r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
+)
 
 
 @dataclass(frozen=True)
@@ -72,31 +77,41 @@ def _frames_of_folder(folder: Path) -> CameraFrames:
     return frames_in_files(paths, str(folder))
 
 
-def _whole_take(path: Path) -> CameraFrames | None:
-    return frames_in_document(parse_json(read_text(path), path), path)
+def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
+    return frames_in_document(documents_in(read_text(path), path), path, camera)
 
 
 def _folders(parent: Path) -> dict[str, CameraSource]:
-    below = [p for p in parent.iterdir() if p.is_dir() and not is_calibration_folder(p) and json_files(p)]
-    return {camera_name(folder.name): of_folder(folder) for folder in below}
+    below = [folder for folder in parent.iterdir() if folder.is_dir() and not is_calibration_folder(folder)]
+    found = {camera_name(folder.name): source for folder in below if (source := _of_camera(folder, BELOW)) is not None}
+    return found if set(found) - set(BELOW) else {}
+
+
+def _of_camera(folder: Path, below: Sequence[str] = ()) -> CameraSource | None:
+    """Return the source of one camera's folder, of files of any kind, or in one of the folders ``below`` it."""
+    if json_files(folder):
+        return of_folder(folder)
+    kind, files = take_files(folder) or (None, [])
+    if kind is not None and len(files) == 1:
+        return CameraSource(files[0], partial(kind.read, files[0]))
+    if len(texts := yolo.files_of_cameras(folder)) == 1:
+        return CameraSource(folder, partial(yolo.frames_of_files, *texts.values(), str(folder)))
+    sources = (_of_camera(folder / name) for name in below if (folder / name).is_dir())
+    return next((source for source in sources if source is not None), None)
 
 
 def _camera_files(parent: Path) -> dict[str, CameraSource]:
-    """Return the files of cameras that have one each: tables of DeepLabCut, SLEAP's HDF5, or JSON of whole takes."""
-    listed = sorted(p for p in parent.iterdir() if p.is_file())  # of a table and its filtered one the latter stays
-    tables = [p for p in listed if p.suffix.lower() == ".csv" and deeplabcut.is_table(p)]
-    if tables:
-        return {deeplabcut.camera_name(p): CameraSource(p, partial(deeplabcut.read_table, p)) for p in tables}
-    files = [p for p in listed if sleap.is_sleap(p)]
-    if files:
-        return {sleap.camera_name(p): CameraSource(p, partial(sleap.read_sleap, p)) for p in files}
-    files = [p for p in listed if is_hdf5_table(p)]
-    if files:
-        return {deeplabcut.camera_name(p): CameraSource(p, partial(read_hdf5_table, p)) for p in files}
+    """Return the files of cameras that have one each, or one file of all: tables, HDF5, arrays, JSON of whole takes."""
+    if (found := take_files(parent)) is not None:
+        kind, files = found
+        return {kind.camera(path): CameraSource(path, partial(kind.read, path)) for path in files}
     paths = json_files(parent)
-    if not 1 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
+    if not 0 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
         return {}
-    return {camera_name(p.stem): CameraSource(p, partial(_take_of_camera, p)) for p in paths}
+    if len(paths) > 1:
+        return {camera_name(path.stem): CameraSource(path, partial(_take_of_camera, path)) for path in paths}
+    names = cameras_in_document(documents_in(read_text(paths[0]), paths[0]))
+    return {name: CameraSource(paths[0], partial(_take_of_camera, paths[0], name)) for name in names}
 
 
 def _is_whole_take(path: Path) -> bool:
@@ -108,18 +123,21 @@ def _is_whole_take(path: Path) -> bool:
         return False
 
 
-def _take_of_camera(path: Path) -> CameraFrames:
-    if (whole := _whole_take(path)) is None:
+def _take_of_camera(path: Path, camera: str = "") -> CameraFrames:
+    if (whole := _whole_take(path, camera)) is None:
         raise FileDamaged(
             "The file holds no detections of a whole take.", where=str(path),
-            hint="Read are AlphaPose's and COCO's results, COCO's annotations and MMPose's predictions.",
+            hint="Read are AlphaPose's and COCO's results, COCO's annotations, MMPose's and OpenPifPaf's predictions.",
         )  # fmt: skip
     return whole
 
 
 def _flat_files(parent: Path) -> dict[str, CameraSource]:
-    cameras = cameras_of_flat_files(json_files(parent))
-    return {name: CameraSource(parent, partial(frames_in_files, paths, str(parent))) for name, paths in cameras.items()}
+    if cameras := cameras_of_flat_files(json_files(parent)):
+        read = partial(frames_in_files, where=str(parent))
+    else:
+        cameras, read = yolo.files_of_cameras(parent), partial(yolo.frames_of_files, where=str(parent))
+    return {camera_name(name): CameraSource(parent, partial(read, paths)) for name, paths in cameras.items()}
 
 
 def _array(root: Path) -> dict[str, CameraSource]:
@@ -131,7 +149,9 @@ def _array(root: Path) -> dict[str, CameraSource]:
 
 def camera_name(name: str) -> str:
     """Return the camera that a folder or file is named after: ``cam01_json`` and ``results_cam01`` are ``cam01``."""
-    return _STARTS.sub("", _ENDINGS.sub("", name)) or name
+    while (shorter := _ENDINGS.sub("", name)) not in ("", name):
+        name = shorter
+    return _STARTS.sub("", name) or name
 
 
 def listed_paths(sources: Sequence[CameraSource]) -> tuple[str, ...]:

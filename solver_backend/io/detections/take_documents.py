@@ -1,51 +1,99 @@
-"""JSON of a whole camera: AlphaPose in its three forms, MMPose's inferencer, COCO's annotations and results."""
+"""JSON of a whole camera: AlphaPose in its forms, COCO's annotations and results, lists of frames of any program."""
 
 from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.json_file import parse_json
 from solver_backend.io.detections.camera_frames import CameraFrames, People, triples
-from solver_backend.io.detections.picture_documents import instance, people_in_picture
+from solver_backend.io.detections.picture_documents import instance, listed_people, names_in, people_in_picture
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 _COCO_VISIBLE = 1.0
 """Confidence of an annotated COCO keypoint, 1 (hidden) or 2 (visible): people clicked it."""
 
+_FRAME_LISTS = ("instance_info", "frames")
+_FRAME_NUMBERS = ("frame_id", "frame", "frame_idx", "frame_index", "frame_number")
+"""Names of the list of frames where an object holds it, and of a frame's number."""
 
-def frames_in_document(document: Any, path: Path) -> CameraFrames | None:
+
+def documents_in(text: str, path: Path) -> Any:
+    """Return what a file says: one JSON document, or the list of those on its lines (OpenPifPaf's videos).
+
+    Raises:
+        FileDamaged: it is neither.
+    """
+    lines = [line for line in text.splitlines() if line.strip()] if text.lstrip()[:1] == "{" else []
+    if len(lines) > 1 and all(line.lstrip()[:1] == "{" and line.rstrip()[-1:] == "}" for line in lines[:2]):
+        return [parse_json(line, path) for line in lines]
+    return parse_json(text, path)
+
+
+def cameras_in_document(document: Any) -> tuple[str, ...]:
+    """Return the cameras of a document of several: the folders of its pictures' names; () where it is of one."""
+    if _is_coco(document):
+        pictures = [image.get("file_name") for image in document["images"] if isinstance(image, dict)]
+    elif _is_list_of_people(document):
+        pictures = [entry["image_id"] for entry in document]
+    else:
+        pictures = list(document) if _is_by_picture(document) else []
+    folders = dict.fromkeys(_folder(str(picture)) for picture in pictures)
+    return tuple(folders) if len(folders) > 1 and "" not in folders else ()
+
+
+def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFrames | None:
     """Return the frames of one camera that a document holds; None if it is of no program that writes whole takes.
+
+    Args:
+        document: what the file says.
+        path: the file.
+        camera: folder of the pictures to read, of a document of several cameras; empty for all.
 
     Raises:
         FileDamaged, KeypointCountMismatch: it is, and a frame or a person in it is damaged.
     """
     read = next((read for recognises, read in _DOCUMENTS if recognises(document)), None)
-    return None if read is None else read(document, path)
+    return None if read is None else read(document, path, camera)
 
 
-def _is_mmpose(document: Any) -> bool:
-    return isinstance(document, dict) and isinstance(document.get("instance_info"), list)
+def _frame_list(document: Any) -> list[Any] | None:
+    """Return the list of frames in a document: itself, or MMPose's ``instance_info`` where that lists frames."""
+    listed = document
+    if isinstance(document, dict):
+        listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
+    if not isinstance(listed, list) or not listed or not isinstance(listed[0], dict):
+        return None
+    numbered = any(name in listed[0] for name in _FRAME_NUMBERS) or "instances" in listed[0]
+    return listed if numbered and listed_people(listed[0]) is not None else None
 
 
-def _mmpose(document: dict[str, Any], path: Path) -> CameraFrames:
-    """Read MMPose's inferencer: ``instance_info`` lists frames, counted from 1, with their instances."""
+def _is_frame_list(document: Any) -> bool:
+    return _frame_list(document) is not None
+
+
+def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
+    """Read a list of frames, each with its number and its people (MMPose, OpenPifPaf, MoveNet, MediaPipe)."""
     frames: dict[int, People] = {}
-    for row, frame in enumerate(document["instance_info"]):
-        number, found = (frame.get("frame_id", row + 1), frame.get("instances")) if isinstance(frame, dict) else (0, 0)
-        if not isinstance(number, int) or not isinstance(found, list):
-            raise FileDamaged(f"Entry {row} of 'instance_info' lacks 'frame_id' or 'instances'.", where=str(path))
-        frames[number] = [instance(entry, str(path)) for entry in found]
-    return CameraFrames.in_memory(frames, path)
+    names: tuple[str, ...] = ()
+    for row, frame in enumerate(_frame_list(document) or ()):
+        number = next((frame[n] for n in _FRAME_NUMBERS if n in frame), row) if isinstance(frame, dict) else None
+        people = listed_people(frame)
+        if isinstance(number, bool) or not isinstance(number, int) or people is None:
+            raise FileDamaged(f"Entry {row} of the list of frames lacks its number or its people.", where=str(path))
+        frames[number] = [person for entry in people if len(person := instance(entry, str(path)))]
+        names = names or next((found for entry in people if (found := names_in(entry))), ())
+    return CameraFrames.in_memory(frames, path, names)
 
 
 def _is_coco(document: Any) -> bool:
     return isinstance(document, dict) and all(isinstance(document.get(k), list) for k in ("images", "annotations"))
 
 
-def _coco(document: dict[str, Any], path: Path) -> CameraFrames:
+def _coco(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
     """Read COCO's annotations: pictures with id and file name, people with keypoints and a visibility of 0 to 2."""
     images = [image for image in document["images"] if isinstance(image, dict) and "id" in image]
     names = {str(image["id"]): str(image.get("file_name", image["id"])) for image in images}
@@ -56,7 +104,7 @@ def _coco(document: dict[str, Any], path: Path) -> CameraFrames:
         person = triples(entry.get("keypoints"), "keypoints", str(path))
         person[:, 2] = _COCO_VISIBLE * (person[:, 2] > 0) if person[:, 2].max(initial=0) > 1 else person[:, 2]
         people.append((names[str(entry["image_id"])], person))
-    return _by_picture(list(names.values()), people, path, _coco_keypoints(document))
+    return _by_picture(list(names.values()), people, path, camera, _coco_keypoints(document))
 
 
 def _coco_keypoints(document: dict[str, Any]) -> tuple[str, ...]:
@@ -72,10 +120,10 @@ def _is_list_of_people(document: Any) -> bool:
     )  # fmt: skip
 
 
-def _list_of_people(document: list[dict[str, Any]], path: Path) -> CameraFrames:
+def _list_of_people(document: list[dict[str, Any]], path: Path, camera: str) -> CameraFrames:
     """Read AlphaPose's and COCO's results: a list of people, each with the picture it was found in."""
     people = [(str(e["image_id"]), triples(e["keypoints"], "keypoints", str(path))) for e in document]
-    return _by_picture(list(dict.fromkeys(name for name, _ in people)), people, path)
+    return _by_picture(list(dict.fromkeys(name for name, _ in people)), people, path, camera)
 
 
 def _is_by_picture(document: Any) -> bool:
@@ -85,7 +133,7 @@ def _is_by_picture(document: Any) -> bool:
     )  # fmt: skip
 
 
-def _pictures(document: dict[str, Any], path: Path) -> CameraFrames:
+def _pictures(document: dict[str, Any], path: Path, camera: str) -> CameraFrames:
     """Read AlphaPose's ``open`` and ``cmu`` forms: an object a picture, with ``people`` or ``bodies``."""
     people: list[tuple[str, Any]] = []
     for name, entry in document.items():
@@ -95,13 +143,16 @@ def _pictures(document: dict[str, Any], path: Path) -> CameraFrames:
         for body in entry["bodies"]:
             joints = body.get("joints") if isinstance(body, dict) else None
             people.append((name, triples(joints, "joints", str(path))))
-    return _by_picture(list(document), people, path)
+    return _by_picture(list(document), people, path, camera)
 
 
 def _by_picture(
-    pictures: list[str], people: list[tuple[str, Any]], path: Path, keypoints: tuple[str, ...] = ()
+    pictures: list[str], people: list[tuple[str, Any]], path: Path, camera: str, keypoints: tuple[str, ...] = ()
 ) -> CameraFrames:
-    """Return frames numbered as the names of their pictures are."""
+    """Return frames numbered as the names of their pictures are, of those in the camera's folder."""
+    if camera:
+        pictures = [name for name in pictures if _folder(name) == camera]
+        people = [(name, person) for name, person in people if _folder(name) == camera]
     stems = [re.sub(r"\.(jpe?g|png|bmp|tiff?|webp)$", "", name, flags=re.IGNORECASE) for name in pictures]
     numbers = dict(zip(pictures, frame_numbers(stems, where=str(path)).tolist(), strict=True))
     frames: dict[int, People] = {number: [] for number in numbers.values()}
@@ -111,7 +162,11 @@ def _by_picture(
     return CameraFrames.in_memory(frames, path, keypoints)
 
 
-_DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path], CameraFrames]], ...] = (
-    (_is_mmpose, _mmpose), (_is_coco, _coco), (_is_list_of_people, _list_of_people), (_is_by_picture, _pictures),
+def _folder(picture: str) -> str:
+    return PurePosixPath(picture.replace("\\", "/")).parent.name
+
+
+_DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], CameraFrames]], ...] = (
+    (_is_coco, _coco), (_is_list_of_people, _list_of_people), (_is_frame_list, _frames), (_is_by_picture, _pictures),
 )  # fmt: skip
 """Asked in this order: whether a document is of this kind, and how it is read."""
