@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -187,15 +187,13 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Compare a motion with the truth of a synthetic capture, beside triangulation and a low-pass filter."""
+    """Compare a motion with the truth of a synthetic capture; of views, beside triangulation and a low-pass filter."""
     from solver_backend.evaluation.evaluate import evaluate as compare
     from solver_backend.io.native.motion_file import read_motion
 
     capture = load(args.capture, {}, progress)
     found = compare(capture, read_motion(args.motion))
-    ratios = {"mpjpe_ratio": found.mpjpe_ratio, "accel_ratio": found.accel_ratio}
-    figures = {name: round(value, 4) for name, value in {**asdict(found), **ratios}.items()}
-    return Outcome("\n".join(found.lines()), figures)
+    return Outcome("\n".join(found.lines()), found.figures())
 
 
 def train(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -1,72 +1,187 @@
-"""A solve against known truth, beside the yardstick of triangulation and filtering."""
+"""A motion against known truth, beside the yardstick of triangulation and filtering where views were recorded."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 
 import numpy as np
 
 from solver_backend.evaluation.butterworth import triangulate_and_filter
 from solver_backend.exchange.errors import MotionInvalid
-from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.metrics import (
+    accel_error_m_s2,
+    angle_mae_deg,
+    diversity,
+    frechet_distance,
+    mpjpe_mm,
+    pck_percent,
+    rmse_mm,
+)
+from solver_backend.priors.gaussian_vae import LATENT_DIM, load_vae
 from solver_backend.types import Capture, Motion
+
+CODED_FRAMES = 2 * LATENT_DIM + 2
+"""Frames below which FID and DIV are left out: two halves, each with more poses than a code has numbers."""
 
 
 @dataclass(frozen=True)
 class Evaluation:
-    """Errors of a solve and of the yardstick on the same capture."""
+    """Errors of a motion, and of the yardstick on the same capture; None for what the capture or the motion lacks."""
 
     joints_mpjpe_mm: float
-    """Solve: mean error of SMPL's 24 joints."""
+    """Mean error of the joints that motion and truth share, SMPL's 24 as a rule."""
+    joints_rmse_mm: float
+    """Mean over frames of the root of the mean squared error of the joints (thesis eq. 4.28)."""
+    joints_pck1_percent: float
+    """Share of joints within 1 cm (eq. 4.29)."""
+    joints_pck3_percent: float
+    """Share of joints within 3 cm."""
+    joints_pck7_percent: float
+    """Share of joints within 7 cm."""
     joints_accel_m_s2: float
-    """Solve: mean acceleration error of the 24 joints."""
-    keypoints_mpjpe_mm: float
-    """Solve: mean error of the observed keypoints."""
-    keypoints_accel_m_s2: float
-    """Solve: mean acceleration error of the observed keypoints."""
-    baseline_mpjpe_mm: float
+    """Mean acceleration error of the joints."""
+    angles_mae_deg: float | None = None
+    """Mean angle between rotations of joints 1..21."""
+    keypoints_mpjpe_mm: float | None = None
+    """Mean error of the observed keypoints."""
+    keypoints_accel_m_s2: float | None = None
+    """Mean acceleration error of the observed keypoints."""
+    markers_mpjpe_mm: float | None = None
+    """Mean error of the markers on the solved body."""
+    codes_fid: float | None = None
+    """FID of the motion's poses against the true ones, by VPoser's codes (eq. 4.30)."""
+    codes_div: float | None = None
+    """DIV of the motion's poses, by VPoser's codes (eq. 4.31)."""
+    codes_div_true: float | None = None
+    """DIV of the true poses."""
+    baseline_mpjpe_mm: float | None = None
     """Triangulation + 6 Hz Butterworth: mean error of the observed keypoints (it knows no others)."""
-    baseline_accel_m_s2: float
+    baseline_accel_m_s2: float | None = None
     """Triangulation + 6 Hz Butterworth: mean acceleration error of the observed keypoints."""
 
     @property
-    def mpjpe_ratio(self) -> float:
-        """The worse of the solve's two errors over the yardstick's."""
-        return max(self.joints_mpjpe_mm, self.keypoints_mpjpe_mm) / self.baseline_mpjpe_mm
+    def mpjpe_ratio(self) -> float | None:
+        """The worse of the motion's errors of joints and keypoints over the yardstick's."""
+        return _ratio((self.joints_mpjpe_mm, self.keypoints_mpjpe_mm), self.baseline_mpjpe_mm)
 
     @property
-    def accel_ratio(self) -> float:
-        """The worse of the solve's two acceleration errors over the yardstick's."""
-        return max(self.joints_accel_m_s2, self.keypoints_accel_m_s2) / self.baseline_accel_m_s2
+    def accel_ratio(self) -> float | None:
+        """The worse of the motion's acceleration errors over the yardstick's."""
+        return _ratio((self.joints_accel_m_s2, self.keypoints_accel_m_s2), self.baseline_accel_m_s2)
+
+    def figures(self) -> dict[str, float]:
+        """Return every figure that is known, by name."""
+        known = {**asdict(self), "mpjpe_ratio": self.mpjpe_ratio, "accel_ratio": self.accel_ratio}
+        return {name: round(value, 4) for name, value in known.items() if value is not None}
 
     def lines(self) -> list[str]:
         """Return the figures as sentences for a person."""
         rows = [
-            ("24 joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
+            ("joints", self.joints_mpjpe_mm, self.joints_accel_m_s2),
             ("observed keypoints", self.keypoints_mpjpe_mm, self.keypoints_accel_m_s2),
+            ("markers", self.markers_mpjpe_mm, None),
             ("triangulation + filter", self.baseline_mpjpe_mm, self.baseline_accel_m_s2),
         ]
-        lines = [f"{name:<24} {mm:7.2f} mm   acceleration error {accel:6.2f} m/s²" for name, mm, accel in rows]
-        return [*lines, f"{'ratio to the filter':<24} {self.mpjpe_ratio:7.2f}      {'':<18} {self.accel_ratio:6.2f}"]
+        lines = [
+            f"{name:<24} {mm:7.2f} mm" + ("" if accel is None else f"   acceleration error {accel:6.2f} m/s²")
+            for name, mm, accel in rows
+            if mm is not None
+        ]
+        if self.mpjpe_ratio is not None and self.accel_ratio is not None:
+            lines.append(f"{'ratio to the filter':<24} {self.mpjpe_ratio:7.2f}      {'':<18} {self.accel_ratio:6.2f}")
+        shares = self.joints_pck1_percent, self.joints_pck3_percent, self.joints_pck7_percent
+        lines.append(f"{'joints, RMSE':<24} {self.joints_rmse_mm:7.2f} mm")
+        lines.append(f"{'within 1, 3, 7 cm':<24} " + "  ".join(f"{share:5.1f} %" for share in shares))
+        if self.angles_mae_deg is not None:
+            lines.append(f"{'joint angles':<24} {self.angles_mae_deg:7.2f}°")
+        if self.codes_fid is not None:
+            lines.append(
+                f"{'poses, VPoser codes':<24} FID {self.codes_fid:.2f}, DIV {self.codes_div:.2f} "
+                f"(truth {self.codes_div_true:.2f})"
+            )
+        return lines
 
 
 def evaluate(capture: Capture, motion: Motion) -> Evaluation:
-    """Compare a solve with the truth of a synthetic capture.
+    """Compare a motion with the truth of a synthetic capture: solved from views or markers, or edited afterwards.
 
     Raises:
-        MotionInvalid: the capture knows no truth, or the motion has other frames.
+        MotionInvalid: the capture knows no joints, or the motion has other frames or joints.
     """
-    if "joints" not in capture.truth or motion.keypoints3d is None:
-        raise MotionInvalid("The capture holds no truth to compare with.", where=capture.name)
-    cameras, keypoints = capture.require_multiview()
-    points = np.asarray(capture.truth["keypoints3d"])
-    solved, joints, _ = motion.beside_truth(np.asarray(capture.truth["joints"]))
-    baseline = triangulate_and_filter(cameras, keypoints)
+    if "joints" not in capture.truth:
+        raise MotionInvalid(
+            "The capture knows no truth to compare with.", where=capture.name,
+            hint="Synthetic captures know theirs: demo-capture and render write such.",
+        )  # fmt: skip
+    solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
+    if not names:
+        raise MotionInvalid(
+            f"The motion's {motion.num_frames} frames and {motion.body_layout.num_joints} joints cannot be compared "
+            f"with the truth's {' by '.join(str(n) for n in np.shape(capture.truth['joints'])[:2])}.",
+            where=capture.name, hint="Evaluate the motion with the capture that it was solved from.",
+        )  # fmt: skip
     return Evaluation(
         mpjpe_mm(solved, joints),
+        rmse_mm(solved, joints),
+        pck_percent(solved, joints, 0.01),
+        pck_percent(solved, joints, 0.03),
+        pck_percent(solved, joints, 0.07),
         accel_error_m_s2(solved, joints, motion.fps),
-        mpjpe_mm(motion.keypoints3d, points),
-        accel_error_m_s2(motion.keypoints3d, points, motion.fps),
-        mpjpe_mm(baseline, points),
-        accel_error_m_s2(baseline, points, motion.fps),
+        **_of_angles(capture, motion),
+        **_of_keypoints(capture, motion),
+        **_of_markers(capture, motion),
+        **_of_yardstick(capture),
     )
+
+
+def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
+    """Return the errors of rotations, and how real the poses are by the codes of VPoser."""
+    truth, turns = np.asarray(capture.truth.get("body_pose", np.zeros((0, 0)))), 3 * NUM_BODY_JOINTS
+    if truth.ndim != 2 or len(truth) != motion.num_frames or min(truth.shape[1], motion.body_pose.shape[1]) < turns:
+        return {}
+    found, true = (exp_so3(pose[:, :turns].reshape(-1, NUM_BODY_JOINTS, 3)) for pose in (motion.body_pose, truth))
+    figures = {"angles_mae_deg": angle_mae_deg(found, true)}
+    if motion.num_frames >= CODED_FRAMES:
+        prior = load_vae("vposer")
+        codes, known = np.asarray(prior.encode(found)), np.asarray(prior.encode(true))
+        figures["codes_fid"] = frechet_distance(codes, known)
+        figures |= {"codes_div": diversity(codes, 0), "codes_div_true": diversity(known, 0)}
+    return figures
+
+
+def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:
+    truth = capture.truth.get("keypoints3d")
+    if truth is None or motion.keypoints3d is None or motion.keypoints3d.shape != np.shape(truth):
+        return {}
+    points = np.asarray(truth)
+    return {
+        "keypoints_mpjpe_mm": mpjpe_mm(motion.keypoints3d, points),
+        "keypoints_accel_m_s2": accel_error_m_s2(motion.keypoints3d, points, motion.fps),
+    }
+
+
+def _of_markers(capture: Capture, motion: Motion) -> dict[str, float]:
+    """Return the error of the markers where the motion has those of the capture, label by label."""
+    truth, recorded = capture.truth.get("markers"), capture.markers
+    same = recorded is not None and motion.marker_labels == recorded.labels and motion.markers is not None
+    if truth is None or not same or motion.markers is None or motion.markers.shape != np.shape(truth):
+        return {}
+    return {"markers_mpjpe_mm": mpjpe_mm(motion.markers, np.asarray(truth))}
+
+
+def _of_yardstick(capture: Capture) -> dict[str, float]:
+    truth, views = capture.truth.get("keypoints3d"), capture.keypoints
+    if truth is None or capture.cameras is None or views is None or capture.is_one_view:
+        return {}
+    cameras, keypoints = capture.require_multiview()
+    filtered, points = triangulate_and_filter(cameras, keypoints), np.asarray(truth)
+    return {
+        "baseline_mpjpe_mm": mpjpe_mm(filtered, points),
+        "baseline_accel_m_s2": accel_error_m_s2(filtered, points, keypoints.fps),
+    }
+
+
+def _ratio(errors: tuple[float | None, ...], yardstick: float | None) -> float | None:
+    return None if yardstick is None else max(error for error in errors if error is not None) / yardstick

@@ -48,18 +48,26 @@ def mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarra
 
 
 def rmse_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:
-    """Return the root of the mean squared distance, without alignment, in millimetres.
+    """Return the mean over samples of the root of the mean squared distance, without alignment, in millimetres.
+
+    ``1/N Σ_i √(1/J Σ_j |found_ij - truth_ij|²)``, a sample being a frame. Eq. 4.28 prints the norm without its square,
+    which would have no unit of length. A sample without any point in common takes no part.
 
     Args:
-        found: (..., N, 3) metres.
-        truth: (..., N, 3) metres.
+        found: (..., J, 3) metres, N samples of J points.
+        truth: (..., J, 3) metres.
 
     Raises:
         ShapeMismatch: the shapes differ.
 
-    Reference: thesis 6.3.4, eq. 4.28.
+    Reference: thesis eq. 4.28.
     """
-    return 1000.0 * float(np.sqrt(mean_or_nan(distances_m(found, truth) ** 2)))
+    squared = distances_m(found, truth) ** 2
+    known = np.isfinite(squared)
+    count = known.sum(axis=-1)
+    some = count > 0
+    samples = np.where(known, squared, 0.0).sum(axis=-1)[some] / count[some]
+    return 1000.0 * mean_or_nan(np.sqrt(samples))
 
 
 def pa_mpjpe_mm(found: Float[np.ndarray, "*batch points 3"], truth: Float[np.ndarray, "*batch points 3"]) -> float:

@@ -168,6 +168,6 @@ def _subtitle(capture: Capture, motion: Motion) -> str:
 
 
 def _compared(capture: Capture, motion: Motion) -> Evaluation | None:
-    """Return the comparison with the truth and the baseline, where the capture knows its truth."""
-    known = {"joints", "keypoints3d"} <= set(capture.truth)
-    return evaluate(capture, motion) if known and motion.keypoints3d is not None else None
+    """Return the comparison with the truth, and of views with the baseline, where the capture knows its truth."""
+    comparable = "joints" in capture.truth and motion.beside_truth(np.asarray(capture.truth["joints"]))[2]
+    return evaluate(capture, motion) if comparable else None

@@ -189,9 +189,9 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
     summary = f"<pre>{text(chr(10).join(figures))}</pre>" if figures else ""
     joints = f"<details><summary>Each joint</summary>{table}</details>"
     body = f"{summary}<h3>Error of the {len(names)} joints over time, mm</h3>{plot}{joints}"
-    lead = (
-        "The capture is synthetic: its motion is known. The yardstick is triangulation and a 6 Hz Butterworth filter."
-    )
+    lead = "The capture is synthetic: its motion is known."
+    if capture.keypoints is not None:
+        lead += " The yardstick is triangulation and a 6 Hz Butterworth filter."
     return section("Against the truth", body, lead, "truth")
 
 

@@ -29,9 +29,17 @@ def test_a_known_offset_is_its_length(truth):
 def test_rmse_weighs_large_errors_more(truth):
     found = truth.copy()
     found[0, 0, 2] += 1.0
-    count = FRAMES * POINTS
-    assert mpjpe_mm(found, truth) == pytest.approx(1000.0 / count)
-    assert rmse_mm(found, truth) == pytest.approx(1000.0 / np.sqrt(count))
+    assert mpjpe_mm(found, truth) == pytest.approx(1000.0 / (FRAMES * POINTS))
+    assert rmse_mm(found, truth) == pytest.approx(1000.0 / np.sqrt(POINTS) / FRAMES)
+
+
+def test_rmse_is_of_each_sample_and_then_the_mean_as_eq_4_28_has_it(truth):
+    off = np.array([1.0, 2.0, 3.0, 4.0, 10.0])
+    found = truth + 0.001 * off[:, None, None] * np.array([1.0, 0.0, 0.0])
+    assert rmse_mm(found, truth) == pytest.approx(off.mean())
+    found[4] = np.nan
+    assert rmse_mm(found, truth) == pytest.approx(off[:4].mean())
+    assert rmse_mm(found[0], truth[0]) == pytest.approx(1.0)
 
 
 @pytest.mark.parametrize("side", ["found", "truth"])

@@ -15,10 +15,10 @@ RESULT: dict[str, DiagnosticEntry] = {
         "A picture holds neither how far away a person is nor how far a limb points towards the camera.",
         "Look at the motion from the side, pin poses that are wrong, or add a second camera.",
     ),
-    "focal_length_guessed": warning(
-        "Camera {camera}: the focal length is guessed, distances may be off by {share:.0f} %",
-        "The video has no calibration, and no lens was given.",
-        "Give the lens with --lenses, or calibrate the camera.",
+    "focal_length_unsure": warning(
+        "Camera {camera}: the focal length is known to {share:.0f} %, distances may be off by as much",
+        "The video has no calibration: its focal length is a guess, or a 35 mm equivalent.",
+        "Give the lens with --lenses or --focal, or calibrate the camera.",
     ),
     "up_from_person": warning(
         "Camera {camera}: up and floor are estimated from the person, the motion may lean by 10°",

@@ -112,7 +112,7 @@ class MarkerResiduals:
     """(F, L, 3) metres, NaN where missing."""
 
     def __call__(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return None, as there are no images, and statistics of (F, L, 3) points."""
+        """Return None, as there are no images, and statistics of (F, L, 3) points, over all seen markers together."""
         error = 1000 * np.linalg.norm(points - self.markers, axis=-1)
         error = error[np.isfinite(error)]
         return None, {

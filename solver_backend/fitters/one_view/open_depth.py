@@ -68,7 +68,7 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))
     found = [diagnostic("one_camera", size=usual, share=100.0 * one.size_sigma, source=one.size_source)]
     if one.focal_sigma:
-        found.append(diagnostic("focal_length_guessed", cameras=[one.camera], share=100.0 * one.focal_sigma))
+        found.append(diagnostic("focal_length_unsure", cameras=[one.camera], share=100.0 * one.focal_sigma))
     if one.up_from_person:
         found.append(diagnostic("up_from_person", cameras=[one.camera]))
     for name, part in LIMB_ENDS.items():

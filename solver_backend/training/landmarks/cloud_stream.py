@@ -12,6 +12,7 @@ from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, other_side
 from solver_backend.training.landmarks.body_points import PLACES, BodyPoints, rodrigues
 from solver_backend.training.landmarks.corruption import Corruption
 from solver_backend.training.landmarks.layout_masks import layout_masks, part_masks
+from solver_backend.training.landmarks.thesis_corruption import ThesisCorruption, thesis_shapes
 
 _LIMBS = ((13, 16, 18, 20), (14, 17, 19, 21), (1, 2, 4, 5, 7, 8, 10, 11), (12, 15))
 """Joints that travel together when poses exchange limbs."""
@@ -35,7 +36,7 @@ class Clouds:
 
 @dataclass(frozen=True)
 class Variety:
-    """How clouds differ besides their poses; see the thesis' 4.20 to 4.27 for those that are its own."""
+    """How clouds differ besides their poses."""
 
     layouts: bool = True
     """Layouts and subsets of the superset; all 53 markers if False."""
@@ -53,6 +54,16 @@ class Variety:
     """Chance that only a part of the body wears markers."""
     tilted: float = 0.12
     """Chance that the whole cloud is turned by up to 90° about a level axis."""
+    wobble_rad: float = 0.05
+    """Standard deviation of every cloud's lean."""
+    headings: bool = True
+    """People head anywhere; as they were recorded if False."""
+    sizes: float = 0.12
+    """People are scaled by up to this share."""
+    strayed: bool = True
+    """Markers are off their rules, by each place's spread."""
+    thesis: bool = False
+    """Shapes by 4.20 and 4.21, corruption by 4.22 to 4.27 alone, instead of ours."""
 
 
 class CloudStream:
@@ -61,7 +72,8 @@ class CloudStream:
     def __init__(self, body: Body, device: str, variety: Variety = Variety()) -> None:
         self.points = BodyPoints(body, device)
         self.device, self.variety = device, variety
-        self.corruption = Corruption(self.points.device, ghosts=variety.ghosts, noise=variety.noise)
+        ours = Corruption(self.points.device, ghosts=variety.ghosts, noise=variety.noise)
+        self.corruption = ThesisCorruption(self.points.device) if variety.thesis else ours
         self.layouts, self.layout_chance = layout_masks(device)
         self.parts = part_masks(self.points.weights)
         names = (*PLACES, *JOINTS)
@@ -96,21 +108,28 @@ class CloudStream:
             v.pose_noise * torch.rand(count, 1, 1, device=device) * 1.6 * _normal(count, 22, 3, like=rotvec)
         )
         rotations = rotations @ turn
-        betas = 0.7 * _normal(count, 10, like=rotvec)
-        betas = betas + _often(0.5, count, 1, like=rotvec) * (2.0 * torch.rand(count, 1, device=device) - 1.0)
-        betas = torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=rotvec), betas)
+        betas = self._shapes(rotvec)
         places, joints = self.points(rotations[:, 0], rotations[:, 1:], betas, self.placement(count))
         everything = torch.cat((places, joints), 1)
         mirrored = (everything * self.flip)[:, self.mirror]
         everything = torch.where(_often(0.5, count, 1, 1, like=rotvec) > 0, mirrored, everything)
         everything = everything @ self._turns(count).transpose(1, 2)
-        everything = everything * (0.88 + 0.24 * torch.rand(count, 1, 1, device=device))
+        everything = everything * (1.0 - v.sizes + 2.0 * v.sizes * torch.rand(count, 1, 1, device=device))
         return everything[:, : len(PLACES)], everything[:, -NUM_JOINTS:]
+
+    def _shapes(self, like: torch.Tensor) -> torch.Tensor:
+        """Return (B, 10) shapes: the thesis' of a normal draw, as there are no recorded ones, or ours."""
+        count, device = len(like), self.device
+        betas = 0.7 * _normal(count, 10, like=like)
+        if self.variety.thesis:
+            return thesis_shapes(betas)
+        betas = betas + _often(0.5, count, 1, like=like) * (2.0 * torch.rand(count, 1, device=device) - 1.0)
+        return torch.where(torch.rand(count, 10, device=device) < 0.1, _normal(count, 10, like=like), betas)
 
     def placement(self, count: int) -> torch.Tensor:
         """Return (B, P, 3) metres by which each person's markers are off their rules, along the skin and off it."""
         b = self.points
-        if not self.variety.noise:
+        if not (self.variety.noise and self.variety.strayed):
             return torch.zeros(count, len(PLACES), 3, device=self.device)
         # Three quarters of a place's spread: rules stray by the spread between laboratories, not only by hands.
         along = _normal(count, len(PLACES), 3, like=b.spread).clamp(-2.0, 2.0) * b.spread[:, 1:]
@@ -121,11 +140,12 @@ class CloudStream:
     def _turns(self, count: int) -> torch.Tensor:
         """Return (B, 3, 3) rotations from Y up to Z up, any heading, some of them tilted."""
         device = self.device
-        heading = 2.0 * torch.pi * torch.rand(count, device=device)
+        heading = 2.0 * torch.pi * torch.rand(count, device=device) * self.variety.headings
         axis = 2.0 * torch.pi * torch.rand(count, device=device)
         tilt = torch.where(
             torch.rand(count, device=device) < self.variety.tilted,
-            0.5 * torch.pi * torch.rand(count, device=device), 0.05 * torch.randn(count, device=device),
+            0.5 * torch.pi * torch.rand(count, device=device),
+            self.variety.wobble_rad * torch.randn(count, device=device),
         )  # fmt: skip
         zero = torch.zeros_like(heading)
         level = rodrigues(torch.stack((tilt * axis.cos(), tilt * axis.sin(), zero), -1))

@@ -34,7 +34,11 @@ from solver_backend.training.landmarks.poses import PoseTable
 from solver_backend.training.landmarks.unet import BLOCKS
 
 FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
-"""The thesis' clouds: all 53 markers, its augmentations and corruptions alone."""
+"""Our clouds of all 53 markers: besides the thesis' corruptions sizes, headings, strayed markers and props."""
+THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
+"""The thesis' clouds: all 53 markers, its augmentations and corruptions (4.20 to 4.27) alone."""
+CLOUDS = {"thesis": THESIS, "fixed": FIXED}
+"""Clouds of 53 markers that every row is judged on, by the name that figures and tables have."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
@@ -84,6 +88,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
     base = Row("published", width, resolution=resolution)
     rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
     rows["ortho fading"] = replace(base, balance=FADING)
+    rows["base thesis"], rows["ortho thesis"] = (replace(rows[name], variety=THESIS) for name in ("base", "ortho"))
     rows["base js"] = replace(base, divergence="jensen-shannon")
     rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
         "random", "lerp", "slerp", "squad", "bezier", "bspline",
@@ -99,7 +104,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
         "ours one layout": replace(ours, variety=replace(Variety(), layouts=False)),
         "ours no ghosts": replace(ours, variety=replace(Variety(), ghosts=False)),
         "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
-        "ours 53 fixed": replace(ours, variety=FIXED),
+        "ours 53 fixed": replace(ours, variety=FIXED), "ours 53 thesis": replace(ours, variety=THESIS),
     }  # fmt: skip
     return rows
 
@@ -109,16 +114,18 @@ def train_row(
 ) -> dict[str, Any]:
     """Train a row, judge it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
 
-    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, which no figure is of. With
-    ``start``, another row's checkpoint, it goes on from there: what then differs is the row's.
+    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, in clouds of the row's own kind,
+    which no figure is of. With ``start``, another row's checkpoint, it goes on from there: what then differs is the
+    row's.
     """
     out.mkdir(parents=True, exist_ok=True)
     device = settings.device
-    kinds = {"fixed": CloudStream(body, device, FIXED)}
+    kinds = {name: CloudStream(body, device, variety) for name, variety in CLOUDS.items()}
     if row.network == "ours":
         kinds["any"] = CloudStream(body, device)
     poses = judged_poses(table, device)
     judged = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in judged_clouds(s, poses).items()}
+    selection = f"{'thesis' if row.variety == THESIS else 'fixed'} selection"
     torch.manual_seed(settings.seed)
     model = row.model()
     draw = drawer(CloudStream(body, device, row.variety), table, settings.batch, row.balance)
@@ -127,7 +134,7 @@ def train_row(
     def look(averaged: LandmarkModel, seconds: float, steps: int) -> None:
         at = {name: judge(averaged, clouds) for name, clouds in judged.items()}
         history.append({"seconds": seconds, "steps": steps, **at})
-        chosen = min(history, key=lambda h: h["fixed selection"]["rmse3"])
+        chosen = min(history, key=lambda h: h[selection]["rmse3"])
         if chosen is history[-1]:
             arrays = {name: _half(value) for name, value in averaged.state_dict().items()}
             np.savez_compressed(out / "weights.npz", **arrays)  # pyright: ignore[reportArgumentType]
@@ -138,7 +145,7 @@ def train_row(
         write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
 
     train_landmarks(model, draw, settings, out, look, start)
-    return min(history, key=lambda h: h["fixed selection"]["rmse3"])
+    return min(history, key=lambda h: h[selection]["rmse3"])
 
 
 def judged_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:

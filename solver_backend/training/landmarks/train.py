@@ -138,7 +138,8 @@ recorded takes ask for (`solver_backend/training/landmarks/calibration.py`). The
 
 ## Validation
 
-`fixed`: all 53 markers under the thesis' corruptions; `any`: layouts, subsets and all else as in training. Poses of
+`thesis`: all 53 markers under the thesis' corruptions (4.20 to 4.27) alone; `fixed`: all 53 markers, besides them
+sizes, headings, strayed markers, props and other ghosts; `any`: layouts, subsets and all else as in training. Poses of
 held-out subjects, evenly from {sizes["ordinary"]} ordinary, {sizes["tail"]} tail (crossed legs, crossed arms, kicks,
 crouching) and {sizes["floor"]} floor poses. Positions in mm, PCK and labels in percent.
 

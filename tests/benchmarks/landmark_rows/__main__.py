@@ -17,11 +17,11 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.exchange.outputs import write_text
 from solver_backend.labelling.point_network import load_network
-from solver_backend.training.landmarks.cloud_stream import CloudStream
+from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety
 from solver_backend.training.landmarks.evaluation import judged_clouds
 from solver_backend.training.landmarks.models import LandmarkModel
 from solver_backend.training.landmarks.poses import PoseTable
-from solver_backend.training.landmarks.rows import FIXED, judged_poses
+from solver_backend.training.landmarks.rows import CLOUDS, judged_poses
 from solver_backend.training.landmarks.tail_poses import GROUPS
 from tests.benchmarks.landmark_rows.row_tables import read_figures, row_tables
 from tests.benchmarks.landmark_rows.tail_pictures import (
@@ -38,7 +38,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("rows", nargs="+", metavar="NAME=FOLDER")
     parser.add_argument("--out", type=Path, default=Path("build/landmark_rows"))
-    parser.add_argument("--kind", choices=("fixed", "any"), default="fixed", help="clouds that tables are of")
+    parser.add_argument("--kind", choices=(*CLOUDS, "any"), default="fixed", help="clouds that tables are of")
     parser.add_argument("--poses", type=Path, help="table of poses, for the picture")
     parser.add_argument("--pictured", nargs="*", default=[], metavar="NAME")
     args = parser.parse_args()
@@ -55,13 +55,13 @@ def main() -> None:
     if args.poses:
         rows = {name: (figures[name], folders[name]) for name in args.pictured or folders}
         models = {name: trained_model(row, folder / "weights.npz") for name, (row, folder) in rows.items()}
-        picture(PoseTable.read(args.poses), models, args.out / "tail.png")
+        picture(PoseTable.read(args.poses), models, args.out / "tail.png", args.kind)
 
 
-def picture(table: PoseTable, models: dict[str, LandmarkModel], out: Path) -> None:
+def picture(table: PoseTable, models: dict[str, LandmarkModel], out: Path, kind: str) -> None:
     """Draw two poses of each group of the tail and of the floor: the first row's median and 90th percentile."""
     poses = judged_poses(table)
-    clouds = judged_clouds(CloudStream(load_body(), "cpu", FIXED), poses)
+    clouds = judged_clouds(CloudStream(load_body(), "cpu", CLOUDS.get(kind, Variety())), poses)
     parts = [*clouds["tail"], *clouds["floor"]]
     groups = np.concatenate([table.arrays["tail_group"], np.full(len(poses["floor"]), len(GROUPS))])
     answers = {name: np.concatenate([landmarks(model, part) for part in parts]) for name, model in models.items()}

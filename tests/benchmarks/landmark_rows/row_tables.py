@@ -23,9 +23,10 @@ def row_tables(rows: Mapping[str, Mapping[str, Any]], base: str, kind: str = "fi
     Args:
         rows: of ``read_figures``.
         base: row that ratios are to.
-        kind: ``fixed`` clouds (53 markers, the thesis' corruptions), or ``any``, which networks of points alone know.
+        kind: ``thesis`` (53 markers under its eqs. 4.20 to 4.27 alone), ``fixed`` (53 markers under ours), or ``any``,
+            which networks of points alone know.
     """
-    return "\n\n".join(f"### {where}\n\n{_table(rows, base, f'{kind} {where}')}" for where in SETS)
+    return "\n\n".join(f"### {where}, clouds: {kind}\n\n{_table(rows, base, f'{kind} {where}')}" for where in SETS)
 
 
 def _table(rows: Mapping[str, Mapping[str, Any]], base: str, where: str) -> str:

@@ -6,13 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import sqrtm
 
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.geometry.curves import bezier, bspline, lerp, squad, squad_controls
 from solver_backend.geometry.interpolation import sider2, sider_n, slerp
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.metrics import diversity, frechet_distance
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gmm import GaussianMixture
 from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
@@ -33,24 +33,6 @@ def features(rotations: np.ndarray) -> np.ndarray:
     return 10.0 * rotation_points(rotations)[:, 1:24].reshape(len(rotations), -1)
 
 
-def frechet_distance(a: np.ndarray, b: np.ndarray) -> float:
-    """Return ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)`` of two sets of features: FID.
-
-    Reference: Heusel et al. 2017; thesis eqs. 4.30, 6.11.
-    """
-    cov_a, cov_b = np.cov(a, rowvar=False), np.cov(b, rowvar=False)
-    root = np.real(np.asarray(sqrtm(cov_a @ cov_b + 1e-9 * np.eye(len(cov_a)))))
-    return float(((a.mean(0) - b.mean(0)) ** 2).sum() + np.trace(cov_a + cov_b - 2.0 * root))
-
-
-def diversity(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
-    """Return the mean distance of features of random pairs: DIV (thesis eqs. 4.31, 6.12, there of 526 pairs)."""
-    rng = np.random.default_rng(seed)
-    return float(
-        np.linalg.norm(f[rng.integers(len(f), size=pairs)] - f[rng.integers(len(f), size=pairs)], axis=1).mean()
-    )
-
-
 def average_pairwise_mm(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
     """Return the mean distance of joints between random pairs of poses, mm."""
     rng = np.random.default_rng(seed)
@@ -60,12 +42,25 @@ def average_pairwise_mm(f: np.ndarray, seed: int, pairs: int = 3000) -> float:
 
 
 def synthesis(rotations: np.ndarray, real: np.ndarray, seed: int) -> dict[str, float]:
-    """Return FID, DIV, APD and the share of implausible poses of (N, 21, 3, 3) samples against real features."""
+    """Return FID, DIV, APD and the share of implausible poses of (N, 21, 3, 3) samples against real features.
+
+    FID and DIV by positions, which no prior was trained to spread; the thesis has them by codes (``code_synthesis``).
+    """
     f = features(rotations)
     return {
         "FID": frechet_distance(f, real), "DIV": diversity(f, seed), "APD mm": average_pairwise_mm(f, seed),
         "outside %": 100.0 * float((excess_deg(rotations) > 0).any(axis=1).mean()),
     }  # fmt: skip
+
+
+def code_synthesis(rotations: np.ndarray, real_codes: np.ndarray, encoder: PosePrior, seed: int) -> dict[str, float]:
+    """Return FID and DIV of (N, 21, 3, 3) samples as the thesis has them, by the codes of one encoder (VPoser's).
+
+    Their quotient is the indicator by which the paper chooses its model (supplement, eq. 17).
+    """
+    codes = np.asarray(encoder.encode(rotations))
+    fid, div = frechet_distance(codes, real_codes), diversity(codes, seed)
+    return {"FID codes": fid, "DIV codes": div, "FID / DIV codes": fid / max(div, 1e-9)}
 
 
 def reconstruction(prior: PosePrior, truth: np.ndarray) -> dict[str, float]:

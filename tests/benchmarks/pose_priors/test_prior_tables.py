@@ -6,13 +6,14 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.gmm import GaussianMixture
 from solver_backend.training.data.corpus import build_corpus
 from solver_backend.training.data.sources.clips import Clip
 from tests.benchmarks.pose_priors.prior_tables import (
     SCHEMES,
+    code_synthesis,
     draw_keys,
-    frechet_distance,
     interpolation,
     noisy,
     synthesis,
@@ -20,18 +21,22 @@ from tests.benchmarks.pose_priors.prior_tables import (
 )
 
 
-def test_frechet_distance_of_normals() -> None:
-    rng = np.random.default_rng(0)
-    a = rng.standard_normal((20000, 4))
-    assert frechet_distance(a, a) == pytest.approx(0.0, abs=1e-3)
-    assert frechet_distance(a, 3.0 * a + 2.0) == pytest.approx(4 * (2.0**2 + (3.0 - 1.0) ** 2), rel=0.02)
-
-
 def test_samples_of_one_pose_have_no_diversity() -> None:
     one = np.broadcast_to(np.eye(3), (50, 21, 3, 3))
     real = np.random.default_rng(0).standard_normal((200, 69))
     found = synthesis(one, real, 0)
     assert found["DIV"] == 0.0 and found["APD mm"] == 0.0 and found["outside %"] == 0.0
+
+
+def test_codes_of_the_real_poses_themselves_have_no_distance() -> None:
+    encoder = load_prior("vposer")
+    poses = exp_so3(0.3 * np.random.default_rng(5).standard_normal((100, 21, 3)))
+    codes = np.asarray(encoder.encode(poses))
+    same = code_synthesis(poses, codes, encoder, 0)
+    assert same["FID codes"] == pytest.approx(0.0, abs=1e-5) and same["DIV codes"] > 1.0
+    apart = code_synthesis(poses[:50], codes + 1.0, encoder, 0)
+    assert apart["FID codes"] > 32.0
+    assert apart["FID / DIV codes"] == pytest.approx(apart["FID codes"] / apart["DIV codes"])
 
 
 def test_noise_spares_one_joint() -> None:

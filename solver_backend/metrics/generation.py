@@ -1,0 +1,66 @@
+"""How real and how unlike one another generated poses are: FID and DIV (thesis eqs. 4.30, 4.31, 6.11, 6.12)."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.exchange.errors import ShapeMismatch
+from solver_backend.types.shapes import Float
+
+
+def frechet_distance(
+    generated: Float[np.ndarray, "samples features"], real: Float[np.ndarray, "others features"]
+) -> float:
+    """Return FID: ``|μ_a - μ_b|² + Tr(Σ_a + Σ_b - 2 (Σ_a Σ_b)^½)``, in the features' squared unit.
+
+    The trace of the root is that of ``(Σ_a^½ Σ_b Σ_a^½)^½``, which is symmetric.
+
+    Args:
+        generated: (N, D) features, two samples or more.
+        real: (M, D) features, two samples or more.
+
+    Raises:
+        ShapeMismatch: not such arrays, or NaN.
+
+    Reference: Heusel et al. 2017, "GANs trained by a two time-scale update rule", eq. 6; thesis eqs. 4.30, 6.11.
+    """
+    generated, real = _features(generated), _features(real)
+    if generated.shape[1] != real.shape[1]:
+        raise ShapeMismatch(
+            f"Features of lengths {generated.shape[1]} and {real.shape[1]} cannot be compared.", where="metrics"
+        )
+    cov_a, cov_b = (np.atleast_2d(np.cov(f, rowvar=False)) for f in (generated, real))
+    values, vectors = np.linalg.eigh(cov_a)
+    root = vectors * np.sqrt(np.maximum(values, 0.0)) @ vectors.T
+    shared = np.sqrt(np.maximum(np.linalg.eigvalsh(root @ cov_b @ root), 0.0)).sum()
+    apart = ((generated.mean(axis=0) - real.mean(axis=0)) ** 2).sum()
+    return float(apart + np.trace(cov_a) + np.trace(cov_b) - 2.0 * shared)
+
+
+def diversity(features: Float[np.ndarray, "samples features"], seed: int) -> float:
+    """Return DIV: the mean distance between the pairs of two random halves, in the features' unit.
+
+    The thesis pairs 526 of 1,052 generated poses with the other 526; an odd sample is left out.
+
+    Args:
+        features: (N, D) features, two samples or more.
+        seed: of the halves.
+
+    Raises:
+        ShapeMismatch: not such an array, or NaN.
+
+    Reference: thesis eqs. 4.31, 6.12.
+    """
+    features = _features(features)
+    order, half = np.random.default_rng(seed).permutation(len(features)), len(features) // 2
+    return float(np.linalg.norm(features[order[:half]] - features[order[half : 2 * half]], axis=1).mean())
+
+
+def _features(values: np.ndarray) -> np.ndarray:
+    values = np.asarray(values, dtype=np.float64)
+    if values.ndim != 2 or len(values) < 2 or not np.isfinite(values).all():
+        raise ShapeMismatch(
+            f"Features of shape {values.shape} cannot be compared.", where="metrics",
+            hint="(samples, features) are expected: two samples or more, and no NaN.",
+        )  # fmt: skip
+    return values

@@ -1,0 +1,97 @@
+"""Thesis tables 4.5 and 6.5: pose autoencoders as samplers, as reconstructions and as priors of a fit.
+
+1,052 poses of each prior against 1,052 of CMU's held-out subjects: FID and DIV by VPoser's codes in 526 pairs, as the
+thesis has them, which favours VPoser itself, and by positions of joints (dm), which favours none. Reconstruction of the
+held-out poses; fits of 150 of them to 53 exact markers with shape, root and place known, the code pulled towards zero.
+Samples: medians of three seeds; the weights are of one training each. Needs the validation motions
+(MOCAP_SHARED_DATA); the table goes to build/bench_autoencoders.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.markers import marker_landmarks, marker_layout
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.metrics import angle_mae_deg, pck_percent
+from solver_backend.priors.catalogue import load_prior, shipped_priors
+from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
+from solver_backend.training.data.points import rotation_points
+from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
+from tests.benchmarks.metric import Metric
+from tests.benchmarks.pose_priors import prior_tables as tables
+from tests.benchmarks.pose_priors.latent_chain import LatentChain
+
+OUT = Path(__file__).resolve().parents[2] / "build" / "bench_autoencoders"
+SAMPLES, FITTED = 1052, 150
+"""Poses that the thesis samples; poses that are fitted here."""
+SEEDS = (0, 1, 2)
+PULL = 1e-5
+"""λ of the fit, m²: a code one deviation long weighs as much as markers 3 mm off."""
+FIT_ITERATIONS = 60
+
+
+def run() -> list[Metric]:
+    """Sample, reconstruct, fit, and write the table."""
+    poses = held_out_poses()
+    encoder = load_prior("vposer")
+    codes, real = np.asarray(encoder.encode(poses)), tables.features(poses)
+    rows: tables.Table = {}
+    for prior in (load_prior(name) for name in shipped_priors() if name not in tables.POSE_ITSELF):
+        drawn = [np.asarray(prior.sample(SAMPLES, seed)) for seed in SEEDS]
+        found = [
+            tables.code_synthesis(d, codes, encoder, seed) | tables.synthesis(d, real, seed)
+            for seed, d in zip(SEEDS, drawn, strict=True)
+        ]
+        rows[prior.name] = {column: float(np.median([row[column] for row in found])) for column in found[0]}
+        rows[prior.name] |= tables.reconstruction(prior, poses)
+        if isinstance(prior, GaussianVAE):
+            rows[prior.name] |= marker_fit(prior, poses[:FITTED])
+    OUT.mkdir(parents=True, exist_ok=True)
+    (OUT / "tables.md").write_text(tables.text_table("Thesis tables 4.5 and 6.5", rows), encoding="utf-8")
+    return metrics_of(rows)
+
+
+def held_out_poses() -> np.ndarray:
+    """Return (1052, 21, 3, 3) poses of the subjects that no prior was trained on."""
+    rotations = np.concatenate([read_take(path).rotations[:, 1:22] for path in clip_paths()])
+    return rotations[np.random.default_rng(0).choice(len(rotations), SAMPLES, replace=False)]
+
+
+def marker_fit(prior: GaussianVAE, truth: np.ndarray) -> dict[str, float]:
+    """Return the errors of poses (N, 21, 3, 3) fitted to their own markers (thesis table 4.5)."""
+    body, names = load_body(), marker_layout("MANIFOLD_53")
+    subject = Subject(body, marker_landmarks(body, names), np.zeros(10), np.zeros((len(names), 3)))
+    root, transl, start = np.eye(3)[None], np.zeros((1, 3)), np.zeros((1, LATENT_DIM))
+    fitted = []
+    for local in truth:
+        markers = pose(subject, PosedFrames(root, local[None], transl)).points
+        seen = np.ones(markers.shape[:2])
+        fitted.append(LatentChain(subject, prior, root, transl, markers, seen, start, PULL, 0.0).solve(FIT_ITERATIONS))
+    found = np.concatenate(fitted)
+    points, true = rotation_points(found), rotation_points(truth)
+    share = {f"fit PCK{cm} %": pck_percent(points, true, 0.01 * cm) for cm in (1, 3, 7)}
+    return {"fit MAE °": angle_mae_deg(found, truth), **share}
+
+
+def metrics_of(rows: tables.Table) -> list[Metric]:
+    """Return what the tables of the thesis hold, by prior."""
+    kept = {
+        "FID codes": ("fid_codes", "lower"), "DIV codes": ("div_codes", "higher"),
+        "FID / DIV codes": ("indicator", "lower"), "FID": ("fid", "lower"),
+        "DIV": ("div", "higher"), "MPJPE mm": ("mpjpe_mm", "lower"), "PCK3 %": ("pck3_percent", "higher"),
+        "PCK7 %": ("pck7_percent", "higher"), "fit MAE °": ("fit_mae_deg", "lower"),
+        "fit PCK1 %": ("fit_pck1_percent", "higher"), "fit PCK3 %": ("fit_pck3_percent", "higher"),
+        "fit PCK7 %": ("fit_pck7_percent", "higher"),
+    }  # fmt: skip
+    units = {"mm": "mm", "deg": "°", "percent": "%"}
+    return [
+        Metric(f"{name}_{key}", row[column], units.get(key.rpartition("_")[2], ""), direction)
+        for name, row in rows.items()
+        for column, (key, direction) in kept.items()
+        if column in row
+    ]

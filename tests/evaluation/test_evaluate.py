@@ -1,0 +1,96 @@
+"""What a motion is worth against known truth, whatever was recorded: views, markers, or a motion edited afterwards."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.evaluation.evaluate import CODED_FRAMES, evaluate
+from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Capture, MarkerCloud, Motion
+
+FRAMES = 90
+OFF_M = np.array([0.003, 0.004, 0.0])
+
+
+@pytest.fixture(scope="module")
+def capture() -> Capture:
+    return demo_capture(FRAMES)
+
+
+@pytest.fixture(scope="module")
+def motion(capture) -> Motion:
+    """The true motion, 5 mm beside where it was."""
+    truth = capture.truth
+    return Motion(
+        truth["betas"], truth["global_orient"], truth["body_pose"], truth["transl"] + OFF_M, capture.fps,
+        load_body().id, truth["joints"] + OFF_M, keypoints3d=truth["keypoints3d"] + OFF_M,
+        joint_set=capture.keypoints.joint_set,
+    )  # fmt: skip
+
+
+def test_views_are_judged_beside_the_filter(capture, motion):
+    found = evaluate(capture, motion)
+    assert found.joints_mpjpe_mm == pytest.approx(5.0) and found.joints_rmse_mm == pytest.approx(5.0)
+    assert found.keypoints_mpjpe_mm == pytest.approx(5.0)
+    assert found.baseline_mpjpe_mm is not None and found.baseline_mpjpe_mm > 5.0
+    assert (found.joints_pck1_percent, found.joints_pck7_percent) == (100.0, 100.0)
+    assert found.angles_mae_deg == pytest.approx(0.0, abs=1e-4)
+    assert found.mpjpe_ratio == pytest.approx(5.0 / found.baseline_mpjpe_mm)
+
+
+def test_a_motion_without_keypoints_is_judged_by_its_joints(capture, motion):
+    found = evaluate(capture, replace(motion, keypoints3d=None, joint_set=None))
+    assert found.joints_mpjpe_mm == pytest.approx(5.0)
+    assert found.keypoints_mpjpe_mm is None and found.baseline_mpjpe_mm is not None
+    assert found.mpjpe_ratio == pytest.approx(5.0 / found.baseline_mpjpe_mm)
+
+
+def test_a_solve_of_markers_is_judged_by_joints_and_markers(capture, motion):
+    markers = capture.truth["joints"][:, :9] + 0.1
+    recorded = Capture("markers", markers=MarkerCloud(markers, capture.fps, tuple("ABCDEFGHI")),
+                       truth={**capture.truth, "markers": markers})  # fmt: skip
+    del recorded.truth["keypoints3d"]
+    solved = replace(
+        motion, keypoints3d=None, joint_set=None, markers=markers - OFF_M, marker_labels=tuple("ABCDEFGHI")
+    )
+    found = evaluate(recorded, solved)
+    assert found.joints_mpjpe_mm == pytest.approx(5.0) and found.markers_mpjpe_mm == pytest.approx(5.0)
+    assert found.baseline_mpjpe_mm is None and found.mpjpe_ratio is None and found.accel_ratio is None
+    assert "markers" in "\n".join(found.lines()) and "filter" not in "\n".join(found.lines())
+    assert found.figures().keys().isdisjoint({"mpjpe_ratio", "baseline_mpjpe_mm", "keypoints_mpjpe_mm"})
+    other = replace(solved, marker_labels=tuple("ABCDEFGHX"))
+    assert evaluate(recorded, other).markers_mpjpe_mm is None
+
+
+def test_poses_are_judged_by_realism_and_diversity_of_their_codes(capture, motion):
+    found = evaluate(capture, motion).figures()
+    assert found["codes_fid"] == 0.0 and found["codes_div"] == found["codes_div_true"] > 1.0
+    still = replace(motion, body_pose=np.tile(motion.body_pose[:1], (FRAMES, 1)))
+    frozen = evaluate(capture, still).figures()
+    assert frozen["codes_fid"] > 1.0 and frozen["codes_div"] == 0.0
+    assert frozen["angles_mae_deg"] > 1.0 and frozen["codes_div_true"] == found["codes_div_true"]
+
+
+def test_few_frames_have_no_figures_of_codes():
+    short = demo_capture(CODED_FRAMES - 1)
+    truth = short.truth
+    motion = Motion(truth["betas"], truth["global_orient"], truth["body_pose"], truth["transl"], short.fps,
+                    load_body().id, truth["joints"])  # fmt: skip
+    found = evaluate(short, motion)
+    assert found.codes_fid is None and found.codes_div is None and found.joints_mpjpe_mm == 0.0
+
+
+def test_a_capture_that_knows_no_truth_is_refused(capture, motion):
+    with pytest.raises(MotionInvalid, match="knows no truth"):
+        evaluate(replace(capture, truth={}), motion)
+
+
+def test_a_motion_of_other_frames_is_refused_instead_of_nan(capture, motion):
+    part = {name: getattr(motion, name)[:50] for name in ("global_orient", "body_pose", "transl", "joints")}
+    with pytest.raises(MotionInvalid, match="50 frames.*90"):
+        evaluate(capture, replace(motion, **part, keypoints3d=None, joint_set=None))
