@@ -47,7 +47,7 @@ def is_field(key: str) -> bool:
 
 
 def is_camera(node: Any) -> bool:
-    """Whether a mapping holds an intrinsic matrix, its four numbers or a projection matrix, as a camera's entry does."""
+    """Whether a mapping holds an intrinsic matrix, its four numbers or a projection matrix, as cameras do."""
     if not isinstance(node, Mapping):
         return False
     return _find(node, "K") is not None or set(node) >= _FOCAL or np.shape(_find(node, "P"))[-2:] == (3, 4)
