@@ -16,6 +16,7 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
+from solver_backend.io.calibration.unsupported import name_unsupported
 from solver_backend.io.recognition.camera_names import counted_order, listing, match_names, name_key
 from solver_backend.types import Cameras
 
@@ -88,11 +89,11 @@ def find_calibration(
     if not others and damaged:
         raise damaged[0]
     if not others:
+        what, how = name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
         raise CalibrationMissing(
-            "The recording has no camera calibration.",
-            where=str(root),
-            hint=f"Put one into its 'calibration' folder. Formats that are read: {FORMATS}.",
-        )
+            f"The recording has no camera calibration. {what}".rstrip(), where=str(root),
+            hint=f"{how} Formats that are read: {FORMATS}.",
+        )  # fmt: skip
     if by_views is not None and not names:
         for calibration in others:
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
