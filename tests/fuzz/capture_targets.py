@@ -8,6 +8,8 @@ from pathlib import Path
 from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
 from solver_backend.exchange import capture_file
 from solver_backend.io.calibration import read_calibration
+from solver_backend.io.detections.read import read_detections
+from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.footage.mp4 import read_video_header
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
@@ -16,6 +18,7 @@ from tests.fuzz import odd_calibrations, odd_captures, odd_recordings
 from tests.fuzz.odd_bodies import ARCHIVES, MANY_MEMBERS
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
+from tests.support.other_programs import WRITERS
 from tests.support.scenes import ring_of_cameras, small_capture, small_markers
 from tests.support.trial_files import mp4_bytes, write_trial
 
@@ -46,6 +49,12 @@ def _trial(joint_set: JointSet, config: str = "[project]\nframe_rate = 30\n") ->
         (trial / "videos" / "cam01.mp4").write_bytes(mp4_bytes(30, 2, (1920, 1080)))
 
     return write
+
+
+def _read_detections(folder: Path) -> None:
+    """Read a folder's detections if it holds any."""
+    if sources := camera_sources(folder):
+        read_detections(sources, joint_set=JointSet.COCO_17)
 
 
 def _small(joint_set: JointSet = JointSet.COCO_17) -> Write:
@@ -114,6 +123,13 @@ TARGETS: tuple[Target, ...] = (
         {".json": "json", ".toml": "text"},
         1,
         odd_recordings.TRIALS,
+    ),
+    Target(
+        "detections of other programs",
+        WRITERS,
+        _read_detections,
+        {".json": "json", ".csv": "table", ".npy": "binary"},
+        2,
     ),
     Target(
         "tracked points",

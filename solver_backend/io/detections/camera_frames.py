@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
+from solver_backend.io.recognition.frame_numbers import spans_too_much
 
 People = list[np.ndarray]
 """(K, 3) x, y in pixels and confidence of each person in one picture, as written."""
@@ -38,11 +39,16 @@ class CameraFrames:
         """Return frames that one file holds.
 
         Raises:
-            FileDamaged: there are none.
+            FileDamaged: there are none, or their numbers lie too far apart.
         """
         if not frames:
             raise FileDamaged("The file holds no frames.", where=str(path), hint="Run the detector again.")
         numbers = sorted(frames)
+        if spans_too_much(numbers):
+            raise FileDamaged(
+                f"The numbers of the {len(numbers)} frames run from {numbers[0]} to {numbers[-1]}; frames are counted.",
+                where=str(path), hint="Number the frames 0, 1, 2 ... of each camera.",
+            )  # fmt: skip
         return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)
 
 

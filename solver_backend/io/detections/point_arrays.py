@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from tokenize import TokenError
 
 import numpy as np
 
@@ -44,7 +45,7 @@ def read_array(path: Path) -> CameraFrames:
 def _array(path: Path) -> np.ndarray:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-    except (OSError, ValueError, EOFError) as error:
+    except (OSError, ValueError, EOFError, SyntaxError, TokenError, OverflowError, MemoryError) as error:
         raise FileDamaged(f"The file is no NumPy array ({error}).", where=str(path)) from error
     counts = {count for s in JointSet for count in s.num_written}
     if array.ndim not in (3, 4) or array.shape[-1] not in (2, 3) or array.shape[-2] not in counts or not array.size:

@@ -80,6 +80,7 @@ def read_detections(
     pictures = _pictures(list(listed.values()), list(spans.values()), progress)
     named = _match_names(list(listed.values()), joint_set)
     if named is not None:
+        _require_counts(pictures, len(next(iter(listed.values())).keypoints))
         pictures = [replace(p, people=[named.ordered(person) for person in p.people]) for p in pictures]
         joint_set = named.joint_set
     count = _keypoint_count(pictures)
@@ -152,6 +153,17 @@ def _match_names(cameras: list[CameraFrames], given: JointSet | None) -> NamedKe
     return match_keypoints(names.pop(), given, where=cameras[0].where(0))
 
 
+def _require_counts(pictures: list[_Picture], count: int) -> None:
+    """Raise KeypointCountMismatch with the first file that holds a person of another number of keypoints than names."""
+    for picture in pictures:
+        odd = next((len(person) for person in picture.people if len(person) != count), None)
+        if odd is not None:
+            raise KeypointCountMismatch(
+                f"A person has {odd} keypoints where {count} are named.", where=picture.where,
+                hint="Use one detector with one model for the whole take.",
+            )  # fmt: skip
+
+
 def _require_finite(pictures: list[_Picture]) -> None:
     """Raise NonFiniteData with the first file that holds an infinite number."""
     everybody = [person for picture in pictures for person in picture.people]
@@ -169,9 +181,8 @@ def _require_finite(pictures: list[_Picture]) -> None:
 
 def _strongest(frames: CameraFrames, row: int) -> tuple[People, Hands]:
     people = frames.people(row)
-    hands: Hands = [None] * len(people)
-    if frames.hands is not None:
-        hands = frames.hands(row)
+    listed = [] if frames.hands is None else frames.hands(row)
+    hands: Hands = listed or [None] * len(people)
     if len(people) <= MAX_PEOPLE:
         return people, hands
     strength = [float(np.nansum(person[:, 2])) for person in people]

@@ -61,9 +61,9 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
     """
     ordered = np.sort(numbers)
     step = float(np.median(np.diff(ordered))) if len(ordered) > 2 else 1.0
-    span = int(ordered[-1]) - int(ordered[0])
-    if step < _STEP_OF_TIMES and span < _SPARSEST * len(ordered) + _FREE:
+    if step < _STEP_OF_TIMES and not spans_too_much(ordered.tolist()):
         return numbers
+    span = int(ordered[-1]) - int(ordered[0])
     what = f"in steps of {step:g}, as times do" if step >= _STEP_OF_TIMES else f"over {span + 1:,} frames"
     raise FileDamaged(
         f"The numbers in the names of the {len(ordered)} files run from {ordered[0]} to {ordered[-1]} {what}; "
@@ -71,6 +71,11 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
         where=where,
         hint="Number the files 0, 1, 2 ... in each camera's folder.",
     )
+
+
+def spans_too_much(ordered: Sequence[int]) -> bool:
+    """Whether ascending numbers lie so far apart that they cannot all be frames of one take."""
+    return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * len(ordered) + _FREE
 
 
 def shared_range(spans: Mapping[str, tuple[int, int]], *, trim: bool) -> tuple[int, int]:

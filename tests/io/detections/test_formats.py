@@ -158,8 +158,7 @@ def test_names_beside_a_body_are_left_out_and_listed(tmp_path: Path) -> None:
     feet = ("left_big_toe", "left_small_toe", "left_heel", "right_big_toe", "right_small_toe", "right_heel")
     deeplabcut(tmp_path / "take", (*COCO, *feet, "racket_tip"))
     found = read(tmp_path / "take")
-    assert found.joint_set is JointSet.BODY_25
-    assert "Named keypoints that BODY_25 lacks are left out: racket_tip." in found.notes
+    assert found.joint_set is JointSet.COCO_WHOLEBODY_133
+    assert "Named keypoints that COCO_WHOLEBODY_133 lacks are left out: racket_tip." in found.notes
     columns = [found.joint_set.keypoints.index(name) for name in (*COCO, *feet)]
     np.testing.assert_allclose(found.xy[:, :, 0, columns], POINTS[:, :, :23, :2], atol=1e-3)
-    assert np.isnan(found.xy[:, :, 0, found.joint_set.keypoints.index("neck")]).all()

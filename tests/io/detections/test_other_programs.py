@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import csv
-import json
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -18,121 +16,22 @@ from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text
-
-COCO = JointSet.COCO_17.keypoints
-CAMERAS, FRAMES, SIZE = ("cam01", "cam02", "cam03"), 4, (1920, 1080)
-_RANDOM = np.random.default_rng(5)
-POINTS = np.concatenate(
-    [_RANDOM.uniform(1, 900, (3, FRAMES, 17, 2)).round(2), _RANDOM.uniform(0.3, 0.9, (3, FRAMES, 17, 1)).round(2)], -1
+from tests.support.other_programs import (
+    CAMERAS,
+    COCO,
+    FRAMES,
+    POINTS,
+    SIZE,
+    WRITERS,
+    coco_of_all_cameras,
+    instance,
+    own_table,
+    write_lines,
+    write_table,
 )
 
 
-def _write(path: Path, *documents: object) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text("\n".join(map(json.dumps, documents)))
-
-
-def _table(path: Path, rows: Sequence[Sequence[object]], separator: str = ",") -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    with path.open("w", newline="") as file:
-        csv.writer(file, delimiter=separator).writerows(rows)
-
-
-def _pifpaf(c: int, f: int) -> dict[str, object]:
-    return {"keypoints": POINTS[c, f].ravel().tolist(), "bbox": [1, 2, 3, 4], "score": 0.9, "category_id": 1}
-
-
-def pifpaf_pictures(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        for f in range(FRAMES):
-            _write(root / name / f"{f:06d}.jpg.predictions.json", [_pifpaf(c, f)])
-
-
-def pifpaf_videos(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        lines = [{"frame": f + 1, "predictions": [_pifpaf(c, f)]} for f in range(FRAMES)]
-        _write(root / f"{name}.mp4.openpifpaf.json", *lines)
-
-
-def _instance(c: int, f: int) -> dict[str, object]:
-    return {"keypoints": POINTS[c, f, :, :2].tolist(), "keypoint_scores": POINTS[c, f, :, 2].tolist()}
-
-
-def mmpose_list(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        frames = [{"frame_id": f, "instances": [_instance(c, f)]} for f in range(FRAMES)]
-        _write(root / "predictions" / f"{name}.json", frames)
-
-
-def sapiens(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        for f in range(FRAMES):
-            _write(root / name / f"{f:06d}.json", {"meta_info": {}, "instance_info": [_instance(c, f)]})
-
-
-def movenet(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        frames = [
-            {"frame": f, "poses": [{"keypoints": [dict(zip(("x", "y", "score"), p, strict=True), name=n)
-                                                  for n, p in zip(COCO, POINTS[c, f].tolist(), strict=True)]}]}
-            for f in range(FRAMES)
-        ]  # fmt: skip
-        _write(root / f"{name}.json", frames)
-
-
-def alphapose_deeper(root: Path) -> None:
-    for c, name in enumerate(CAMERAS):
-        for f in range(FRAMES):
-            people = [{"pose_keypoints_2d": POINTS[c, f].ravel().tolist()}]
-            _write(root / name / "sep-json" / f"{f}.json", {"version": "AlphaPose v0.3", "people": people})
-
-
-def coco_of_all_cameras(root: Path) -> None:
-    shown = [(c, f, f"pictures/{name}/{f:06d}.jpg") for c, name in enumerate(CAMERAS) for f in range(FRAMES)]
-    images = [{"id": i, "file_name": picture} for i, (_, _, picture) in enumerate(shown)]
-    people = [{"image_id": i, "keypoints": POINTS[c, f].ravel().tolist()} for i, (c, f, _) in enumerate(shown)]
-    _write(root / "person_keypoints.json", {"images": images, "annotations": people,
-                                            "categories": [{"keypoints": list(COCO)}]})  # fmt: skip
-
-
-def sleap_table(root: Path) -> None:
-    heading = ["track", "frame_idx", "instance.score", *(f"{n}.{x}" for n in COCO for x in ("x", "y", "score"))]
-    for c, name in enumerate(CAMERAS):
-        rows = [["track_0", f, 0.9, *POINTS[c, f].ravel()] for f in range(FRAMES)]
-        _table(root / f"labels.v001.000_{name}.analysis.csv", [heading, *rows])
-
-
-def own_table(root: Path) -> None:
-    heading = ["Frame", *(f"{n.replace('_', ' ')} {x}" for n in COCO for x in ("X", "Y", "Confidence"))]
-    for c, name in enumerate(CAMERAS):
-        _table(root / f"{name}.csv", [heading, *([f, *POINTS[c, f].ravel()] for f in range(FRAMES))], ";")
-
-
-def jarvis(root: Path) -> None:
-    columns = [(n, x) for n in COCO for x in ("x", "y", "state")]
-    headings = [
-        ["Scorer", *["me"] * len(columns)],
-        ["entities", *["a"] * len(columns)],
-        ["bodyparts", *(n for n, _ in columns)],
-        ["coords", *(x for _, x in columns)],
-    ]
-    for c, name in enumerate(CAMERAS):
-        rows = [[f"Frame_{f}.jpg", *POINTS[c, f].ravel()] for f in range(FRAMES)]
-        _table(root / name / "annotations.csv", [*headings, *rows])
-
-
-def arrays(root: Path) -> None:
-    root.mkdir(parents=True)
-    for name, points in zip(CAMERAS, POINTS, strict=True):
-        np.save(root / f"{name}.npy", points)
-
-
-@pytest.mark.parametrize(
-    "write",
-    [pifpaf_pictures, pifpaf_videos, mmpose_list, sapiens, movenet, alphapose_deeper, coco_of_all_cameras, sleap_table,
-     own_table, jarvis, arrays],
-    ids=lambda write: write.__name__,
-)  # fmt: skip
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
 def test_what_a_program_writes_comes_back(write: Callable[[Path], None], tmp_path: Path) -> None:
     write(tmp_path / "take")
     sources = camera_sources(tmp_path / "take")
@@ -169,7 +68,7 @@ def test_ultralytics_writes_shares_of_the_picture(deeper, tmp_path):
 
 
 def test_positions_in_space_are_no_detections(tmp_path):
-    _table(tmp_path / "walk.csv", [["frame", *(f"{n}_{x}" for n in COCO for x in "xyz")], [0, *range(51)]])
+    write_table(tmp_path / "walk.csv", [["frame", *(f"{n}_{x}" for n in COCO for x in "xyz")], [0, *range(51)]])
     assert not is_table(tmp_path / "walk.csv")
     np.save(tmp_path / "walk.npy", np.full((9, 17, 3), 800.0))
     assert camera_sources(tmp_path) == {}
@@ -180,4 +79,22 @@ def test_a_short_row_is_named(tmp_path):
     path = tmp_path / "cam02.csv"
     path.write_text(path.read_text().rstrip().rpartition(";")[0])
     with pytest.raises(FileDamaged, match="short"):
+        read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+
+
+def test_rows_of_one_frame_are_several_people_however_many_tracks_there_are(tmp_path):
+    heading = ["track", "frame_idx", *(f"{n}.{x}" for n in COCO for x in ("x", "y", "score"))]
+    rows = [[f"track_{i}", i // 2, *POINTS[i % 2, 0].ravel()] for i in range(600)]
+    for name in CAMERAS:
+        write_table(tmp_path / f"{name}.csv", [heading, *rows])
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    assert found.num_frames == 300 and found.xy.shape[2] == 2
+    np.testing.assert_allclose(found.xy[1, 7, 1], POINTS[1, 0, :, :2], rtol=1e-6)
+
+
+def test_numbers_that_count_no_frames_are_named(tmp_path):
+    for name in CAMERAS:
+        frames = [{"frame_id": f, "instances": [instance(0, 0)]} for f in (0, 1, 10**15)]
+        write_lines(tmp_path / f"{name}.json", frames)
+    with pytest.raises(FileDamaged, match="run from 0 to 1000000000000000"):
         read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)

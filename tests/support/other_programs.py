@@ -1,0 +1,135 @@
+"""Detections as other programs and people's own scripts write them, each as a function of the recording's folder."""
+
+from __future__ import annotations
+
+import csv
+import json
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.types import JointSet
+
+COCO = JointSet.COCO_17.keypoints
+CAMERAS, FRAMES, SIZE = ("cam01", "cam02", "cam03"), 4, (1920, 1080)
+_RANDOM = np.random.default_rng(5)
+POINTS = np.concatenate(
+    [_RANDOM.uniform(1, 900, (3, FRAMES, 17, 2)).round(2), _RANDOM.uniform(0.3, 0.9, (3, FRAMES, 17, 1)).round(2)], -1
+)
+
+
+def write_lines(path: Path, *documents: object) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_text("\n".join(map(json.dumps, documents)))
+
+
+def write_table(path: Path, rows: Sequence[Sequence[object]], separator: str = ",") -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with path.open("w", newline="") as file:
+        csv.writer(file, delimiter=separator).writerows(rows)
+
+
+def _pifpaf(c: int, f: int) -> dict[str, object]:
+    return {"keypoints": POINTS[c, f].ravel().tolist(), "bbox": [1, 2, 3, 4], "score": 0.9, "category_id": 1}
+
+
+def pifpaf_pictures(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            write_lines(root / name / f"{f:06d}.jpg.predictions.json", [_pifpaf(c, f)])
+
+
+def pifpaf_videos(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        lines = [{"frame": f + 1, "predictions": [_pifpaf(c, f)]} for f in range(FRAMES)]
+        write_lines(root / f"{name}.mp4.openpifpaf.json", *lines)
+
+
+def instance(c: int, f: int) -> dict[str, object]:
+    return {"keypoints": POINTS[c, f, :, :2].tolist(), "keypoint_scores": POINTS[c, f, :, 2].tolist()}
+
+
+def mmpose_list(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        frames = [{"frame_id": f, "instances": [instance(c, f)]} for f in range(FRAMES)]
+        write_lines(root / "predictions" / f"{name}.json", frames)
+
+
+def sapiens(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            write_lines(root / name / f"{f:06d}.json", {"meta_info": {}, "instance_info": [instance(c, f)]})
+
+
+def movenet(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        frames = [
+            {"frame": f, "poses": [{"keypoints": [dict(zip(("x", "y", "score"), p, strict=True), name=n)
+                                                  for n, p in zip(COCO, POINTS[c, f].tolist(), strict=True)]}]}
+            for f in range(FRAMES)
+        ]  # fmt: skip
+        write_lines(root / f"{name}.json", frames)
+
+
+def alphapose_deeper(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            people = [{"pose_keypoints_2d": POINTS[c, f].ravel().tolist()}]
+            write_lines(root / name / "sep-json" / f"{f}.json", {"version": "AlphaPose v0.3", "people": people})
+
+
+def coco_of_all_cameras(root: Path) -> None:
+    shown = [(c, f, f"pictures/{name}/{f:06d}.jpg") for c, name in enumerate(CAMERAS) for f in range(FRAMES)]
+    images = [{"id": i, "file_name": picture} for i, (_, _, picture) in enumerate(shown)]
+    people = [{"image_id": i, "keypoints": POINTS[c, f].ravel().tolist()} for i, (c, f, _) in enumerate(shown)]
+    write_lines(root / "person_keypoints.json", {"images": images, "annotations": people,
+                                            "categories": [{"keypoints": list(COCO)}]})  # fmt: skip
+
+
+def sleap_table(root: Path) -> None:
+    heading = ["track", "frame_idx", "instance.score", *(f"{n}.{x}" for n in COCO for x in ("x", "y", "score"))]
+    for c, name in enumerate(CAMERAS):
+        rows = [["track_0", f, 0.9, *POINTS[c, f].ravel()] for f in range(FRAMES)]
+        write_table(root / f"labels.v001.000_{name}.analysis.csv", [heading, *rows])
+
+
+def own_table(root: Path) -> None:
+    heading = ["Frame", *(f"{n.replace('_', ' ')} {x}" for n in COCO for x in ("X", "Y", "Confidence"))]
+    for c, name in enumerate(CAMERAS):
+        write_table(root / f"{name}.csv", [heading, *([f, *POINTS[c, f].ravel()] for f in range(FRAMES))], ";")
+
+
+def jarvis(root: Path) -> None:
+    columns = [(n, x) for n in COCO for x in ("x", "y", "state")]
+    headings = [
+        ["Scorer", *["me"] * len(columns)],
+        ["entities", *["a"] * len(columns)],
+        ["bodyparts", *(n for n, _ in columns)],
+        ["coords", *(x for _, x in columns)],
+    ]
+    for c, name in enumerate(CAMERAS):
+        rows = [[f"Frame_{f}.jpg", *POINTS[c, f].ravel()] for f in range(FRAMES)]
+        write_table(root / name / "annotations.csv", [*headings, *rows])
+
+
+def arrays(root: Path) -> None:
+    root.mkdir(parents=True, exist_ok=True)
+    for name, points in zip(CAMERAS, POINTS, strict=True):
+        np.save(root / f"{name}.npy", points)
+
+
+WRITERS = (
+    pifpaf_pictures,
+    pifpaf_videos,
+    mmpose_list,
+    sapiens,
+    movenet,
+    alphapose_deeper,
+    coco_of_all_cameras,
+    sleap_table,
+    own_table,
+    jarvis,
+    arrays,
+)
+"""All of them."""
