@@ -15,9 +15,6 @@ from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettin
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.landmarks import measure_landmarks
 from solver_backend.geometry.arrays import Array
-from solver_backend.labelling.frame_landmarks import frame_landmarks
-from solver_backend.labelling.outputs import MARKERS
-from solver_backend.labelling.point_network import load_network
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
 
@@ -36,6 +33,11 @@ def measure_network_landmarks(
     Raises:
         NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
     """
+    # Its tables are read as these are imported: other methods do without.
+    from solver_backend.labelling.frame_landmarks import frame_landmarks
+    from solver_backend.labelling.outputs import MARKERS
+    from solver_backend.labelling.point_network import load_network
+
     network, markers = load_network(), marker_landmarks(body, MARKERS)
     landmarks = Landmarks.joined((markers, keypoint_landmarks(body, JointSet.SMPL_24))) if joints else markers
     points = frame_landmarks(cloud.positions, network, progress)[:, : len(landmarks)]
