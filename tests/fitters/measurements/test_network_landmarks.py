@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.cli.main import main
 from solver_backend.exchange.errors import JobInvalid, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.measurements.network_landmarks import measure_network_landmarks
@@ -17,7 +18,7 @@ from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.outputs import JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.synthesis.embedded.marker_demo import record_markers
+from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE, record_markers
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 
 DIRECT = SolveSettings(method="noise-aware", landmarks="network")
@@ -82,3 +83,12 @@ def test_what_cannot_be_together_is_refused(recorded):
     person = MarkerSubject("neutral", np.zeros(10), ("C7",), ("C7",), one, np.array([0.01]), np.array([0.01]))
     with pytest.raises(SubjectInvalid, match="labelled"):
         solve(Capture("nameless", markers=nameless(recorded.cloud)), DIRECT, person=person)
+
+
+def test_labels_from_a_person_and_a_networks_landmarks_exclude_each_other(tmp_path, capsys):
+    labels, out = tmp_path / "labels.json", tmp_path / "m.npz"
+    labels.write_text("{}")
+    take = ["solve", str(DEMO_TAKE), "--out", str(out), "--labels", str(labels)]
+    assert main([*take, "--method", "noise-aware", "--landmarks", "network"]) != 0
+    assert "of no use where a network's landmarks are fitted" in capsys.readouterr().err
+    assert not out.exists()
