@@ -64,6 +64,10 @@ class MocapVideos(bpy.types.PropertyGroup):
         name="Lenses", subtype="FILE_PATH", options=RELATIVE,
         description="A calibration or a lens library that has the cameras' lenses; empty to find or guess them",
     )  # fmt: skip
+    focal: bpy.props.StringProperty(
+        name="Focal Length",
+        description="Of an unknown lens: 26mm (35 mm equivalent) or 1450px; empty to read it from the file or guess",
+    )
     stature: bpy.props.FloatProperty(
         name="Stature", description="Stature of the person, which sets the scale without a board; 0 for the mean",
         unit="LENGTH", min=0.0, max=2.6, precision=2,
@@ -84,6 +88,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         options = ["--detector", model, "--people", str(self.people), "--sync", self.sync, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
+        options += ["--focal", self.focal] if self.focal else []
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:

@@ -30,6 +30,7 @@ from solver_backend.types import JointSet
 _MIDLINE: dict[str, Rule] = {
     "nose": OnSurface("head", (0, 0, 1), (0, 0.045, 0)),
     "neck": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
+    "thorax": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
     "upper_neck": AtJoints({"neck": 1.0}),
     "head_top": OnSurface("head", (0, 1, 0), (0, 0.05, 0.0)),
     "mid_hip": Between({"left_hip": 0.5, "right_hip": 0.5}),
@@ -57,7 +58,6 @@ _OWN: dict[JointSet, tuple[dict[str, Rule], dict[str, Rule]]] = {
     JointSet.H36M_17: (
         {
             "spine": AtJoints({"spine1": 0.7, "spine2": 0.3}),
-            "thorax": Between({"left_shoulder": 0.5, "right_shoulder": 0.5}),
             "nose": AtJoints({"head": 1.0}, (0.0, -0.012, 0.03)),
             "head_top": AtJoints({"head": 1.0}, (0.0, 0.1, 0.02)),
         },

@@ -55,6 +55,10 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     )  # fmt: skip
     road.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
     road.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
+    road.add_argument(
+        "--focal", default="", metavar="26mm|1450px",
+        help="focal length of unknown lenses: 35 mm equivalent or pixels; from the file or guessed if left out",
+    )  # fmt: skip
     road.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
     add_settings(road, ["scale", "level", *(name for name in ROWS if name not in ("layout", "sync"))])
 

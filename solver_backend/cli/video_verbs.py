@@ -79,7 +79,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
-        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras),
+        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
     for plan in plans:

@@ -62,6 +62,28 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
         "head_top", "neck", "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow",
         "left_wrist", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
     ),
+    "MPII_16": (
+        "right_ankle", "right_knee", "right_hip", "left_hip", "left_knee", "left_ankle", "mid_hip", "thorax",
+        "upper_neck", "head_top", "right_wrist", "right_elbow", "right_shoulder", "left_shoulder", "left_elbow",
+        "left_wrist",
+    ),
+    "LSP_14": (
+        "right_ankle", "right_knee", "right_hip", "left_hip", "left_knee", "left_ankle", "right_wrist", "right_elbow",
+        "right_shoulder", "left_shoulder", "left_elbow", "left_wrist", "neck", "head_top",
+    ),
+    "CROWDPOSE_14": (
+        "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist", "left_hip",
+        "right_hip", "left_knee", "right_knee", "left_ankle", "right_ankle", "head_top", "neck",
+    ),
+    "AIC_14": (
+        "right_shoulder", "right_elbow", "right_wrist", "left_shoulder", "left_elbow", "left_wrist", "right_hip",
+        "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle", "head_top", "neck",
+    ),
+    "PANOPTIC_19": (
+        "neck", "nose", "mid_hip", "left_shoulder", "left_elbow", "left_wrist", "left_hip", "left_knee", "left_ankle",
+        "right_shoulder", "right_elbow", "right_wrist", "right_hip", "right_knee", "right_ankle", "left_eye",
+        "left_ear", "right_eye", "right_ear",
+    ),
     "BODY_135": _BODY_25B,
     "H36M_17": (
         "mid_hip", "right_hip", "right_knee", "right_ankle", "left_hip", "left_knee", "left_ankle",
@@ -72,10 +94,10 @@ _KEYPOINTS: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 
 _WRITTEN = {
-    "COCO_WHOLEBODY_133": (133,), "HALPE_136": (136,), "BODY_135": (135,), "BODY_25": (25, 135), "MPII_15": (15,),
+    "COCO_WHOLEBODY_133": (133, 23), "HALPE_136": (136,), "BODY_135": (135,), "BODY_25": (25, 135), "MPII_15": (15,),
 }  # fmt: skip
 """Keypoints that detectors write, where they write more than are used: hands and face, also behind BODY_25, and MPII's
-chest."""
+chest. Of COCO's whole body detectors also write the first 23 alone: body and feet."""
 
 
 class JointSet(StrEnum):
@@ -90,6 +112,11 @@ class JointSet(StrEnum):
     MEDIAPIPE_33 = "MEDIAPIPE_33"
     COCO_18 = "COCO_18"
     MPII_15 = "MPII_15"
+    MPII_16 = "MPII_16"
+    LSP_14 = "LSP_14"
+    CROWDPOSE_14 = "CROWDPOSE_14"
+    AIC_14 = "AIC_14"
+    PANOPTIC_19 = "PANOPTIC_19"
     BODY_135 = "BODY_135"
     H36M_17 = "H36M_17"
     SMPL_24 = "SMPL_24"

@@ -16,7 +16,8 @@ from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, Cam
 from solver_backend.cameras.projection import undistort
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person, well_seen_frames
-from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS
+from solver_backend.people.pair_agreement import pair_agreement
+from solver_backend.people.sightings import MIN_CONFIDENCE
 from solver_backend.types import Cameras
 
 AGREES = 0.85
@@ -28,8 +29,6 @@ EVERY_CAMERA = 0.6
 """What each camera must reach with the others."""
 RIVAL = 0.1
 """Readings of another turn or pose that come so near leave the meaning open."""
-OFF_LINE = 0.05
-"""A keypoint agrees up to this distance from its epipolar line, in the person's extent: 8 cm of a person."""
 CHANGE_COST = 0.01
 """Share that a reading must gain for each thing that it changes."""
 _SEARCH_FRAMES = 8
@@ -192,7 +191,7 @@ class _Scores:
     def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:
         key = (a, reading[a], b, reading[b])
         if key not in self._pairs:
-            self._pairs[key] = _agreement(*self._camera(a, reading[a]), *self._camera(b, reading[b]))
+            self._pairs[key] = pair_agreement(*self._camera(a, reading[a]), *self._camera(b, reading[b]))
         return self._pairs[key]
 
     def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -216,44 +215,3 @@ class _Scores:
             lens = all_alike.K, all_alike.distortion
             self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
         return self._normalised[picture]
-
-
-def _agreement(
-    x_a: np.ndarray, R_a: np.ndarray, t_a: np.ndarray, x_b: np.ndarray, R_b: np.ndarray, t_b: np.ndarray
-) -> float:
-    """Return the share of two views' keypoints near their epipolar lines and before both cameras; NaN if none is seen.
-
-    ``E = [t]ₓ R`` with ``x_b = R x_a + t``; the distance of a point from its line is ``|x_bᵀ E x_a| / |(E x_a)₁₂|``,
-    and the same the other way (Hartley and Zisserman 2004, sections 9.6 and 11.4).
-    """
-    shared = np.isfinite(x_a[..., 0]) & np.isfinite(x_b[..., 0])
-    enough = shared.sum(-1) >= MIN_POINTS
-    if not enough.any():
-        return float("nan")
-    extent_a, extent_b = _extent(x_a[enough]), _extent(x_b[enough])
-    shared = shared[enough]
-    h_a, h_b = (np.concatenate([x[enough], np.ones((*shared.shape, 1))], axis=-1) for x in (x_a, x_b))
-    R = R_b @ R_a.T
-    t = t_b - R @ t_a
-    E = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]]) @ R
-    line_b, line_a = h_a @ E.T, h_b @ E
-    gap = np.abs((h_b * line_b).sum(-1))
-    with np.errstate(invalid="ignore", divide="ignore"):
-        near_b = gap / np.linalg.norm(line_b[..., :2], axis=-1) < OFF_LINE * extent_b[:, None]
-        near_a = gap / np.linalg.norm(line_a[..., :2], axis=-1) < OFF_LINE * extent_a[:, None]
-        ahead = _ahead(h_a @ R.T, h_b, t)
-    return float((near_a & near_b & ahead)[shared].mean())
-
-
-def _ahead(d_a: np.ndarray, d_b: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return where rays of two cameras meet before both: ``s d_a + t = u d_b`` in the second's axes, least squares."""
-    aa, bb, ab = (d_a * d_a).sum(-1), (d_b * d_b).sum(-1), (d_a * d_b).sum(-1)
-    at, bt = d_a @ t, d_b @ t
-    spread = aa * bb - ab**2
-    return ((ab * bt - bb * at) / spread > 0) & ((aa * bt - ab * at) / spread > 0)
-
-
-def _extent(x: np.ndarray) -> np.ndarray:
-    """Return (F,) the diagonal of a person's box in normalised coordinates."""
-    size = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
-    return np.hypot(size[:, 0], size[:, 1])

@@ -22,6 +22,7 @@ from solver_backend.exchange.errors import (
     NonFiniteData,
     TooFewViews,
 )
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import JointSet
@@ -89,7 +90,9 @@ def test_damaged_calibrations(trial: Path) -> None:
     ],
 )
 def test_calibration_for_other_cameras_names_both(trial: Path, calibrated: tuple[str, ...]) -> None:
-    write_trial(trial, calibrated=calibrated)
+    elsewhere = write_trial(trial, calibrated=calibrated)
+    elsewhere = replace(elsewhere, R=exp_so3(np.random.default_rng(2).normal(0, 0.5, (4, 3))) @ elsewhere.R)
+    (trial / "calibration" / "Calib.toml").write_text(toml_text(renamed(elsewhere, calibrated)))
     text = (
         rf"recorded cameras are cam01, cam02, cam03, cam04; the calibration Calib\.toml is for {', '.join(calibrated)}"
     )

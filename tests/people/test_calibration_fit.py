@@ -130,7 +130,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
 
 
 def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    count, calls, scored = 40, [], calibration_fit._agreement
+    count, calls, scored = 40, [], calibration_fit.pair_agreement
     kind = np.arange(count) % len(CAMERAS)
     turned_about = np.stack([exp_so3(np.array([0.0, 0.0, 0.1 * i])) for i in range(count)])
     cameras = Cameras(
@@ -142,7 +142,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
         cameras.names, half(xy, tuple(range(count)))[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])),
         KEYPOINTS.joint_set,
     )  # fmt: skip
-    monkeypatch.setattr(calibration_fit, "_agreement", lambda *views: calls.append(1) or scored(*views))
+    monkeypatch.setattr(calibration_fit, "pair_agreement", lambda *views: calls.append(1) or scored(*views))
     fit = fit_calibration(cameras, seen)
     assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
     assert len(calls) < 30_000

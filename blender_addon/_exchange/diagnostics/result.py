@@ -15,15 +15,31 @@ RESULT: dict[str, DiagnosticEntry] = {
         "A picture holds neither how far away a person is nor how far a limb points towards the camera.",
         "Look at the motion from the side, pin poses that are wrong, or add a second camera.",
     ),
-    "focal_length_guessed": warning(
-        "Camera {camera}: the focal length is guessed, distances may be off by {share:.0f} %",
-        "The video has no calibration, and no lens was given.",
-        "Give the lens with --lenses, or calibrate the camera.",
+    "focal_length_unsure": warning(
+        "Camera {camera}: the focal length is known to {share:.0f} %, distances may be off by as much",
+        "The video has no calibration: its focal length is a guess, or a 35 mm equivalent.",
+        "Give the lens with --lenses or --focal, or calibrate the camera.",
     ),
     "up_from_person": warning(
         "Camera {camera}: up and floor are estimated from the person, the motion may lean by 10°",
         "One camera without a calibrated floor sees neither.",
         "Calibrate where the camera stands, or turn the body in the scene.",
+    ),
+    "stature_at_odds": warning(
+        "The person is taken to be {given:.2f} m tall, by {source}; with feet on the floor it would be "
+        "{measured:.2f} ± {sigma:.2f} m. The floor is not used",
+        "The stature is another person's, the calibration's floor is not where the feet are, or the camera moved.",
+        "Check the stature, and the height of the camera over the floor.",
+    ),
+    "person_glides": warning(
+        "The person moves by up to {size:.1f} m without a step",
+        "The camera zooms or moves, or the person rides on something: one camera cannot tell these apart.",
+        "Film with a camera that stands still and does not zoom.",
+    ),
+    "feet_never_stand": note(
+        "No foot stands still on the floor for long",
+        "The person jumps, hangs or swims, the feet are not in the picture, or the floor is elsewhere.",
+        "The height over the floor follows from the person's size alone: check it.",
     ),
     "limb_depth_open": warning(
         "The depth of the {part} is open",

@@ -187,6 +187,8 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if videos.cameras != "board":
         draw_setting(layout, context, videos, "stature")
     draw_setting(layout, context, videos, "lenses")
+    if not videos.lenses:
+        draw_setting(layout, context, videos, "focal")
     draw_setting(layout, context, videos, "sync")
     draw_setting(layout, context, videos, "detector")
     if videos.detector == "model":

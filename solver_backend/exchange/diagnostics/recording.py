@@ -77,6 +77,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The video was converted to a higher rate, or the detector skips frames.",
         "Use each camera's own rate.",
     ),
+    "picture_cuts": warning(
+        "Camera {camera}: the picture cuts, or the person jumps from place to place",
+        "The video is edited, or the detector went over to somebody else.",
+        "Split the video there: what lies before and after the cut is solved as one motion.",
+    ),
     "frames_skipped": warning(
         "Every other frame or so, {size:.0f} %, has no detections in any view",
         "The detector looked at some frames alone.",

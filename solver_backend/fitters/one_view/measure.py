@@ -9,6 +9,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
@@ -16,6 +17,7 @@ from solver_backend.fitters.measurements.base import Measurements, OneView, Roug
 from solver_backend.fitters.measurements.multiview import ReprojectionReport
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.one_view.doubtful_view import bridge_repeats, diagnose_cuts
 from solver_backend.fitters.one_view.stature import betas_of_size, size_of
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -51,7 +53,10 @@ def measure_one_view(
     """
     cameras, keypoints = capture.require_views()
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
-    camera, detected = cameras.subset([view]), keypoints.views([view])
+    camera = cameras.subset([view])
+    detected, found = bridge_repeats(cameras.names[view], keypoints.views([view]))
+    found += diagnose_cuts(cameras.names[view], detected)
+    keypoints = _with_view(keypoints, view, detected)
     progress("Lifting", 0, 1)
     R, t, centre = camera.R[0], camera.t[0], camera.centres[0]
     take = lift_take(camera, detected, body, prior, R[:, 2])
@@ -65,6 +70,13 @@ def measure_one_view(
             hint="Check that the person is whole in the picture for some frames.",
         )  # fmt: skip
     size = size_of(capture, body, betas, (average - t) @ R, landmarks.names, seen, float(centre[2]))
+    if size.at_odds[1]:
+        found.append(
+            diagnostic(
+                "stature_at_odds", given=size.factor * body.stature_m, source=size.source,
+                measured=size.at_odds[0] * body.stature_m, sigma=size.at_odds[1] * body.stature_m,
+            )
+        )  # fmt: skip
     shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
@@ -98,8 +110,15 @@ def measure_one_view(
         beside=(FloorTerm(),) if size.has_floor else (),
         relative=(lifted,),
         one_view=one,
-        provenance={"diagnostics": [], "size_factor": round(size.factor, 4)},
+        provenance={"diagnostics": [item.as_dict() for item in found], "size_factor": round(size.factor, 4)},
     )
+
+
+def _with_view(keypoints: Keypoints2D, view: int, detected: Keypoints2D) -> Keypoints2D:
+    """Return the detections of all views with those of one replaced."""
+    xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+    xy[view], confidence[view] = detected.xy[0], detected.confidence[0]
+    return replace(keypoints, xy=xy, confidence=confidence)
 
 
 def _joint_of(landmarks: Landmarks, body: Body) -> np.ndarray:

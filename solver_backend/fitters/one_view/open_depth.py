@@ -10,6 +10,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.measurements.base import OneView
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.one_view.doubtful_view import glides
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
@@ -25,6 +26,8 @@ OPEN_M = 0.15
 """A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""
 SHORTEST_S = 0.2
 """A shorter stretch is not worth a look."""
+STANDS_SHARE = 0.02
+"""Of feet and frames; in fewer, nothing says where the floor is. A walker's feet stand in half of them."""
 LIMB_ENDS = {
     "left_wrist": "left arm", "right_wrist": "right arm", "left_ankle": "left leg", "right_ankle": "right leg",
     "head": "head",
@@ -68,7 +71,7 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))
     found = [diagnostic("one_camera", size=usual, share=100.0 * one.size_sigma, source=one.size_source)]
     if one.focal_sigma:
-        found.append(diagnostic("focal_length_guessed", cameras=[one.camera], share=100.0 * one.focal_sigma))
+        found.append(diagnostic("focal_length_unsure", cameras=[one.camera], share=100.0 * one.focal_sigma))
     if one.up_from_person:
         found.append(diagnostic("up_from_person", cameras=[one.camera]))
     for name, part in LIMB_ENDS.items():
@@ -78,6 +81,22 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
         long = [run for run in runs if run[1] - run[0] + 1 >= SHORTEST_S * problem.fps]
         if long:
             found.append(diagnostic("limb_depth_open", frames=long, joints=[name], part=part))
+    return found + _diagnose_steps(solved, problem)
+
+
+def _diagnose_steps(solved: SolvedFrames, problem: Problem) -> list[Diagnostic]:
+    """Return where the person moves without a step, and that no foot stands."""
+    count, names, seen = len(solved.frames.transl), problem.body.layout.joints, problem.measurements.seen
+    blocks = [slice(start, start + BLOCK_POSES) for start in range(0, count, BLOCK_POSES)]
+    joints = np.concatenate([_joints(solved.subject, solved, part) for part in blocks])
+    root, feet = joints[:, 0], joints[:, [names.index("left_ankle"), names.index("right_ankle")]]
+    found: list[Diagnostic] = []
+    runs = glides(root, feet, seen, problem.fps)
+    if runs:
+        size = max(float(np.linalg.norm(root[last, :2] - root[first, :2])) for first, last in runs)
+        found.append(diagnostic("person_glides", frames=runs, size=size))
+    if solved.contacts is not None and not solved.contacts[seen].mean() > STANDS_SHARE:
+        found.append(diagnostic("feet_never_stand"))
     return found
 
 

@@ -16,6 +16,8 @@ FLOOR_SIGMA_M = 0.05
 """Error of the floor under the feet: of its height, of up, and of the lifted legs."""
 SHAPE_SIGMA = 0.01
 """What a known shape leaves open of the size."""
+LARGEST = 10.0
+"""Times as large as the average: nobody, and so is whoever would stand above the camera."""
 LEAST_HEIGHT_M = 0.3
 """A camera that is less far above the feet sees no size in them."""
 _AVERAGE = "what adults are"
@@ -35,6 +37,9 @@ class Size:
     """What it is from, for people."""
     has_floor: bool = True
     """The person's feet are where the world has its floor."""
+    at_odds: tuple[float, float] = (0.0, 0.0)
+    """Size by the floor and its deviation, where that cannot be together with what is given, or with what people are;
+    zero where it can."""
 
 
 def size_of(
@@ -49,21 +54,26 @@ def size_of(
         betas: the known shape, or None.
         points, names, seen, camera_height: see ``size_by_floor``.
     """
-    by_floor = size_by_floor(points, names, seen, camera_height)
-    if betas is not None:
-        return replace(by_floor, factor=1.0, sigma=SHAPE_SIGMA, source="the given shape")
-    if capture.stature_m:
-        factor = capture.stature_m / body.stature_m
-        return replace(by_floor, factor=factor, sigma=SHAPE_SIGMA, source="the given stature")
     if capture.floor_from_person:
-        return Size(1.0, PEOPLE_SIGMA, _AVERAGE)
-    return by_floor
+        by_floor, measured = Size(1.0, PEOPLE_SIGMA, _AVERAGE), None
+    else:
+        measured = measured_size(points, names, seen, camera_height)
+        by_floor = size_by_floor(measured)
+    if betas is not None:
+        factor, source = _size_of_shape(body, betas), "the given shape"
+    elif capture.stature_m:
+        factor, source = capture.stature_m / body.stature_m, "the given stature"
+    else:
+        return by_floor
+    doubted = measured is not None and _at_odds(measured, factor, SHAPE_SIGMA)
+    known = Size(factor if betas is None else 1.0, SHAPE_SIGMA, source, by_floor.has_floor and not doubted)
+    return replace(known, at_odds=measured) if doubted and measured is not None else known
 
 
-def size_by_floor(
+def measured_size(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float
-) -> Size:  # fmt: skip
-    """Return the size at which the feet of an average person reach the floor, weighed against what adults are.
+) -> tuple[float, float] | None:  # fmt: skip
+    """Return the size at which the feet of an average person reach the floor, and its deviation; None: no foot says it.
 
     All that one camera sees of a person ``s`` times as large is ``s`` times as far away: a foot at height h comes down
     to ``H - s (H - h)`` below a camera at height H.
@@ -76,14 +86,37 @@ def size_by_floor(
     """
     lowest = lowest_feet(points, names, seen)
     if lowest is None or abs(camera_height) < LEAST_HEIGHT_M:
-        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
+        return None
     drop = camera_height - lowest
     sigma = FLOOR_SIGMA_M * np.sqrt(2.0) / max(abs(drop), 1e-6)
-    measured = camera_height / drop if drop * camera_height > 0 else np.inf
-    if not abs(measured - 1.0) < AT_ODDS_SIGMAS * np.hypot(sigma, PEOPLE_SIGMA):
+    size = camera_height / drop if drop * camera_height > 0 else LARGEST
+    return min(size, LARGEST), sigma
+
+
+def size_by_floor(measured: tuple[float, float] | None) -> Size:
+    """Return the size that was measured, weighed against what adults are; theirs where the two cannot be together."""
+    if measured is None:
         return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False)
+    if _at_odds(measured, 1.0, PEOPLE_SIGMA):
+        return Size(1.0, PEOPLE_SIGMA, _AVERAGE, has_floor=False, at_odds=measured)
+    by_feet, sigma = measured
     weight = sigma**-2 / (sigma**-2 + PEOPLE_SIGMA**-2)
-    return Size(1.0 + weight * (measured - 1.0), (sigma**-2 + PEOPLE_SIGMA**-2) ** -0.5, "feet on the floor")
+    return Size(1.0 + weight * (by_feet - 1.0), (sigma**-2 + PEOPLE_SIGMA**-2) ** -0.5, "feet on the floor")
+
+
+def _at_odds(measured: tuple[float, float], factor: float, sigma: float) -> bool:
+    return not abs(measured[0] - factor) < AT_ODDS_SIGMAS * np.hypot(measured[1], sigma)
+
+
+def _size_of_shape(body: Body, betas: tuple[float, ...]) -> float:
+    """Return how many times as tall as the average's the skeleton of a shape is."""
+    names = body.layout.joints
+    top, bottom = names.index("head"), [names.index("left_ankle"), names.index("right_ankle")]
+    height = [
+        joints[top, 1] - joints[bottom, 1].mean()
+        for joints in (body.rest_joints(np.asarray(betas)), body.joints_template)
+    ]
+    return float(height[0] / height[1])
 
 
 def betas_of_size(body: Body, factor: float) -> np.ndarray:

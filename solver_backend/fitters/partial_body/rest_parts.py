@@ -61,7 +61,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         contacts = contacts & (resting[:, feet] == 0.0)
     return replace(
         solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
-        diagnostics=tuple(_diagnose(shares, markers=measurements.marker_labels is not None)),
+        diagnostics=(*solved.diagnostics, *_diagnose(shares, markers=measurements.marker_labels is not None)),
     )  # fmt: skip
 
 

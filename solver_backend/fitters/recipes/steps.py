@@ -92,5 +92,8 @@ def find_standing_feet(bundle: Bundle) -> Bundle:
     if not bundle.settings.contacts:
         return bundle
     posed = bundle.posed
-    contacts = find_contacts(to_numpy(posed.points), posed.subject.landmarks.names, bundle.problem.fps)
+    one = bundle.problem.measurements.one_view
+    sight = None if one is None else one.sight
+    names, fps = posed.subject.landmarks.names, bundle.problem.fps
+    contacts = find_contacts(to_numpy(posed.points), names, fps, sight=sight)
     return replace(bundle, contacts=contacts)

@@ -11,12 +11,14 @@ import numpy as np
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.projection_matrix import split_projection
 
 _NAMES: dict[str, tuple[str, ...]] = {
     "K": (
         "matrix", "k", "cameramatrix", "intrinsics", "intrinsic", "intrinsicmatrix", "mtx", "cammatrix",
         "calibrationmatrix",
     ),
+    "P": ("projection", "projectionmatrix", "p", "proj"),
     "distortion": (
         "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
         "distortioncoeffs", "d",
@@ -29,6 +31,8 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "height": ("imageheight", "height", "h"),
     "model": ("distortionmodel", "model", "cameramodel"),
 }  # fmt: skip
+_FOCAL = {"fx", "fy", "cx", "cy"}
+"""The four numbers of an intrinsic matrix."""
 _FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "kannalabrandt4", "equi")
 
 
@@ -37,9 +41,16 @@ def plain(key: str) -> str:
     return re.sub(r"[^a-z0-9]", "", key.lower())
 
 
+def is_field(key: str) -> bool:
+    """Whether a key is one of the names of a camera's values."""
+    return any(plain(key) in names for names in _NAMES.values())
+
+
 def is_camera(node: Any) -> bool:
-    """Whether a mapping holds an intrinsic matrix, as a camera's entry does."""
-    return isinstance(node, Mapping) and _find(node, "K") is not None
+    """Whether a mapping holds an intrinsic matrix, its four numbers or a projection matrix, as cameras do."""
+    if not isinstance(node, Mapping):
+        return False
+    return _find(node, "K") is not None or set(node) >= _FOCAL or np.shape(_find(node, "P"))[-2:] == (3, 4)
 
 
 def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEntry:
@@ -56,12 +67,16 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
     own = node.get("name", node.get("camera_name"))
     name = str(own) if own not in (None, "") else name
     place = f"{where}, camera {name}"
-    K = _K(_find(node, "K"), place)
-    if K.ndim == 3:
-        node = {key: _constant(value, place) for key, value in node.items()}
-        K = _K(_find(node, "K"), place)
+    intrinsics = _find(node, "K") if _find(node, "K") is not None else node if set(node) >= _FOCAL else None
+    if intrinsics is None:
+        K, R, t = split_projection(numbers(_find(node, "P"), place), place)
+    else:
+        K = _K(intrinsics, place)
+        if K.ndim == 3:
+            node = {key: _constant(value, place) for key, value in node.items()}
+            K = _K(_find(node, "K"), place)
+        R, t = _pose(node, place)
     distortion = _find(node, "distortion")
-    R, t = _pose(node, place)
     return CameraEntry(
         name=name,
         K=K,
@@ -99,7 +114,7 @@ def _find(node: Mapping[str, Any], what: str) -> Any:
 
 
 def _K(value: Any, place: str) -> np.ndarray:
-    if isinstance(value, Mapping) and {"fx", "fy", "cx", "cy"} <= set(value):
+    if isinstance(value, Mapping) and set(value) >= _FOCAL:
         value = [[value["fx"], 0, value["cx"]], [0, value["fy"], value["cy"]], [0, 0, 1]]
     K = numbers(value, place)
     if K.shape == (9,):

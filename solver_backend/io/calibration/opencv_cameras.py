@@ -1,4 +1,4 @@
-"""Calibrations as OpenCV stores them, in YAML or JSON: one file a camera, or one file for all."""
+"""Calibrations of matrices by name, in YAML, JSON or arrays: one file a camera, or one file for all."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from typing import Any
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.io.calibration.camera_fields import camera_entry, is_camera
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.matrix_files import SUFFIXES, matrix_nodes
+from solver_backend.io.calibration.nerf_cameras import nerf_nodes
 from solver_backend.io.calibration.yaml_storage import read_yaml
 from solver_backend.io.files import read_json
 
@@ -31,15 +33,15 @@ def count_cameras(path: Path) -> int:
     Raises:
         FileMissing, FileDamaged: see ``read_opencv_tree``.
     """
-    return len(_camera_nodes(path.stem, read_opencv_tree(path)))
+    return len(_nodes(path)[0])
 
 
 def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
     """Return the cameras of one or several files, in the files' unit; files without cameras are passed over.
 
-    Understood are a camera's matrices at the top of a file (named by ``camera_name``, ``name`` or the file), a node for
-    each camera, a list ``cameras``, and matrices named ``K_<camera>``, ``dist_<camera>``, ``R_<camera>`` and
-    ``T_<camera>``, which may be spread over two files.
+    Understood are arrays and projection matrices (``matrix_nodes``), NeRF's pictures, a camera's matrices at the top of
+    a file (named by ``camera_name``, ``name`` or the file), a node for each camera, a list ``cameras``, and matrices
+    named ``K_<camera>``, ``dist_<camera>``, ``R_<camera>`` and ``T_<camera>``, which may be spread over two files.
 
     Raises:
         FileMissing, FileDamaged, CalibrationInvalid: see ``read_opencv_tree`` and ``camera_entry``.
@@ -47,9 +49,8 @@ def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
     entries: list[CameraEntry] = []
     suffixed: dict[str, dict[str, Any]] = {}
     for path in paths:
-        tree = read_opencv_tree(path)
-        for name, node in _camera_nodes(path.stem, tree):
-            entries.append(camera_entry(name, node, where=str(path)))
+        nodes, tree = _nodes(path)
+        entries += [camera_entry(name, node, where=str(path)) for name, node in nodes]
         for camera, values in _suffixed_nodes(tree).items():
             suffixed.setdefault(camera, {}).update(values)
     where = str(paths[0].parent) if paths else ""
@@ -57,9 +58,18 @@ def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
     return entries
 
 
+def _nodes(path: Path) -> tuple[list[tuple[str, Mapping[str, Any]]], Any]:
+    """Return name and values of each camera that a file describes whole, and its content where that is a tree."""
+    if path.suffix.lower() in SUFFIXES:
+        return matrix_nodes(path), None
+    tree = read_opencv_tree(path)
+    return _camera_nodes(path.stem, tree), tree
+
+
 def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    if (recorded := _human36m_nodes(tree)) is not None:
-        return recorded
+    for special in (_human36m_nodes, nerf_nodes):
+        if (recorded := special(tree)) is not None:
+            return recorded
     if is_camera(tree):
         return [(stem, tree)]
     if isinstance(tree, Mapping):

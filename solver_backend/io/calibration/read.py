@@ -8,16 +8,20 @@ from pathlib import Path
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
+from solver_backend.io.calibration.matrix_files import SUFFIXES
 from solver_backend.io.calibration.opencv_cameras import count_cameras, read_opencv_cameras
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
 from solver_backend.io.files import LARGEST_TEXT
 
-FORMATS = "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, COLMAP's text model"
+FORMATS = (
+    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, NeRF's transforms.json, "
+    ".npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
+)
 """What is read, for messages."""
 
-_OPENCV = (".yml", ".yaml", ".json")
+_OPENCV = (".yml", ".yaml", ".json", *SUFFIXES)
 
 
 def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str | None = None) -> Calibration:

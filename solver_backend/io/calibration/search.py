@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,9 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
-from solver_backend.io.recognition.camera_names import listing, match_names, name_key
+from solver_backend.io.calibration.unsupported import name_unsupported
+from solver_backend.io.recognition.camera_names import counted_order, listing, match_names, name_key
+from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
@@ -50,6 +52,7 @@ def find_calibration(
     unit: str | None = None,
     up_axis: str | None = None,
     names: Mapping[str, str] | None = None,
+    by_views: Callable[[Cameras, list[int] | None], list[int] | None] | None = None,
 ) -> Calibration:
     """Return the nearest calibration that knows the recorded cameras, with its cameras in the recorded order.
 
@@ -59,6 +62,8 @@ def find_calibration(
         unit: length unit of the calibration, see ``read_calibration``.
         up_axis: axis of its world that points up.
         names: calibrated names of recorded cameras whose own names do not say them.
+        by_views: assigns calibrated cameras to the recorded ones by what they see, given the assignment by counting;
+            asked where no calibration has the recorded names and none were given.
 
     Raises:
         CalibrationMissing: there is none.
@@ -84,11 +89,16 @@ def find_calibration(
     if not others and damaged:
         raise damaged[0]
     if not others:
+        what, how = name_unsupported(_folders(root)) or ("", "Put one into its 'calibration' folder.")
         raise CalibrationMissing(
-            "The recording has no camera calibration.",
-            where=str(root),
-            hint=f"Put one into its 'calibration' folder. Formats that are read: {FORMATS}.",
-        )
+            f"The recording has no camera calibration. {what}".rstrip(), where=str(root),
+            hint=f"{how} Formats that are read: {FORMATS}.",
+        )  # fmt: skip
+    if by_views is not None and not names:
+        for calibration in others:
+            order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
+            if order is not None:
+                return _found_by_views(ordered(calibration, order), order, recorded, calibration.cameras.names)
     raise CalibrationMismatch(
         f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
         f"{listing(others[0].cameras.names)}.",
@@ -96,6 +106,17 @@ def find_calibration(
         hint=f"Say which is which: --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
         "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
     )
+
+
+def _found_by_views(
+    found: Calibration, order: list[int], recorded: Sequence[str], calibrated: Sequence[str]
+) -> Calibration:
+    pairs = [f"{name} is {calibrated[i]}" for name, i in zip(recorded, order, strict=True)]
+    said = (
+        f"The calibration has other names for its cameras; by the agreement of the views {listing(pairs)}. "
+        f"Another assignment: --camera {recorded[0]}={calibrated[order[0]]} and so on."
+    )
+    return replace(found, problems=(*found.problems, said))
 
 
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:

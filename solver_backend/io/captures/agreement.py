@@ -15,6 +15,7 @@ from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.people.calibration_fit import AGREES, CalibrationFit
+from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.picture_flips import find_flip, flipped
 from solver_backend.people.resampled import at_one_rate
@@ -44,8 +45,8 @@ def bring_to_agreement(
     """Return calibration and detections that agree as far as anything explains why they do not.
 
     One camera alone agrees with itself. Pictures that are flipped in all views come first. Cameras that match as they
-    are stay. Else the calibration is read as the views in step show; else other frame rates and readings are tried at
-    all offsets. Offsets are found last.
+    are stay. Else cameras may bear each other's names; else the calibration is read as the views in step show; else
+    other frame rates and readings are tried at all offsets. Offsets are found last.
 
     Args:
         calibration: of C cameras.
@@ -65,6 +66,8 @@ def bring_to_agreement(
     if not options.as_calibrated:
         detections, fit, flips = _unflipped(calibration, detections, options)
     in_step = fit is not None and fit.written >= AGREES
+    if not in_step and not views_match(calibration.cameras, detections):
+        calibration, in_step = _unexchanged(calibration, detections, options)
     if not in_step and not views_match(calibration.cameras, detections):
         ratios = _stated_ratios(rates, fps)
         if searched and fit is not None and (ratios == 1).all():
@@ -89,6 +92,28 @@ def _unflipped(
     detections = flipped(detections, found.flip, found.image_size)
     fit = fit_as_meant(calibration, as_numbered(detections, options), options.up_axis)
     return detections, fit, (f"{found.flip.sentence()} {KEEP}",)
+
+
+def _unexchanged(calibration: Calibration, detections: Detections, options: ReadOptions) -> tuple[Calibration, bool]:
+    """Return the calibration with cameras that bear each other's names exchanged, and whether any do."""
+    if options.as_calibrated or options.offset:
+        return calibration, False
+    names = calibration.cameras.names
+    order = assigned_by_views(calibration.cameras, as_numbered(detections, options), None)
+    if order is None or order == list(range(len(names))):
+        return calibration, False
+    swapped = calibration.cameras.subset(order)
+    pairs = [
+        f"{name} is the calibration's {names[i]}" for i, name in zip(order, names, strict=True) if names[i] != name
+    ]
+    said = f"Cameras bear each other's names: by the agreement of the views {', '.join(pairs)}. {KEEP}"
+    changed = replace(
+        calibration,
+        cameras=replace(swapped, names=names),
+        size_known=tuple(calibration.size_known[i] for i in order),
+        problems=(*calibration.problems, said),
+    )
+    return changed, True
 
 
 def _stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,10 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels
-from solver_backend.io.recognition.start_times import reads_apart
+from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
+from solver_backend.people.camera_assignment import assigned_by_views
+from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, PersonInViews
@@ -52,18 +55,24 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     sources = camera_sources(root)
     levels = levels_above(root)
     config = read_config(levels)
+
+    @cache
+    def read() -> Detections:
+        return read_detections(
+            sources,
+            joint_set=options.joint_set,
+            configured=config.joint_set,
+            trim=options.trim,
+            apart=reads_apart(options),
+            own=find_own_keypoints(levels),
+            progress=options.progress,
+        )
+
     calibration = find_calibration(
-        root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera)
-    )
-    detections = read_detections(
-        sources,
-        joint_set=options.joint_set,
-        configured=config.joint_set,
-        trim=options.trim,
-        apart=reads_apart(options),
-        own=find_own_keypoints(levels),
-        progress=options.progress,
-    )
+        root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera),
+        by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
+    )  # fmt: skip
+    detections = read()
     footage = find_footage(levels[:2], tuple(sources))
     videos = headers(footage)
     detections = in_pixels(detections, calibration.cameras.image_size)

@@ -37,13 +37,14 @@ def read_video_header(path: Path) -> VideoHeader | None:
     """
     try:
         with open_regular(path) as stream:
-            moov = _top_level_box(stream, b"moov")
+            moov = top_level_box(stream, b"moov")
         return None if moov is None else _video_track(memoryview(moov))
     except (OSError, struct.error, IndexError, ValueError, OverflowError):
         return None
 
 
-def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
+def top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
+    """Return the content of the first box of this kind outside of all others; None where there is none."""
     for _ in range(_MOST_BOXES):
         if len(head := stream.read(8)) < 8:
             return None
@@ -59,7 +60,7 @@ def _top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
     return None
 
 
-def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
+def boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
     """Yield kind and content of each box in a box."""
     at = 0
     for _ in range(_MOST_BOXES):
@@ -76,24 +77,24 @@ def _boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
         at = end
 
 
-def _inside(data: memoryview, *kinds: bytes) -> memoryview:
+def inside(data: memoryview, *kinds: bytes) -> memoryview:
     """Return the content of the first box found by following ``kinds`` inwards."""
     for kind in kinds:
-        data = next((content for found, content in _boxes(data) if found == kind), memoryview(b""))
+        data = next((content for found, content in boxes(data) if found == kind), memoryview(b""))
     return data
 
 
 def _video_track(moov: memoryview) -> VideoHeader | None:
-    for kind, track in _boxes(moov):
-        if kind != b"trak" or _inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
+    for kind, track in boxes(moov):
+        if kind != b"trak" or inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
             continue
-        media = _inside(track, b"mdia", b"mdhd")
+        media = inside(track, b"mdia", b"mdhd")
         timescale = struct.unpack_from(">I", media, 20 if media[0] == 1 else 12)[0]
-        table = _inside(track, b"mdia", b"minf", b"stbl", b"stts")
+        table = inside(track, b"mdia", b"minf", b"stbl", b"stts")
         entries = struct.unpack_from(">I", table, 4)[0]
         counts, durations = np.frombuffer(table[8:], ">u4", 2 * entries).reshape(-1, 2).astype(np.float64).T
         frames, ticks = int(counts.sum()), int(counts @ durations)
-        size = _shown_size(_inside(track, b"tkhd"))
+        size = _shown_size(inside(track, b"tkhd"))
         if not (frames and ticks and timescale and all(size)):
             return None
         return VideoHeader(timescale * frames / ticks, frames, size)

@@ -8,6 +8,7 @@ from collections.abc import Iterable, Sequence
 _FILLERS = {"cam", "camera", "c", "json", "int", "ext", "img", "view", "video", "pose", "keypoints", "openpose", "kpts"}
 _COUNTING_DIGITS = 3
 """A longer number is a serial number."""
+_COUNTED = re.compile(rf"(?<!\d)\d{{1,{_COUNTING_DIGITS}}}$")
 _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
@@ -41,6 +42,20 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
             return [keys.index(key) for key in wanted]
     inside = _by_contained_names(recorded, calibrated)
     return _by_containing_names(recorded, calibrated) if inside is None else inside
+
+
+def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
+    """Return the assignment by counting, None where either names do not end in numbers that count, or differ in number.
+
+    ``cam0`` to ``cam3`` are ``cam01`` to ``cam04``.
+    """
+    if len(recorded) != len(calibrated) or not all(_COUNTED.search(name) for name in (*recorded, *calibrated)):
+        return None
+    first, second = (sorted(range(len(names)), key=lambda i: natural_key(names[i])) for names in (recorded, calibrated))
+    order = [0] * len(recorded)
+    for i, j in zip(first, second, strict=True):
+        order[i] = j
+    return order
 
 
 def _name_keys(names: Sequence[str]) -> list[tuple[str, ...]]:

@@ -7,13 +7,14 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.lens import Lens, rough_lens
+from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
 from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
@@ -32,8 +33,6 @@ SOURCES = ("auto", "board", "person")
 calibration."""
 ONE_CAMERA = "one camera"
 """Method of a calibration of a single camera."""
-FOCAL_SIGMA = 0.15
-"""Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""
 _TOLD_BOARDS = ("board.toml", "charuco.toml")
 
 
@@ -67,6 +66,16 @@ class KnownOfCameras:
     """Of the person, who tells the scale where no board does."""
     source: str = "auto"
     """What tells the cameras, one of ``SOURCES``."""
+    focal: str = ""
+    """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
+
+    def focal_of(self, video: VideoDetections) -> FocalLength:
+        """Return the focal length of a camera whose lens is not known.
+
+        Raises:
+            CommandLineInvalid: what was given is no focal length.
+        """
+        return find_focal_length(self.focal, video.video, video.size)
 
 
 @dataclass(frozen=True)
@@ -115,47 +124,53 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         if len(names) == 1:
-            return _by_one_camera(request, lenses, known.stature_m, words, progress)
-        found = _by_person(request, lenses, known.stature_m, progress)
+            return _by_one_camera(request, lenses, known, words, progress)
+        found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
     said = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
     return TakeCalibration(found.method, said, found.findings)
 
 
 def _by_person(
-    request: CalibrationRequest, lenses: dict[str, Lens], stature_m: float | None, progress: Progress
+    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, progress: Progress
 ) -> RigCalibration:
     names = request.take.cameras
     keypoints = assembled(request.take.name, request.detections, request.clocks, None, progress).keypoints
     assert keypoints is not None
     progress("Cameras from the person", 0, 1)
-    chosen = [lenses.get(name) or rough_lens(seen.size) for name, seen in zip(names, request.detections, strict=True)]
-    found = calibrate_by_person(names, chosen, keypoints, PersonOptions(stature_m, free_focal=not lenses))
+    chosen = [
+        lenses.get(name) or known.focal_of(seen).lens(seen.size)
+        for name, seen in zip(names, request.detections, strict=True)
+    ]
+    found = calibrate_by_person(names, chosen, keypoints, PersonOptions(known.stature_m, free_focal=not lenses))
     progress("Cameras from the person", 1, 1)
     return found
 
 
 def _by_one_camera(
-    request: CalibrationRequest, lenses: dict[str, Lens], stature_m: float | None, words: tuple[str, ...],
+    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, words: tuple[str, ...],
     progress: Progress,
 ) -> TakeCalibration:  # fmt: skip
     """Write a single camera that stands over the floor that its person stands on."""
     name, seen = request.take.cameras[0], request.detections[0]
     progress("Camera from the person", 0, 1)
-    lens = lenses.get(name) or rough_lens(seen.size)
+    focal = known.focal_of(seen)
+    lens = lenses.get(name) or focal.lens(seen.size)
     camera = Cameras(
         (name,), lens.K[None], lens.distortion[None], np.eye(3)[None], np.zeros((1, 3)), np.array([lens.image_size])
     )  # fmt: skip
     detections, fps = everybody(request.detections, request.clocks)
     person = select_in_one_view(detections, fps)[0]
-    stood = stand_camera(camera, person.keypoints, stature_m or 0.0)
+    stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
     write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
-    guessed = () if name in lenses else (
-        f"The focal length is guessed, {lens.K[0, 0]:.0f} px: distances may be off by {FOCAL_SIGMA:.0%}. Give the lens "
-        "with --lenses.",
-    )  # fmt: skip
-    return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), guessed)
+    if name in lenses:
+        return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), ())
+    said = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
+    if not focal.sigma:
+        return TakeCalibration(ONE_CAMERA, (*stood.notes, said, *words), ())
+    doubt = f"{said} Distances may be off by as much: give the lens with --lenses or --focal."
+    return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), (doubt,))
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:

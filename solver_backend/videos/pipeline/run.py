@@ -33,7 +33,7 @@ from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.files.probe import PICTURES_FPS
 from solver_backend.videos.pipeline import pictures
-from solver_backend.videos.pipeline.calibrate import FOCAL_SIGMA, CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, TakePlan
 from solver_backend.videos.pipeline.records import Records
@@ -136,7 +136,7 @@ class _Road:
         )
         made = calibrate_take(request, settings.cameras, self._progress)
         self._calibration = _of_take(plan.made_calibration, plan)
-        self._records.made(plan.made_calibration, made.method)
+        self._records.made(plan.made_calibration, self._calibrated_from(made.method))
         self._tell_clocks()
         self.steps.tell("calibrate", "made", made.words, made.doubts, drawn)
 
@@ -173,7 +173,7 @@ class _Road:
         if len(plan.take.videos) > 1:
             return KnownOfOne()
         ours = plan.calibration is None or cameras.source != "auto"
-        focal_sigma = FOCAL_SIGMA if ours and cameras.lenses is None else 0.0
+        focal_sigma = cameras.focal_of(self._detections[0]).sigma if ours and cameras.lenses is None else 0.0
         return KnownOfOne(cameras.stature_m or 0.0, ours, focal_sigma)
 
     def solve(self) -> None:
@@ -200,11 +200,21 @@ class _Road:
             return plan.calibration
         made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
+        if len(plan.take.videos) == 1 and ours:  # its lens is what the user says, and is not found again
+            fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
         return (
             _of_take(made, plan)
             if made.is_file() and fits and not ("calibrate" in self._settings.redo and ours)
             else None
         )
+
+    def _calibrated_from(self, method: str) -> Any:
+        """Return what a calibration that we made was made of, plain values; of one camera with its lens and person."""
+        cameras = self._settings.cameras
+        if method != ONE_CAMERA:
+            return method
+        focal = cameras.focal_of(self._detections[0])
+        return [method, str(cameras.lenses or ""), focal.px, focal.sigma, cameras.stature_m or 0.0]
 
     def _tell_clocks(self) -> None:
         plan, settings, cameras = self._plan, self._settings, self._calibration and self._calibration.cameras

@@ -57,7 +57,7 @@ def test_one_camera_is_always_said(filmed: Capture, motion: Motion) -> None:
     assert found["one_camera"].severity.value == "warning" and found["one_camera"].values["share"] > 1.0
     assert "keypoints_seldom_seen" not in found
     assert "one_camera" in {item.code for item in read_diagnostics(motion.provenance["diagnostics"])}
-    assert not {"focal_length_guessed", "up_from_person"} & set(found)
+    assert not {"focal_length_unsure", "up_from_person"} & set(found)
 
 
 def test_a_given_stature_is_the_persons_and_leaves_less_open(filmed: Capture) -> None:
@@ -72,7 +72,7 @@ def test_a_given_stature_is_the_persons_and_leaves_less_open(filmed: Capture) ->
     rough = replace(short, stature_m=1.9, focal_sigma=0.15, floor_from_person=True)
     guessed = solve(rough).motion
     assert np.median(along_and_across(short, guessed)[0]) > 2.5 * sure
-    assert {"focal_length_guessed", "up_from_person"} < {item.code for item in diagnose(rough, guessed)}
+    assert {"focal_length_unsure", "up_from_person"} < {item.code for item in diagnose(rough, guessed)}
 
 
 def test_who_is_not_seen_for_a_while_is_flagged(filmed: Capture) -> None:

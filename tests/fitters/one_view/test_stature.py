@@ -9,6 +9,7 @@ from solver_backend.fitters.one_view.stature import (
     PEOPLE_SIGMA,
     SHAPE_SIGMA,
     betas_of_size,
+    measured_size,
     size_by_floor,
     size_of,
 )
@@ -29,7 +30,7 @@ def standing(size: float, camera: float = 1.6) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [0.93, 1.0, 1.08])
 def test_feet_on_the_floor_say_the_size(size: float) -> None:
-    found = size_by_floor(standing(size), NAMES, SEEN, 1.6)
+    found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6))
     assert found.source == "feet on the floor" and found.has_floor and found.sigma < PEOPLE_SIGMA
     assert abs(found.factor - 1.0) <= abs(size - 1.0) + 1e-9
     assert (found.factor - 1.0) * (size - 1.0) >= 0 and abs(found.factor - size) < 0.05
@@ -37,11 +38,11 @@ def test_feet_on_the_floor_say_the_size(size: float) -> None:
 
 def test_a_floor_that_nobody_could_stand_on_is_none() -> None:
     for size in (0.5, 2.0):
-        found = size_by_floor(standing(size), NAMES, SEEN, 1.6)
+        found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6))
         assert (found.factor, found.sigma, found.has_floor) == (1.0, PEOPLE_SIGMA, False)
     assert AT_ODDS_SIGMAS * PEOPLE_SIGMA < 0.5
-    assert not size_by_floor(standing(1.0), NAMES, SEEN, 0.0).has_floor
-    assert not size_by_floor(standing(1.0)[:, 2:], ("nose",), SEEN[:, 2:], 1.6).has_floor
+    assert not size_by_floor(measured_size(standing(1.0), NAMES, SEEN, 0.0)).has_floor
+    assert not size_by_floor(measured_size(standing(1.0)[:, 2:], ("nose",), SEEN[:, 2:], 1.6)).has_floor
 
 
 def test_what_is_given_binds_and_a_floor_from_the_person_says_nothing() -> None:

@@ -32,6 +32,15 @@ def test_stands_are_found_and_glides_are_not():
     np.testing.assert_allclose(contacts.anchors[10, 1, :2], [0.2, 0.0], atol=0.01)
 
 
+def test_a_single_camera_forgives_what_it_does_not_see():
+    """A drift of 0.4 m/s is a stand along its line of sight, and none across."""
+    points, sight = walk(), np.tile([0.0, 1.0, 0.0], (FRAMES, 1))
+    points[:, 3, 1] *= 0.8
+    assert not find_contacts(points, NAMES, FPS).planted[:, 3].any()
+    assert find_contacts(points, NAMES, FPS, sight=sight).planted[3:-3, 3].all()
+    assert not find_contacts(points, NAMES, FPS, sight=sight[:, [1, 0, 2]]).planted[:, 3].any()
+
+
 def test_a_touch_is_no_stand_and_few_frames_are_none():
     points = walk()
     assert not find_contacts(points[:6], NAMES, FPS).planted.any()

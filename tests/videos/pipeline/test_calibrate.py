@@ -97,7 +97,10 @@ def test_one_camera_stands_over_its_persons_floor_and_says_what_is_guessed(walke
     assert truth is not None
     request = request_of(one, tmp_path)
     made = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
-    assert made.method == ONE_CAMERA and "guessed" in made.doubts[0]
+    assert made.method == ONE_CAMERA and "a guess" in made.doubts[0] and "± 15%" in made.doubts[0]
+    longer = calibrate_take(request, KnownOfCameras(stature_m=1.7, focal="2600px"), silent)
+    assert longer.doubts == () and any("2600 px" in word for word in longer.words)
+    assert read_calibration(request.out).cameras.K[0, 0, 0] == 2600.0
     write_calibration(tmp_path / "lenses.toml", walked.views([0, 1]).cameras, "pose2sim")
     made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml", stature_m=1.7), silent)
     assert made.doubts == ()
