@@ -80,7 +80,8 @@ class Job(JobFile):
         missing = [key for key in ("capture", "out") if not values.get(key)]
         if missing:
             raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
-        report, subject, told, name = (_typed(values, key, str) for key in ("report", "subject", "told", "joint_set"))
+        paths = ("report", "subject", "told", "start", "joint_set")
+        report, subject, told, start, name = (_typed(values, key, str) for key in paths)
         fps = _typed(values, "fps", (int, float))
         return cls(
             capture=folder / _typed(values, "capture", str),
@@ -97,6 +98,7 @@ class Job(JobFile):
             subject_prefix=_typed(values, "subject_prefix", str),
             person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
+            start=None if start is None else folder / start,
             told=None if told is None else folder / told,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             camera=tuple(_typed(values, "camera", list) or ()),

@@ -146,6 +146,10 @@ def _add_solve(verbs: Any, parents: list[_Parser]) -> None:
         metavar="LABELS.json",
         help="user-assigned labels; the solver never overrides them",
     )
+    solve.add_argument(
+        "--start", type=Path, metavar="MOTION.npz",
+        help="earlier motion of these frames to start at, of one camera before others were added",
+    )  # fmt: skip
     solve.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a range of an earlier motion again")
     solve.add_argument(
         "--scheduler", metavar="ADDRESS", help="spread a long solve over the workers of a Dask scheduler"

@@ -122,7 +122,8 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
-        motion = solve_capture(capture, job.settings, progress, person=person, each=each).motion
+        begun = None if job.start is None else read_motion(job.start)
+        motion = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each).motion
     else:
         earlier = read_motion(job.resolve.motion)
         if job.person is None and capture.people and earlier.provenance.get("person"):
@@ -229,7 +230,7 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files = ("capture", "out", "report", "subject", "told", "overwrite", "strict")
+    files = ("capture", "out", "report", "subject", "start", "told", "overwrite", "strict")
     settings = given_settings(args)
     given = [name for name in (*files, *READING, "resolve", "frames") if getattr(args, name) is not None]
     if args.job is not None:
@@ -242,9 +243,9 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     job = {
-        "report": args.report, "subject": args.subject, "told": args.told, "overwrite": bool(args.overwrite),
-        "strict": bool(args.strict), **read, "settings": SolveSettings.from_dict(settings),
-        "resolve": _resolve(args),
+        "report": args.report, "subject": args.subject, "start": args.start, "told": args.told,
+        "overwrite": bool(args.overwrite), "strict": bool(args.strict), **read,
+        "settings": SolveSettings.from_dict(settings), "resolve": _resolve(args),
     }  # fmt: skip
     trials = trials_of(args.capture)
     if not trials:

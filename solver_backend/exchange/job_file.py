@@ -95,6 +95,8 @@ class JobFile(TimeSettings, WorldSettings):
     """Who is solved, by name or number, where the views show several people; "all" for each of them."""
     subject: Path | None = None
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
+    start: Path | None = None
+    """Earlier motion of these frames at which several cameras start, such as that of one of them."""
     told: Path | None = None
     """Names that a person gave to points of a recording of markers; they bind."""
     settings: Any = field(default_factory=dict)
@@ -106,7 +108,7 @@ class JobFile(TimeSettings, WorldSettings):
         TimeSettings.__post_init__(self)
         WorldSettings.__post_init__(self)
         earlier = None if self.resolve is None else self.resolve.motion
-        files = (self.capture, self.out, self.report, self.subject, self.told, earlier)
+        files = (self.capture, self.out, self.report, self.subject, self.start, self.told, earlier)
         if any("\0" in str(path) for path in files if path is not None):
             raise JobInvalid("A path of the job holds the character U+0000, which no path can.", where="job")
         if self.out.suffix.lower() != MOTION_SUFFIX:
@@ -131,6 +133,7 @@ class JobFile(TimeSettings, WorldSettings):
         given = {name: getattr(self, name) for name in names}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)
+        given["start"] = self.start and str(self.start)
         given["told"] = self.told and str(self.told)
         given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()

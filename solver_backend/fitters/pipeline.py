@@ -22,6 +22,7 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.earlier_motion import begin_at
 from solver_backend.fitters.measurements.hand_clouds import split_hands
 from solver_backend.fitters.measurements.loose_markers import loose_markers
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
@@ -50,7 +51,8 @@ from solver_backend.types import Capture, MarkerSubject, Motion
 
 def solve(
     capture: Capture, settings: SolveSettings = SolveSettings(), progress: Progress = silent, *,
-    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None, each: Stretches = in_turn,
+    prior: AutoencodingPrior | None = None, person: MarkerSubject | None = None, start: Motion | None = None,
+    each: Stretches = in_turn,
 ) -> Solution:  # fmt: skip
     """Solve the motion of the person in a capture: from its views, or from its markers where it has no keypoints.
 
@@ -60,6 +62,7 @@ def solve(
         progress: called as stages advance.
         prior: decoder of poses from unit codes of zero mean, of any length; SPoser as it ships if None.
         person: whose markers they are, from an earlier calibration; None calibrates on the take itself.
+        start: an earlier motion of these frames at which several cameras start, such as that of one of them.
         each: solves the stretches of a long take, on other machines perhaps; the global method's alone.
 
     Raises:
@@ -72,8 +75,9 @@ def solve(
         PriorInvalid: the prior does not fit itself or the body.
         BackendMissing: torch was asked for and is not installed, or finds no CUDA device.
         BodyUnknown, BodyInvalid, UnsafePickle: there is no such body, or its file is none.
+        MotionInvalid: the motion to start at is of other frames or another body.
     """
-    problem = prepare(capture, settings, progress, prior, person)
+    problem = prepare(capture, settings, progress, prior, person, start)
     give_back_freed_memory()
     return solve_problem(problem, settings, progress, _sources(capture, settings), each)
 
@@ -186,7 +190,7 @@ def resolve_motion(
 
 def prepare(
     capture: Capture, settings: SolveSettings, progress: Progress, prior: AutoencodingPrior | None = None,
-    person: MarkerSubject | None = None,
+    person: MarkerSubject | None = None, start: Motion | None = None,
 ) -> Problem:  # fmt: skip
     """Return the views of a capture made ready for a solver, or its markers where it has no keypoints.
 
@@ -200,6 +204,11 @@ def prepare(
         raise TakeTooShort(
             f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
+        )  # fmt: skip
+    if start is not None and (capture.keypoints is None or capture.is_one_view):
+        raise JobInvalid(
+            "A motion to start at is for takes of several cameras.", where=capture.name,
+            hint="Leave --start out, or read the capture with the camera that was added.",
         )  # fmt: skip
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     prior = load_sposer() if prior is None else prior
@@ -219,6 +228,8 @@ def prepare(
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))
     views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
+    if start is not None:
+        views = begin_at(views, without_fingers(start), body, prior_on_body(prior, body.layout), like)
     return Problem.of(body, prior, views)
 
 
