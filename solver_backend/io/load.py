@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,7 +11,7 @@ from typing import Any, TypeVar
 
 from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, MotionInvalid
 from solver_backend.io.captures.pose2sim import trials_below
-from solver_backend.io.detections.search import DETECTION_FOLDERS
+from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
 from solver_backend.io.detections.unsupported import name_unsupported
 from solver_backend.io.footage.footage import count_footage
 from solver_backend.io.markers.unsupported import name_unsupported_file
@@ -25,6 +26,8 @@ from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion
 
 Content = TypeVar("Content")
+_NAMED = 5
+"""Folders, or kinds of files, that an error names."""
 
 
 def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTURES, **options: Any) -> Capture:
@@ -116,4 +119,15 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
             f"The folder holds videos or pictures of {footage} cameras, and no detections in them.", where=str(path),
             hint="from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender).",
         )  # fmt: skip
-    return CaptureNotRecognised("The folder holds no folders of detections.", where=str(path), hint=hint)
+    if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
+        what = f"The folder holds no detections of its own; {listing(deeper[:_NAMED])} in it does."
+        return CaptureNotRecognised(what, where=str(path), hint=f"Choose {path / deeper[0]}.")
+    what = f"The folder holds no detections that are read: {_contents(path)}."
+    return CaptureNotRecognised(what, where=str(path), hint=hint)
+
+
+def _contents(folder: Path) -> str:
+    """Return what a folder holds, by the endings of its files' names."""
+    with os.scandir(folder) as entries:
+        kinds = Counter("folders" if e.is_dir() else Path(e.name).suffix.lower() or "files" for e in entries)
+    return listing(f"{count} {kind}" for kind, count in kinds.most_common(_NAMED)) if kinds else "it is empty"

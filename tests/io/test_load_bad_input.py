@@ -45,7 +45,7 @@ def test_what_is_no_capture_is_told_what_is(tmp_path: Path) -> None:
     with pytest.raises(CaptureNotRecognised, match=r"is not a capture we can read.*x\.docx"):
         load_capture(tmp_path / "x.docx")
     (tmp_path / "empty").mkdir()
-    with pytest.raises(CaptureNotRecognised, match="holds no folders of detections"):
+    with pytest.raises(CaptureNotRecognised, match="holds no detections that are read: "):
         load_capture(tmp_path / "empty")
 
 
@@ -78,6 +78,14 @@ def test_damaged_calibrations(trial: Path) -> None:
     (trial / "notes.json").unlink()
     (trial.parent / "docker.yml").unlink()
     with pytest.raises(CalibrationMissing):
+        load_capture(trial)
+
+
+def test_detections_in_a_folder_below_are_named(trial: Path) -> None:
+    write_trial(trial / "work", config="")
+    (trial / "work" / "pose").rename(trial / "export")
+    shutil.rmtree(trial / "work")
+    with pytest.raises(CaptureNotRecognised, match=r"no detections of its own; export in it does.*Choose .*export"):
         load_capture(trial)
 
 
