@@ -10,12 +10,14 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
+from supply.published_page import published_page
 from supply.python_api_page import python_api_page
 from supply.results_page import CHARTS, draw_chart, results_page
 from supply.settings_page import settings_page
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs"
 PAGES: dict[str, Callable[[], str]] = {
+    "explanation/published-tables.md": published_page,
     "reference/command-line.md": command_line_page,
     "reference/diagnostics.md": diagnostics_page,
     "reference/python-api.md": python_api_page,
@@ -28,9 +30,14 @@ PAGES: dict[str, Callable[[], str]] = {
 
 def main() -> int:
     """Write the pages and return the exit code."""
-    for name, make in PAGES.items():
-        sys.stdout.write(f"{write_text(FOLDER / name, make(), overwrite=True)}\n")
+    for name in PAGES:
+        sys.stdout.write(f"{write_page(name)}\n")
     return 0
+
+
+def write_page(name: str, folder: Path = FOLDER) -> Path:
+    """Write one page, by its path below a folder, and return where it is."""
+    return write_text(folder / name, PAGES[name](), overwrite=True)
 
 
 if __name__ == "__main__":

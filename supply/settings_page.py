@@ -15,8 +15,10 @@ Each can be given in three places: as an option of `solve` (and of `from-videos`
 and so on."""
 _OF_THE_WORLD = """Options of every command that reads a capture; keys of the job file itself, beside `settings`; in the
 panel under *Reading Options*. The capture, its cameras and the motion are all in the world that they make."""
-_ELSEWHERE = {"leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*"}
-"""Where the panel has something of its own for a setting."""
+_ELSEWHERE = {
+    "leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*", "landmarks": "–",
+}  # fmt: skip
+"""Where the panel has something of its own for a setting, if anywhere."""
 
 
 def settings_page() -> str:

@@ -21,6 +21,17 @@ METHODS = (
     Choice("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
 )
 """'sliding' is of the thesis, 6.3.2, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
+LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
+LANDMARKS = (
+    Choice(
+        LANDMARKS_LABELLED, "Labelled Markers", "The markers themselves, which get labels first where they lack them"
+    ),
+    Choice(
+        LANDMARKS_NETWORK, "Network's Markers", "The labelling network's 53 markers of every frame; no label is used"
+    ),
+    Choice(LANDMARKS_JOINTS, "Network's Markers and Joints", "The same with the network's 24 joints"),
+)
+"""The thesis fits estimated landmarks directly (5.2.2)."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere"),
@@ -117,6 +128,11 @@ class SolveSettings:
         "as the command line's detector-noise measures it; empty takes confidences as they are",
         group=RESOURCES, metavar="NOISE.json",
     )  # fmt: skip
+    landmarks: str = setting(
+        "choice", LANDMARKS_LABELLED, "Fitted Landmarks", "What 'noise-aware' fits of a recording of markers",
+        group=RECORDING, choices=LANDMARKS, metavar="NAME", in_panel=False,
+    )  # fmt: skip
+    """Direct solving of what a network has for each frame, beside labels first."""
     layout: str = setting(
         "file", "", "Marker Layout", "File that says which place each marker's label names, as the command line's "
         "layout writes it; empty goes by the layouts that are known", group=RESOURCES, metavar="LAYOUT.json",
@@ -129,6 +145,11 @@ class SolveSettings:
     def __post_init__(self) -> None:
         check_settings(self)
         check_accepted(self.accept)
+
+    @property
+    def is_direct(self) -> bool:
+        """Whether a network's landmarks are fitted instead of labelled markers."""
+        return self.landmarks != LANDMARKS_LABELLED
 
     @classmethod
     def from_dict(cls, values: Mapping[str, Any]) -> SolveSettings:

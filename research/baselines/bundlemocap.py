@@ -14,9 +14,10 @@ import numpy as np
 from research.baselines.base import Baseline, BaselineResult
 from research.baselines.person import ROBUST_SCALE, Prepared, prepare
 from research.baselines.sequence import Sequence, States, pose_prior
-from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Window
+from research.baselines.windows import GAUSSIAN, SPHERICAL, KeyState, Root, Window
 from research.descent.manifolds import Product
 from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.single_frame.fit import fit_frames
@@ -27,6 +28,8 @@ from solver_backend.types import Capture
 
 MAX_ITERATIONS = 30
 """Of a window (thesis 6.3.1)."""
+MOST_KEYS = 6
+"""Free keys a window: a polynomial of more swings between them."""
 _START = "start and shape from triangulated points in place of HMR"
 Optimiser = Literal["gradient", "lbfgs"]
 Start = Literal["previous", "points"]
@@ -45,15 +48,28 @@ class BundleMoCapPlusPlus(Baseline):
     the thesis seems to mean; on training motions the latter doubles the error."""
     scale: float = 2.0 * ROBUST_SCALE
     """Of Geman-McClure's penalty; tuned on training motions."""
-    root: Literal["sider", "slerp"] = "sider"
-    """How the root turns between keys."""
+    root: Root = "sider"
+    """How the root moves between keys."""
+    interpolation: int = 2
+    """n of SIDER-n, and of the free keys a window; 1 is SLERP (table 6.8), more the thesis' outlook."""
     name: str = "BundleMoCap++"
     simplified: str = f"{_START}; translations on the parabola through the keys (eq. 6.10's cubic has one degree more)."
 
     def solve(self, capture: Capture) -> BaselineResult:
-        """Slide SIDER-2 windows over the take."""
+        """Slide SIDER-n windows over the take.
+
+        Raises:
+            JobInvalid: there is no such n, or the root's curve is for n = 2 alone.
+        """
+        if not 1 <= self.interpolation <= MOST_KEYS or (self.root != "sider" and self.interpolation != 2):
+            raise JobInvalid(
+                f"There is no SIDER-{self.interpolation} with the root by {self.root}.", where=self.name,
+                hint=f"SIDER-n is for n = 1 to {MOST_KEYS}; other curves of the root are for n = 2.",
+            )  # fmt: skip
         prepared = prepare(capture)
-        slider = _Slider(prepared, prepared.problem.prior, SPHERICAL, self.scale, 0.0, 2, self.optimiser, self.root)
+        slider = _Slider(
+            prepared, prepared.problem.prior, SPHERICAL, self.scale, 0.0, self.interpolation, self.optimiser, self.root
+        )
         return slider.slide(self.name, self.window, self.start)
 
 
@@ -94,7 +110,7 @@ class _Slider:
     free: int
     """Free keys a window."""
     optimiser: Optimiser
-    root: Literal["sider", "slerp"]
+    root: Root
 
     def slide(self, name: str, length: int, start: Start) -> BaselineResult:
         """Solve window after window."""
@@ -102,7 +118,7 @@ class _Slider:
         layout = KeyframeLayout.even(problem.num_frames, length)
         number, time = layout.positions(layout.frames)
         minimise = {"gradient": gradient_descent, "lbfgs": lbfgs}[self.optimiser]
-        times = layout.key_times if self.free == 2 else layout.bounds.astype(np.float64)
+        times = _key_times(layout, self.free)
         guesses = self._keys_at(times if start == "points" else times[:1])
         key, parts, iterations, evaluations = _select(guesses, slice(0, 1)), [], 0, 0
         for w in range(layout.num_windows):
@@ -135,6 +151,13 @@ class _Slider:
         start = States(self.prior.encode(problem.prior.decode(fitted.z)), fitted.root, fitted.transl)
         solved = Sequence(subject, self.prior, objective, self.latent_weight).solve(start, self.scale, MAX_ITERATIONS)
         return _select((solved.z, solved.root, solved.transl), np.asarray(inverse).reshape(-1))
+
+
+def _key_times(layout: KeyframeLayout, free: int) -> np.ndarray:
+    """Return (W n + 1,) frame numbers of the keys, n of them a window, evenly."""
+    first, last = layout.bounds[:-1, None], layout.bounds[1:, None]
+    inside = first + (last - first) * np.arange(free) / free
+    return np.append(inside.reshape(-1), layout.bounds[-1])
 
 
 def _select(keys: KeyState, index: slice | np.ndarray, times: int = 1) -> KeyState:

@@ -1,4 +1,4 @@
-"""Cost and gradient of one window by its free keys, in reverse mode: two free keys with SIDER-2, one with SLERP.
+"""Cost and gradient of one window by its free keys, in reverse mode: n free keys with SIDER-n, one with SLERP.
 
 A state is ``(z (n, 32), R (n, 3, 3), t (n, 3))``, the key before it is fixed. The cost is the data term (thesis eqs.
 6.6-6.8) and, for Gaussian codes, the density of the codes; frames lie on the curve through the keys (eqs. 6.9, 6.10).
@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from research.baselines.screw_root import ScrewRoot
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.fitters.model.keyframe_curve import Interpolant, KeyframeCurve, by_turns
@@ -26,6 +27,8 @@ SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
 """Where the free keys of a window live: SPoser's."""
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
 """The same for VPoser's codes."""
+Root = Literal["sider", "slerp", "se3"]
+"""Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3) through three keys."""
 KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Codes (n, 32), root rotations (n, 3, 3), translations (n, 3)."""
 
@@ -48,17 +51,20 @@ class Window:
     """The key the window starts from, n = 1."""
     latent_weight: float = 0.0
     """Of ``|z|²/2`` in every frame."""
-    root: Literal["sider", "slerp"] = "sider"
-    """How the root turns between three keys: a spherical parabola, or from key to key."""
+    root: Root = "sider"
+    """How the root moves between three keys: turning on a spherical parabola, or from key to key; or on a screw."""
 
     def frames(self, state: KeyState) -> PosedFrames:
         """Return the frames between the keys."""
-        return self._curve(state).poses(self.prior)
+        frames = self._curve(state).poses(self.prior)
+        return frames if self.root != "se3" else _placed(frames, self._screw(state))
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
         curve = self._curve(state)
         frames, vjp = curve.poses_with_vjp(self.prior)
+        screw = self._screw(state) if self.root == "se3" else None
+        frames = frames if screw is None else _placed(frames, screw)
         posed, z = pose(self.subject, frames, jacobian=True), curve.codes.value[0]
         evidence = self.term(posed.points, self.scale)
         assert posed.by_rotations is not None
@@ -67,7 +73,15 @@ class Window:
         cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
         by_keys = vjp(by_poses, self.latent_weight * z)
         assert by_keys.z is not None
+        if screw is not None:
+            by_root, by_transl = screw.vjp(by_poses[:, :3], by_poses[:, -3:])
+            return cost, (by_keys.z[0, 1:], by_root[1:], by_transl[1:])
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
+
+    def _screw(self, state: KeyState) -> ScrewRoot:
+        """Return the root on its screw motion through the fixed key and the free ones."""
+        R, transl = (np.concatenate([a, b]) for a, b in zip(self.first[1:], state[1:], strict=True))
+        return ScrewRoot.through(R, transl, self.time)
 
     def _curve(self, state: KeyState) -> KeyframeCurve:
         """Return the curve through the fixed key and the free ones."""
@@ -76,8 +90,12 @@ class Window:
         return KeyframeCurve.through(
             keys.select(np.arange(len(z))[None]), self.time[None], residuals=False,
             codes=sider_weights if self.keys is SPHERICAL else StretchedSlerp.between,
-            quats=sider_weights if self.root == "sider" or len(z) == 2 else KeyToKeySlerp.between,
+            quats=KeyToKeySlerp.between if self.root == "slerp" and len(z) > 2 else sider_weights,
         )  # fmt: skip
+
+
+def _placed(frames: PosedFrames, screw: ScrewRoot) -> PosedFrames:
+    return PosedFrames(screw.rotation, frames.local, screw.transl)
 
 
 @dataclass(frozen=True)

@@ -112,9 +112,13 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.report.diagnose import diagnose
 
     start = time.monotonic()
+    if job.told is not None and job.settings.is_direct:
+        raise CommandLineInvalid(
+            "Names of points are of no use where a network's landmarks are fitted.", where=str(job.told)
+        )
     if job.told is not None:
         capture, _ = labelled_capture(capture, progress, told=_told(job.told, capture), always=True)
-    elif not job.settings.layout:
+    elif not (job.settings.layout or job.settings.is_direct):
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)

@@ -29,6 +29,7 @@ from solver_backend.fitters.measurements.markers import known_markers_of, measur
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
+from solver_backend.fitters.measurements.network_landmarks import measure_directly
 from solver_backend.fitters.methods import METHODS
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
@@ -194,8 +195,7 @@ def prepare(
     """Return the views of a capture made ready for a solver, or its markers where it has no keypoints.
 
     Raises:
-        TooFewViews, NoDetections, MarkersUnknown, SubjectInvalid, TakeTooShort: as in ``solve``.
-        BackendMissing, BodyUnknown, BodyInvalid: as in ``solve``.
+        TooFewViews, NoDetections, MarkersUnknown, SubjectInvalid, TakeTooShort, BackendMissing: as in ``solve``.
     """
     if capture.keypoints is not None or capture.markers is None:
         capture.require_views()
@@ -213,6 +213,8 @@ def prepare(
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)
+    if settings.is_direct:
+        return Problem.of(body, prior, measure_directly(capture, body, like, settings, person, progress))
     if capture.keypoints is None and capture.markers is not None:
         markers, hands = split_hands(capture.markers)
         if method.finds_shape and person is None:
@@ -225,9 +227,7 @@ def prepare(
     seen = without_views(meant, settings.leave_out)
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))
-    views = measure_views(
-        seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync,
-    )  # fmt: skip
+    views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
     if start is not None:
         views = begin_at(views, without_fingers(start), body, prior_on_body(prior, body.layout), like)
     return Problem.of(body, prior, views)

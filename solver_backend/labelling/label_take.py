@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.exchange.errors import CaptureInvalid, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import BodyFit, body_evidence
+from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
@@ -21,15 +21,8 @@ READ_FPS = 30.0
 """Frames a second that the network reads: votes nearer to each other say the same."""
 ROUNDS, BODY_FROM = 5, 2
 """Times that all is voted again with what the last vote named, and the first of them that a body is laid over."""
-FEWEST_POINTS = 6
-"""Fewer do not make a person."""
 _FLOOR = -8.0
 """Least log probability that one reading may have: no single frame rules a label out."""
-_PART = 64
-"""Most frames that the network reads at once; fewer where the frames' pairs of points are more than ``_PAIRS``."""
-_PAIRS = _PART * 100**2
-MOST_POINTS = 2000
-"""Points of one frame: the network weighs every pair of them, 0.6 GB at this number."""
 MOST_CHAINS = 5000
 """Chains of stretches: every pair of them is compared, 2 GB at this number."""
 
@@ -108,13 +101,9 @@ def label_take(
     """
     positions = np.asarray(cloud.positions, dtype=np.float64)
     seen = np.isfinite(positions).all(-1)
-    if not (seen.sum(1) >= FEWEST_POINTS).any():
-        raise NoDetections(
-            f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
-        )
-    _require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
+    require_points(seen)
     tracklets = tracklets_of(positions, cloud.fps, persistent=persistent)
-    _require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
+    require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(told or {}, tracklets)
@@ -124,15 +113,6 @@ def label_take(
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
     confidence = np.where(stretch >= 0, sure[stretch], np.nan)
     return LabelledTake(by_point, confidence, tracklets, labels, sure, frames, landmarks, covariance)
-
-
-def _require_at_most(most: int, found: int, what: str) -> None:
-    if found > most:
-        raise CaptureInvalid(
-            f"Labelling is not supported for {found} {what}; at most {most} are compared with one another.",
-            where="markers",
-            hint="Remove stray points, or cut the take, in the recording program.",
-        )
 
 
 def _frames_to_read(seen: np.ndarray, tracklets: Tracklets, fps: float) -> np.ndarray:
@@ -155,21 +135,16 @@ def _read(
     evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
     landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
     covariance = np.zeros((len(frames), len(LANDMARKS), 3, 3))
-    size = int(np.clip(_PAIRS // int(seen[frames].sum(1).max()) ** 2, 1, _PART))
-    for start in range(0, len(frames), size):
-        part = frames[start : start + size]
-        columns = np.argsort(~seen[part], axis=1, kind="stable")[:, : int(seen[part].sum(1).max())]
-        there = np.take_along_axis(seen[part], columns, axis=1)
-        points = np.take_along_axis(positions[part], columns[..., None], axis=1)
-        reading = network(np.where(there[..., None], points, 0.0), there)
-        which = tracklets.chain[np.take_along_axis(tracklets.number[part], columns, axis=1)[there]]
-        log = reading.log_probability[there]
+    done = 0
+    for part in read_frames(positions, seen, frames, network):
+        here = slice(done, done + len(part.frames))
+        which = tracklets.chain[np.take_along_axis(tracklets.number[part.frames], part.columns, axis=1)[part.there]]
+        log = part.reading.log_probability[part.there]
         np.add.at(evidence, which, np.maximum(log, _FLOOR))
         np.add.at(mean, which, np.exp(log))
         np.add.at(count, which, 1.0)
-        landmarks[start : start + len(part)] = reading.positions
-        covariance[start : start + len(part)] = reading.covariance
-        progress("Reading the points", start + len(part), len(frames))
+        landmarks[here], covariance[here], done = part.reading.positions, part.reading.covariance, here.stop
+        progress("Reading the points", done, len(frames))
     return Votes(frames, evidence, mean / np.maximum(count, 1.0)[:, None], count), landmarks, covariance
 
 

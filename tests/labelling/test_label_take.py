@@ -17,7 +17,8 @@ from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.told_file import read_told
-from solver_backend.labelling.label_take import MOST_POINTS, label_take
+from solver_backend.labelling.frame_landmarks import MOST_POINTS
+from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.embedded.marker_demo import record_markers
@@ -208,7 +209,7 @@ def test_more_points_than_can_be_compared_are_named(demo):
 def test_frames_read_in_smaller_parts_say_the_same(demo, monkeypatch):
     bare, network = MarkerCloud(demo.positions, demo.fps), load_network()
     whole = label_take(bare, network, fit_average_person)
-    monkeypatch.setattr("solver_backend.labelling.label_take._PAIRS", 3 * demo.positions.shape[1] ** 2)
+    monkeypatch.setattr("solver_backend.labelling.frame_landmarks._PAIRS", 3 * demo.positions.shape[1] ** 2)
     parts = label_take(bare, network, fit_average_person)
     assert np.array_equal(whole.labels, parts.labels)
     assert np.allclose(whole.landmarks, parts.landmarks, atol=1e-4)

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, reduce
+from operator import mul
 from typing import Protocol
 
 import numpy as np
@@ -52,14 +53,18 @@ class Interpolant(Protocol):
 
 
 def lagrange(time: Array, num_keys: int = 3) -> Array:
-    """Return (..., k) weights of two or three equally spaced keys on the polynomial through them, at time 0..1.
+    """Return (..., k) weights of equally spaced keys on the polynomial through them, at time 0..1.
 
     With three keys the cubic of thesis eq. 6.10 has one degree too many; its minimal-curvature member is the parabola.
     """
     xp = array_namespace(time)
     if num_keys == 2:
         return xp.stack([1 - time, time], axis=-1)
-    return xp.stack([(1 - time) * (1 - 2 * time), 4 * time * (1 - time), time * (2 * time - 1)], axis=-1)
+    if num_keys == 3:
+        return xp.stack([(1 - time) * (1 - 2 * time), 4 * time * (1 - time), time * (2 * time - 1)], axis=-1)
+    at, keys = time * (num_keys - 1), range(num_keys)
+    factors = [[(at - j) / (i - j) for j in keys if j != i] for i in keys]
+    return xp.stack([reduce(mul, others) for others in factors], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -110,7 +115,7 @@ class KeyframeCurve:
         """Return the curve through the keys of W windows.
 
         Args:
-            keys: (W, k) keys, k = 3, or 2 for geodesics and straight lines.
+            keys: (W, k) keys: 3, or 2 for geodesics and straight lines, or more for SIDER-n.
             time: (W, n) positions in the window, 0..1.
             residuals: let the residual rotations act.
             codes: (W, 1, k, d) codes and (W, n) times to the codes between.

@@ -66,7 +66,7 @@ def size_of(
     else:
         return by_floor
     doubted = measured is not None and _at_odds(measured, factor, SHAPE_SIGMA)
-    known = Size(factor if betas is None else 1.0, SHAPE_SIGMA, source, by_floor.has_floor and not doubted)
+    known = Size(factor, SHAPE_SIGMA, source, by_floor.has_floor and not doubted)
     return replace(known, at_odds=measured) if doubted and measured is not None else known
 
 

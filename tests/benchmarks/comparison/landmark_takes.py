@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from research.simulation.marker_noise import DataNoise, InferenceNoise
+from research.simulation.marker_noise import DataNoise
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
@@ -14,13 +14,14 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.landmarks import measure_landmarks
+from solver_backend.labelling.frame_landmarks import frame_landmarks
+from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.simulation.cast import Take, cast_person
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 LAYOUT = "MANIFOLD_53"
 NOISES = ("data", "inference", "both")
-"""Columns n_d and n_m of thesis table 5.2."""
-_FAR = ("wrist", "hand", "ankle", "foot")
+"""Columns n_d and n_m of table 5.2: spoiled markers, what the network makes of clean ones, and of spoiled ones."""
 
 
 @dataclass(frozen=True)
@@ -53,18 +54,14 @@ class LandmarkTake:
 
     def measured(self, noise: str, *, joints: bool, seed: int) -> Measurements:
         """Return what a solver gets: markers, with joints or without, made worse by one of ``NOISES``."""
-        rng = np.random.default_rng(seed)
-        points = self.points.copy()
-        if noise != "inference":
-            points = DataNoise()(points, rng)
-        if noise != "data":
-            points = InferenceNoise()(points, self.points, reach_of(self.body, self.landmarks), self.fps, rng)
         keep = len(self.landmarks) - (0 if joints else len(SMPL_JOINTS))
-        return measure_landmarks(self.landmarks.part(slice(0, keep)), points[:, :keep], self.fps, np.zeros(1))
+        points = self.estimated(noise, seed)[:, :keep]
+        return measure_landmarks(self.landmarks.part(slice(0, keep)), points, self.fps, np.zeros(1))
 
-
-def reach_of(body: Body, landmarks: Landmarks) -> np.ndarray:
-    """Return (L,) 0 for landmarks on trunk and head, a half on the limbs, 1 on hands and feet."""
-    bones = [SMPL_JOINTS[b] if b < len(SMPL_JOINTS) else "hand" for b in landmarks.weights.argmax(axis=1)]
-    half = ("elbow", "knee", "shoulder", "hip")
-    return np.array([1.0 if b.endswith(_FAR) else 0.5 if b.endswith(half) else 0.0 for b in bones])
+    def estimated(self, noise: str, seed: int) -> np.ndarray:
+        """Return (F, 77, 3) landmarks, NaN where missing: spoiled, or what the network that ships has for a cloud."""
+        rng = np.random.default_rng(seed)
+        if noise == "data":
+            return DataNoise()(self.points, rng)
+        markers = self.points[:, : -len(SMPL_JOINTS)]
+        return frame_landmarks(DataNoise().cloud(markers, rng) if noise == "both" else markers, load_network())

@@ -94,10 +94,33 @@ def _exact_prior(capture: Capture) -> TruthPrior:
     return TruthPrior(load_sposer(), exp_so3(capture.truth["body_pose"][:, :63].reshape(-1, 21, 3)))
 
 
+def copied() -> list[Method]:
+    """Return the published method as it reads: keys start as copies of the key before, by either optimiser."""
+    return [
+        Method.of(PUBLISHED, "BundleMoCap++, keys copied", start="previous"),
+        Method.of(PUBLISHED, "BundleMoCap++, keys copied, L-BFGS", start="previous", optimiser="lbfgs"),
+    ]
+
+
+def curves() -> list[Method]:
+    """Return the published method with other curves between keys: SIDER-n, and the root on a screw of SE(3)."""
+    plain = {"optimiser": "lbfgs"}
+    return [
+        Method.of(PUBLISHED, "SLERP, a key every 20 frames", interpolation=1, **plain),
+        Method.of(PUBLISHED, "SLERP, a key every 10 frames", interpolation=1, window=10, **plain),
+        Method.of(PUBLISHED, "SIDER-2, 20 frames", **plain),
+        Method.of(PUBLISHED, "SIDER-3, 30 frames", interpolation=3, window=30, **plain),
+        Method.of(PUBLISHED, "SIDER-4, 40 frames", interpolation=4, window=40, **plain),
+        Method.of(PUBLISHED, "SIDER-2, root from key to key by SLERP", root="slerp", **plain),
+        Method.of(PUBLISHED, "SIDER-2, root on SE(3)", root="se3", **plain),
+    ]
+
+
 def compared() -> list[Method]:
     """Return the methods of the main table."""
     return [
         *map(Method, BASELINES),
+        *copied(),
         Method.of(OURS, "ours, sliding", method="sliding"),
         Method.of(OURS, "ours, global"),
         Method(EXACT_PRIOR),

@@ -11,7 +11,7 @@ import numpy as np
 from research.simulation.benchmark import BenchmarkSettings
 from tests.benchmarks.comparison.captures import BAD, LONG_TAKE, TAKES
 from tests.benchmarks.comparison.judgement import COLUMNS, Row
-from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method, ablations, compared
+from tests.benchmarks.comparison.methods import OURS, PUBLISHED, Method, ablations, compared, curves
 from tests.benchmarks.comparison.runs import Outcome, Run
 
 TIMES = ("seconds", "cpu_s", "peak_mb")
@@ -110,6 +110,12 @@ def root(scope: Scope) -> Section:
     )
 
 
+def interpolation(scope: Scope) -> Section:
+    """SIDER-n with a key every ten frames, and curves of the root, by L-BFGS (thesis 6.4's outlook)."""
+    title = "SIDER-n and SE(3) between keys (thesis tables 6.8, 6.9 and 6.4)"
+    return Section(title, _by_method(scope.runs(curves(), takes=2)), (*ACCURACY, *TIMES))
+
+
 def optimiser(scope: Scope) -> Section:
     """Kinder readings of the published method."""
     chosen = [
@@ -174,8 +180,8 @@ def length(scope: Scope) -> Section:
 
 
 SECTIONS: dict[str, Callable[[Scope], Section]] = {
-    "methods": methods, "views": views, "windows": windows, "root": root, "optimiser": optimiser, "ablation": ablation,
-    "bad": bad, "noise": noise, "length": length,
+    "methods": methods, "views": views, "windows": windows, "root": root, "interpolation": interpolation,
+    "optimiser": optimiser, "ablation": ablation, "bad": bad, "noise": noise, "length": length,
 }  # fmt: skip
 """Tables by name, in the order they are made."""
 

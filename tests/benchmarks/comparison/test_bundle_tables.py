@@ -13,7 +13,17 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet, Motion
 from tests.benchmarks.bench_bundle import table
 from tests.benchmarks.comparison.judgement import COLUMNS, by_sight, coverage, exchanges_undone, judged, worst_joints
-from tests.benchmarks.comparison.methods import BASELINES, EXACT_PRIOR, OURS, PUBLISHED, Method, ablations, compared
+from tests.benchmarks.comparison.methods import (
+    BASELINES,
+    EXACT_PRIOR,
+    OURS,
+    PUBLISHED,
+    Method,
+    ablations,
+    compared,
+    copied,
+    curves,
+)
 from tests.benchmarks.comparison.requirements import requirements
 from tests.benchmarks.comparison.runs import Outcome, Run
 from tests.benchmarks.comparison.sections import SECTIONS, Scope, Section, medians
@@ -80,8 +90,8 @@ def test_honest_ellipsoids_hold_what_they_promise() -> None:
 
 
 def test_methods_have_names_of_their_own_and_known_settings() -> None:
-    methods = [*compared(), *ablations()]
-    assert len({method.name for method in compared()}) == len(compared()) == len(BASELINES) + 3
+    methods = [*compared(), *ablations(), *curves()]
+    assert len({method.name for method in compared()}) == len(compared()) == len(BASELINES) + len(copied()) + 3
     assert all(method.known for method in methods)
     assert not Method.of(OURS, nonsense=1).known
     assert Method.of(PUBLISHED, window=30).name == "BundleMoCap++, window 30"

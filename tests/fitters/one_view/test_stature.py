@@ -53,6 +53,10 @@ def test_what_is_given_binds_and_a_floor_from_the_person_says_nothing() -> None:
 
     assert size().source == "feet on the floor"
     assert size((0.0,) * 10).sigma == SHAPE_SIGMA and size((0.0,) * 10).factor == 1.0
+    shape = tuple(betas_of_size(body, 1.1))
+    assert size(shape).factor == pytest.approx(1.1, abs=5e-3) and size(shape).at_odds == (0.0, 0.0)
+    far = size(tuple(betas_of_size(body, 1.6)))
+    assert far.at_odds[0] == pytest.approx(1.05, abs=1e-6) and not far.has_floor
     tall = size(stature_m=1.05 * body.stature_m)
     assert tall.factor == pytest.approx(1.05) and tall.sigma == SHAPE_SIGMA
     assert size(floor_from_person=True).sigma == PEOPLE_SIGMA

@@ -17,7 +17,7 @@ from research.baselines import (
     MuVS,
     TriangulatedButterworth,
 )
-from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
@@ -49,6 +49,24 @@ def test_the_published_windows_are_20_frames_and_30_iterations(capture: Capture)
     assert np.flatnonzero(result.motion.keyframes).tolist() == [0, 10, 20, 30, 40]
     assert result.statistics["windows"] == 2
     assert result.statistics["iterations"] <= 60
+
+
+@pytest.mark.parametrize(
+    ("changes", "keys"),
+    [({"interpolation": 4, "window": 40}, range(0, 41, 10)), ({"interpolation": 1, "window": 10}, range(0, 41, 10)),
+     ({"root": "se3"}, range(0, 41, 10))],
+)  # fmt: skip
+def test_other_curves_through_other_keys_find_the_person_too(capture: Capture, changes: dict, keys: range) -> None:
+    result = BundleMoCapPlusPlus(**changes).solve(capture)
+    assert result.motion is not None and result.motion.keyframes is not None
+    assert np.flatnonzero(result.motion.keyframes).tolist() == list(keys)
+    assert mpjpe_mm(result.motion.joints, capture.truth["joints"]) < 45.0
+
+
+@pytest.mark.parametrize("changes", [{"interpolation": 0}, {"interpolation": 7}, {"interpolation": 3, "root": "se3"}])
+def test_curves_that_there_are_none_of_are_refused(capture: Capture, changes: dict) -> None:
+    with pytest.raises(JobInvalid, match="There is no SIDER"):
+        BundleMoCapPlusPlus(**changes).solve(capture)
 
 
 def test_bundlemocap_has_a_key_every_ten_frames_and_is_smooth_between(capture: Capture) -> None:

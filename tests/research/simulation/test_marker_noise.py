@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from research.simulation.marker_noise import DataNoise, InferenceNoise
+from research.simulation.marker_noise import DataNoise
 
 FRAMES, COUNT = 400, 53
 
@@ -64,23 +64,13 @@ def test_the_same_seed_corrupts_alike_and_another_does_not(points: np.ndarray) -
     assert (np.isnan(first) != np.isnan(other)).any()
 
 
-def test_inference_fills_what_lacks_errs_more_at_the_ends_and_keeps_a_share(points: np.ndarray) -> None:
-    reach = np.r_[np.zeros(20), np.ones(COUNT - 20)]
-    seen = corrupted(DataNoise(least_hidden=10, most_hidden=10, ghosts=0), points)
-
-    def off(noise: InferenceNoise) -> np.ndarray:
-        return noise(seen, points, reach, 60.0, np.random.default_rng(5)) - points
-
-    error = off(InferenceNoise(kept=0.0, unevenness=0.0))
-    assert np.isfinite(error).all()
-    missing = np.isnan(seen).any(-1)
-    trunk, ends = (error[:, part].std() for part in (slice(20), slice(20, None)))
-    assert ends / trunk == pytest.approx(2.5, rel=0.1)
-    plain = error[:, :20][~missing[:, :20]].std()
-    assert plain == pytest.approx(0.007, rel=0.1)
-    assert error[:, :20][missing[:, :20]].std() / plain == pytest.approx(2.0, rel=0.15)
-    through = off(InferenceNoise(sigma_m=0.0, kept=0.35))
-    np.testing.assert_allclose(through[~missing], 0.35 * (seen - points)[~missing], atol=1e-12)
-    drift = InferenceNoise(unevenness=0.0)(points, points, reach, 60.0, np.random.default_rng(6)) - points
-    lag = 1 - (np.diff(drift, axis=0) ** 2).mean() / (2 * (drift**2).mean())
-    assert lag == pytest.approx(np.exp(-1 / 12), abs=0.03), "errors last 0.2 s"
+def test_a_cloud_has_the_ghosts_as_points_of_their_own(points: np.ndarray) -> None:
+    noise = DataNoise(most_hidden=10, ghosts=3, displaced_share=0.2)
+    cloud = noise.cloud(points, np.random.default_rng(1))
+    assert cloud.shape == (FRAMES, COUNT + 3, 3) and np.isfinite(cloud[:, COUNT:]).all()
+    labelled = corrupted(noise, points)
+    kept = np.isfinite(cloud[:, :COUNT]).all(-1)
+    np.testing.assert_array_equal(cloud[:, :COUNT][kept], labelled[kept])
+    np.testing.assert_allclose(np.median(cloud[:, COUNT:].reshape(-1, 3), axis=0), [1.0, -2.0, 0.9], atol=0.05)
+    none = DataNoise(ghosts=0).cloud(points, np.random.default_rng(1))
+    assert none.shape == points.shape

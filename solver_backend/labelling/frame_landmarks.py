@@ -1,0 +1,106 @@
+"""What the network has for single frames: markers and joints, whatever the points are called."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.exchange.errors import CaptureInvalid, NoDetections
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.outputs import LANDMARKS
+from solver_backend.labelling.point_network import PointNetwork
+from solver_backend.labelling.reading import CloudReading
+
+FEWEST_POINTS = 6
+"""Fewer do not make a person."""
+MOST_POINTS = 2000
+"""Points of one frame: the network weighs every pair of them, 0.6 GB at this number."""
+_PART = 64
+"""Most frames that the network reads at once; fewer where the frames' pairs of points are more than ``_PAIRS``."""
+_PAIRS = _PART * 100**2
+
+
+@dataclass(frozen=True)
+class FramesRead:
+    """What the network says of some frames."""
+
+    frames: np.ndarray
+    """(B,) their numbers."""
+    columns: np.ndarray
+    """(B, N) which column of the take each point that was read is of."""
+    there: np.ndarray
+    """(B, N) bool: whether there is a point."""
+    reading: CloudReading
+    """Of the B clouds."""
+
+
+def read_frames(
+    positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, network: PointNetwork
+) -> Iterator[FramesRead]:
+    """Read frames of a take, some at a time.
+
+    Args:
+        positions: (F, N, 3) metres, Z up.
+        seen: (F, N) bool: whether there is a point.
+        frames: numbers of the frames to read.
+        network: that reads them.
+    """
+    size = int(np.clip(_PAIRS // max(int(seen[frames].sum(1).max()), 1) ** 2, 1, _PART))
+    for start in range(0, len(frames), size):
+        part = frames[start : start + size]
+        columns = np.argsort(~seen[part], axis=1, kind="stable")[:, : int(seen[part].sum(1).max())]
+        there = np.take_along_axis(seen[part], columns, axis=1)
+        points = np.take_along_axis(positions[part], columns[..., None], axis=1)
+        yield FramesRead(part, columns, there, network(np.where(there[..., None], points, 0.0), there))
+
+
+def require_points(seen: np.ndarray) -> None:
+    """Check that points are neither too few to make a person nor too many to compare.
+
+    Raises:
+        NoDetections: in no frame are there enough points.
+        CaptureInvalid: a frame has more points than can be compared with one another.
+    """
+    if not (seen.sum(1) >= FEWEST_POINTS).any():
+        raise NoDetections(
+            f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
+        )
+    require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
+
+
+def require_at_most(most: int, found: int, what: str) -> None:
+    """Check that there are no more things than can be compared with one another.
+
+    Raises:
+        CaptureInvalid: there are.
+    """
+    if found > most:
+        raise CaptureInvalid(
+            f"Labelling is not supported for {found} {what}; at most {most} are compared with one another.",
+            where="markers",
+            hint="Remove stray points, or cut the take, in the recording program.",
+        )
+
+
+def frame_landmarks(positions: np.ndarray, network: PointNetwork, progress: Progress = silent) -> np.ndarray:
+    """Return (F, 77, 3) metres: where the network has markers and joints; NaN in frames with too few points.
+
+    Args:
+        positions: (F, N, 3) metres, Z up, in any order; NaN where there is no point.
+        network: that reads frames.
+        progress: called as frames are read.
+
+    Raises:
+        NoDetections, CaptureInvalid: see ``require_points``.
+    """
+    seen = np.isfinite(positions).all(-1)
+    require_points(seen)
+    found = np.full((len(positions), len(LANDMARKS), 3), np.nan)
+    frames, done = np.flatnonzero(seen.sum(1) >= FEWEST_POINTS), 0
+    for part in read_frames(np.asarray(positions, dtype=np.float64), seen, frames, network):
+        found[part.frames] = part.reading.positions
+        done += len(part.frames)
+        progress("Reading the points", done, len(frames))
+    return found

@@ -1,0 +1,76 @@
+"""Published tables beside ours: verdicts follow from figures, and every contradiction has its reason."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from supply.published_page import (
+    BASELINE,
+    CONTRADICTED,
+    NOT_MEASURED,
+    PUBLISHED,
+    REPRODUCED,
+    PublishedRow,
+    counts,
+    published_page,
+    published_rows,
+    rows,
+)
+
+VALUES = json.loads(PUBLISHED.read_text(encoding="utf-8"))
+ENTRY = {
+    "source": "A paper", "table": "1", "what": "This against that", "published": [9.0, 10.0],
+    "bench": "b", "figures": ["this", "that"], "reason": "Ours is another.",
+}  # fmt: skip
+
+
+def baseline(this: float, that: float) -> dict:
+    return {"b": {"figures": {"this": {"value": this}, "that": {"value": that}}}}
+
+
+@pytest.mark.parametrize(("this", "verdict"), [(1.9, REPRODUCED), (2.1, CONTRADICTED)])
+def test_the_verdict_is_the_side_of_one(this: float, verdict: str):
+    (row,) = published_rows([ENTRY], baseline(this, 2.0))
+    assert (row.published, row.here) == pytest.approx((0.9, this / 2.0)) and row.verdict == verdict
+    assert counts([row])[verdict] == 1
+
+
+def test_a_figure_that_the_baseline_lacks_is_named():
+    with pytest.raises(KeyError, match="this"):
+        published_rows([ENTRY], {"b": {"figures": {}}})
+
+
+def test_what_is_not_measured_says_why():
+    (row,) = published_rows([{"source": "A", "table": "2", "what": "W", "not_measured": "No data."}], {})
+    assert (row.verdict, row.reason) == (NOT_MEASURED, "No data.")
+
+
+def test_the_committed_rows_name_figures_of_the_baseline_and_no_ratio_is_typed():
+    figures = json.loads(BASELINE.read_text(encoding="utf-8"))
+    for value in VALUES:
+        assert set(value) <= {*ENTRY, "not_measured", "log"} and value["source"] and value["table"] and value["what"]
+        if "not_measured" not in value:
+            assert set(value["figures"]) <= set(figures[value["bench"]]["figures"]), value["what"]
+            assert len(value["published"]) == len(value["figures"]) == 2
+
+
+def test_every_contradiction_has_a_reason_in_a_sentence():
+    assert not [row.what for row in rows() if row.verdict != REPRODUCED and not row.reason.endswith(".")]
+    assert not [row.what for row in rows() if row.verdict != REPRODUCED and not 20 < len(row.reason) < 250]
+
+
+def test_every_table_of_the_thesis_stands_on_the_page():
+    tables = {table.strip() for row in rows() if "thesis" in row.source for table in row.table.split(",")}
+    chapters = {4: 7, 5: 2, 6: 9}
+    assert tables == {"1.1"} | {f"{c}.{t}" for c, last in chapters.items() for t in range(1, last + 1)}
+
+
+def test_a_row_of_the_page_shows_both_ratios_and_the_reason_of_a_contradiction_alone():
+    page = published_page()
+    assert f"{counts(rows())[REPRODUCED]} reproduced" in page
+    for row in rows():
+        (line,) = [line for line in page.splitlines() if line.startswith(f"| {row.table} | {row.what} |")]
+        assert row.verdict in line and (row.reason in line) == (row.verdict != REPRODUCED or not row.reason)
+    assert isinstance(rows()[0], PublishedRow)
