@@ -8,6 +8,7 @@ from pathlib import Path
 from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
 from solver_backend.exchange import capture_file
 from solver_backend.io.calibration import read_calibration
+from solver_backend.io.calibration.read import calibrations_in
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.footage.mp4 import read_video_header
@@ -17,6 +18,7 @@ from solver_backend.types import Cameras, Capture, JointSet
 from tests.fuzz import odd_calibrations, odd_captures, odd_recordings
 from tests.fuzz.odd_bodies import ARCHIVES, MANY_MEMBERS
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing
+from tests.support import other_calibrations
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.support.other_programs import WRITERS
 from tests.support.scenes import ring_of_cameras, small_capture, small_markers
@@ -192,6 +194,13 @@ TARGETS: tuple[Target, ...] = (
         {".yml": "text"},
         20,
         odd_calibrations.PAIRS,
+    ),
+    Target(
+        "calibration of other tools",
+        other_calibrations.WRITERS,
+        calibrations_in,
+        {".json": "json", ".npz": "npz", ".txt": "table", ".csv": "table"},
+        6,
     ),
     Target(
         "calibration, JSON",

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -14,65 +13,10 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.io.calibration.projection_matrix import projection_of, split_projection
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.search import find_calibration
-from tests.support.camera_ring import ring
-
-CAMERAS = ring(4)
-NAMES = CAMERAS.names
-P = CAMERAS.K @ np.concatenate([CAMERAS.R, CAMERAS.t[..., None]], axis=2)
+from tests.support.other_calibrations import CAMERAS, NAMES, WRITERS, P, dlt, projection_texts
 
 
-def _write(path: Path, content: object) -> None:
-    path.write_text(json.dumps(content))
-
-
-def nerf(folder: Path) -> None:
-    frames = []
-    for c, name in enumerate(NAMES):
-        pose = np.eye(4)
-        pose[:3, :3], pose[:3, 3] = CAMERAS.R[c].T, CAMERAS.centres[c]
-        pose = pose @ np.diag([1, -1, -1, 1])
-        K, (w, h) = CAMERAS.K[c], CAMERAS.image_size[c].tolist()
-        frames.append({"file_path": f"images/{name}.png", "fl_x": K[0, 0], "fl_y": K[1, 1], "cx": K[0, 2],
-                       "cy": K[1, 2], "w": w, "h": h, "transform_matrix": pose.tolist()})  # fmt: skip
-    _write(folder / "transforms.json", {"camera_model": "OPENCV", "frames": frames})
-
-
-def numbers_by_name(folder: Path) -> None:
-    keys = ("fx", "fy", "cx", "cy", "rotation", "tvec")
-    values = [
-        (K[0, 0], K[1, 1], K[0, 2], K[1, 2], R.tolist(), t.tolist())
-        for K, R, t in zip(CAMERAS.K, CAMERAS.R, CAMERAS.t, strict=True)
-    ]
-    nodes = {name: dict(zip(keys, camera, strict=True)) for name, camera in zip(NAMES, values, strict=True)}
-    _write(folder / "cameras.json", nodes)
-
-
-def projections(folder: Path) -> None:
-    _write(folder / "cameras.json", {name: {"P": (-3.0 * p).tolist()} for name, p in zip(NAMES, P, strict=True)})
-
-
-def projection_texts(folder: Path) -> None:
-    for name, p in zip(NAMES, P, strict=True):
-        np.savetxt(folder / f"{name}.txt", p)
-
-
-def dlt(folder: Path) -> None:
-    np.savetxt(folder / "dltcoefs.csv", (P / P[:, 2:, 3:]).reshape(4, 12)[:, :11].T, delimiter=",")
-
-
-def arrays(folder: Path) -> None:
-    np.savez(folder / "calibration.npz", K=CAMERAS.K, R=CAMERAS.R, t=CAMERAS.t, names=np.array(NAMES))
-
-
-def arrays_a_camera(folder: Path) -> None:
-    for c, name in enumerate(NAMES):
-        np.savez(folder / f"{name}.npz", mtx=CAMERAS.K[c], dist=np.zeros(5), R=CAMERAS.R[c], T=CAMERAS.t[c])
-
-
-@pytest.mark.parametrize(
-    "write", [nerf, numbers_by_name, projections, projection_texts, dlt, arrays, arrays_a_camera],
-    ids=lambda write: write.__name__,
-)  # fmt: skip
+@pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
 def test_the_same_cameras_come_back(write: Callable[[Path], None], tmp_path: Path) -> None:
     write(tmp_path)
     (found,), errors = calibrations_in(tmp_path, unit="m")

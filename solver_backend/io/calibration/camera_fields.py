@@ -50,7 +50,15 @@ def is_camera(node: Any) -> bool:
     """Whether a mapping holds an intrinsic matrix, its four numbers or a projection matrix, as cameras do."""
     if not isinstance(node, Mapping):
         return False
-    return _find(node, "K") is not None or set(node) >= _FOCAL or np.shape(_find(node, "P"))[-2:] == (3, 4)
+    return _find(node, "K") is not None or set(node) >= _FOCAL or _is_projection(_find(node, "P"))
+
+
+def _is_projection(value: Any) -> bool:
+    """Whether a value is three rows of four."""
+    try:
+        return np.shape(value)[-2:] == (3, 4)
+    except ValueError:
+        return False
 
 
 def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEntry:

@@ -40,7 +40,7 @@ def _of_arrays(path: Path) -> list[tuple[str, Mapping[str, Any]]]:
     count = next((len(v) for v in values.values() if v.ndim == 3 and v.shape[1:] in ((3, 3), (3, 4))), 0)
     if not count:
         return [(path.stem, values)]
-    names = next((values[n].astype(str).tolist() for n in _NAMES if n in values and len(values[n]) == count), None)
+    names = next((values[n].astype(str).tolist() for n in _NAMES if n in values and values[n].shape == (count,)), None)
     names = names or [f"cam_{i + 1}" for i in range(count)]
     split = {key: value for key, value in values.items() if value.ndim and len(value) == count and key not in _NAMES}
     return [(name, {key: value[i] for key, value in split.items()}) for i, name in enumerate(names)]
