@@ -91,6 +91,11 @@ RESULT: dict[str, DiagnosticEntry] = {
         "The marker set is of a part of the body, or a limb's markers are missing there.",
         "Their posture is assumed, and its stated deviation is what people do; add markers if it matters.",
     ),
+    "place_assumed": warning(
+        "Nothing measures pelvis, trunk or thighs: where the body is above what is seen is assumed",
+        "Markers or keypoints are of the feet or lower legs alone.",
+        "Use what is seen; add markers at the pelvis for the rest.",
+    ),
     "views_disagree_with_result": warning(
         "Only {percent:.0f} % of the detections agree with the solved body",
         "Cameras are not synchronised, moved, calibrated for another recording, or follow different people.",

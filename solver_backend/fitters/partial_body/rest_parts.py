@@ -20,6 +20,7 @@ from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.partial_body.assumed_above import assumed_joints, with_assumed_spread
 from solver_backend.fitters.partial_body.informed_parts import resting_shares
 from solver_backend.fitters.partial_body.resting_spread import with_resting_spread
 from solver_backend.fitters.solution import SolvedFrames
@@ -44,6 +45,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     shares = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
     if not shares:
         return solved
+    assumed = () if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
     fitted, frames = frames, replace(frames, local=constant(local, frames.local))
     below = {part: _below(layout, part) for part in shares}
@@ -51,17 +53,21 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     for part, share in shares.items():
         columns = [layout.joints.index(name) for name in below[part]]
         resting[:, columns] = np.maximum(resting[:, columns], share[:, None])
+    resting[:, [j for j, name in enumerate(layout.joints) if name in assumed]] = 1.0
     covariance, contacts = solved.covariance, solved.contacts
     if covariance is not None:
         G = to_numpy(forward_kinematics(body, subject.betas, frames.root, frames.local, frames.transl).G)
         spread = with_resting_spread(to_numpy(covariance), G[:, list(body.recorded_joints)], layout, below, shares)
-        covariance = constant(spread, covariance)
+        covariance = constant(with_assumed_spread(spread, layout, assumed), covariance)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
     return replace(
         solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
-        diagnostics=(*solved.diagnostics, *_diagnose(shares, markers=measurements.marker_labels is not None)),
+        diagnostics=(
+            *solved.diagnostics, *_diagnose(shares, markers=measurements.marker_labels is not None),
+            *([diagnostic("place_assumed")] if assumed else []),
+        ),
     )  # fmt: skip
 
 

@@ -44,6 +44,25 @@ def test_a_whole_body_has_nothing_at_rest(whole):
     assert not recorded_diagnostics(motion)
 
 
+@pytest.mark.parametrize(
+    ("labels", "knees"),
+    [(("LANK", "LHEE", "LTOE", "LMT5", "RANK", "RHEE", "RTOE", "RMT5"), True),
+     (("LKNE", "LTIB", "LANK", "LHEE", "LTOE", "RKNE", "RTIB", "RANK", "RHEE", "RTOE"), False)],
+    ids=["feet", "lower legs"],
+)  # fmt: skip
+def test_what_stands_above_feet_alone_is_assumed(labels, knees):
+    take = worn_markers((*labels, "LASI", "RASI"), 60, fps=30.0, step=2)
+    motion = solve(Capture("feet", markers=part_of(take, labels)), SETTINGS).motion
+    at = SMPL_JOINTS.index
+    assumed = [at(name) for name in ("pelvis", "left_hip", "spine1", "head")]
+    assert motion.resting is not None and motion.joint_sigma is not None
+    assert motion.resting[:, assumed].all() and not motion.resting[:, [at("left_ankle"), at("right_foot")]].any()
+    assert motion.resting[:, at("left_knee")].all() == knees
+    assert (motion.joint_sigma[:, assumed] > 0.05).all() and (motion.joint_sigma[:, at("left_ankle")] < 0.03).all()
+    assert error_mm(motion, take.joints, ["left_ankle", "right_ankle"]) < 20.0
+    assert "place_assumed" in [item.code for item in recorded_diagnostics(motion)]
+
+
 def test_legs_alone(whole, tmp_path):
     take, full = whole
     motion = solve(Capture("legs", markers=part_of(take, LEGS)), SETTINGS).motion
