@@ -130,7 +130,7 @@ class SolveSettings:
     )  # fmt: skip
     landmarks: str = setting(
         "choice", LANDMARKS_LABELLED, "Fitted Landmarks", "What 'noise-aware' fits of a recording of markers",
-        group=RECORDING, choices=LANDMARKS, metavar="NAME", in_panel=False,
+        group=RECORDING, choices=LANDMARKS, metavar="NAME",
     )  # fmt: skip
     """Direct solving of what a network has for each frame, beside labels first."""
     layout: str = setting(
