@@ -23,13 +23,9 @@ METHODS = (
 """'sliding' is of the thesis, 6.3.2, 'frame' eq. 6.5, 'noise-aware' eq. 5.8 (Albanis 2026)."""
 LANDMARKS_LABELLED, LANDMARKS_NETWORK, LANDMARKS_JOINTS = "labelled", "network", "network-joints"
 LANDMARKS = (
-    Choice(
-        LANDMARKS_LABELLED, "Labelled Markers", "The markers themselves, which get labels first where they lack them"
-    ),
-    Choice(
-        LANDMARKS_NETWORK, "Network's Markers", "The labelling network's 53 markers of every frame; no label is used"
-    ),
-    Choice(LANDMARKS_JOINTS, "Network's Markers and Joints", "The same with the network's 24 joints"),
+    Choice(LANDMARKS_LABELLED, "Labelled", "The markers themselves, which get labels first where they lack them"),
+    Choice(LANDMARKS_NETWORK, "Network", "The labelling network's 53 markers of every frame; no label is used"),
+    Choice(LANDMARKS_JOINTS, "With Joints", "The same with the network's 24 joints"),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
@@ -129,7 +125,7 @@ class SolveSettings:
         group=RESOURCES, metavar="NOISE.json",
     )  # fmt: skip
     landmarks: str = setting(
-        "choice", LANDMARKS_LABELLED, "Fitted Landmarks", "What 'noise-aware' fits of a recording of markers",
+        "choice", LANDMARKS_LABELLED, "Landmarks", "What 'noise-aware' fits of a recording of markers",
         group=RECORDING, choices=LANDMARKS, metavar="NAME",
     )  # fmt: skip
     """Direct solving of what a network has for each frame, beside labels first."""
