@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import pickle
 from collections.abc import Callable
 from pathlib import Path
@@ -13,7 +14,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.io.calibration.projection_matrix import projection_of, split_projection
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.search import find_calibration
-from tests.support.other_calibrations import CAMERAS, NAMES, WRITERS, P, dlt, projection_texts
+from tests.support.other_calibrations import CAMERAS, NAMES, WRITERS, P, dlt, nerf, projection_texts
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
@@ -57,3 +58,29 @@ def test_a_calibration_that_is_not_read_is_named(name: str, words: str, tmp_path
 def test_a_folder_of_projections_is_one_calibration(tmp_path: Path) -> None:
     projection_texts(tmp_path)
     np.testing.assert_allclose(read_calibration(tmp_path, unit="m").cameras.t, CAMERAS.t, atol=1e-6)
+
+
+def _transforms(folder: Path, **changed: object) -> Path:
+    nerf(folder)
+    path = folder / "transforms.json"
+    content = json.loads(path.read_text())
+    for frame in content["frames"]:
+        frame |= changed
+        for key in [key for key, value in changed.items() if value is None]:
+            del frame[key]
+    path.write_text(json.dumps(content))
+    return path
+
+
+def test_fisheye_and_fields_of_view_of_nerf_tools(tmp_path: Path) -> None:
+    lens = {"camera_model": "OPENCV_FISHEYE", "k1": 0.1, "k2": 0.02, "k3": 0.003, "k4": 0.004}
+    cameras = read_calibration(_transforms(tmp_path, **lens), unit="m").cameras
+    assert cameras.distortion_model == "fisheye"
+    np.testing.assert_allclose(cameras.distortion[0, :4], [0.1, 0.02, 0.003, 0.004])
+    wide = 2 * np.arctan(0.5 * CAMERAS.image_size[0, 0] / CAMERAS.K[0, 0, 0])
+    given = {"fl_x": None, "fl_y": None, "camera_angle_x": wide}
+    np.testing.assert_allclose(
+        read_calibration(_transforms(tmp_path, **given), unit="m").cameras.K[0, 0, 0], CAMERAS.K[0, 0, 0]
+    )
+    with pytest.raises(CalibrationInvalid, match="no focal length.*camera_angle_x"):
+        read_calibration(_transforms(tmp_path, fl_x=None, fl_y=None), unit="m")

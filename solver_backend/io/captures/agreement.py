@@ -67,10 +67,9 @@ def bring_to_agreement(
         detections, fit, flips = _unflipped(calibration, detections, options)
     in_step = fit is not None and fit.written >= AGREES
     if not in_step and not views_match(calibration.cameras, detections):
-        calibration, in_step = _unexchanged(calibration, detections, options)
-    if not in_step and not views_match(calibration.cameras, detections):
-        ratios = _stated_ratios(rates, fps)
-        if searched and fit is not None and (ratios == 1).all():
+        calibration, exchanged = _unexchanged(calibration, detections, options)
+        ratios = np.ones(len(ratios)) if exchanged else _stated_ratios(rates, fps)
+        if searched and not exchanged and fit is not None and (ratios == 1).all():
             calibration, ratios = _explained(calibration, fit, detections, options)
         if (ratios != 1).any():
             detections, problems = at_one_rate(detections, ratios.tolist()), _said(detections, ratios, fps)

@@ -38,7 +38,7 @@ FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts
 THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
 """The thesis' clouds: all 53 markers, its augmentations and corruptions (4.20 to 4.27) alone."""
 CLOUDS = {"thesis": THESIS, "fixed": FIXED}
-"""Clouds of 53 markers that every row is judged on, by the name that figures and tables have."""
+"""Clouds of 53 markers that every row is compared on, by the name that figures and tables have."""
 UNBALANCED = Balance()
 ORTHO = Balance(relevance="σ(D)", sampler="squad")
 """The thesis' best: weighed by relevance, and enriched."""
