@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.live_verb import add_live, live
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
@@ -16,33 +15,18 @@ if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
     from solver_backend.types import Capture
 
-__all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live", "marker_places"]
-
-MARKER_VERBS = ("export-markers", "label", "live", "marker-places")
 DEFAULT_LAYOUT = "MANIFOLD_53"
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
 _SUFFIXES = (".c3d", ".trc")
 
 
-def add_marker_verbs(
-    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
-) -> None:
-    """Add label, live, export-markers and marker-places to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        reading: options of verbs that read captures.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    label = verbs.add_parser(
-        "label", parents=[reading, writing, common], help="label the unlabelled points of a marker take"
-    )
-    label.add_argument("capture", type=Path, metavar="TAKE")
-    label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
-    label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
-    label.add_argument(
+def label_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of label."""
+    verb.add_argument("capture", type=Path, metavar="TAKE")
+    verb.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
+    verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
+    verb.add_argument(
         "--labels",
         "--told",
         dest="told",
@@ -50,26 +34,27 @@ def add_marker_verbs(
         metavar="LABELS.json",
         help="user-assigned labels; the solver never overrides them",
     )
-    label.add_argument(
+    verb.add_argument(
         "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
         "and marker layout",
     )  # fmt: skip
-    add_live(verbs, reading, writing, common)
-    export = verbs.add_parser(
-        "export-markers", parents=[writing, common], help="write a motion's markers as C3D or TRC"
-    )
-    export.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    export.add_argument("--out", type=Path, required=True, metavar="TAKE.c3d|TAKE.trc", help="file to write")
-    export.add_argument(
+
+
+def export_markers_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of export-markers."""
+    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
+    verb.add_argument("--out", type=Path, required=True, metavar="TAKE.c3d|TAKE.trc", help="file to write")
+    verb.add_argument(
         "--contents", choices=tuple(CONTENTS), default="cleaned",
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
     )  # fmt: skip
-    places = verbs.add_parser(
-        "marker-places", parents=[writing, common], help="draw where a layout's markers sit on the body"
-    )
-    places.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
-    places.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
-    places.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
+
+
+def marker_places_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of marker-places."""
+    verb.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
+    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
+    verb.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:

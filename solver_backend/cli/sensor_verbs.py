@@ -16,20 +16,22 @@ if TYPE_CHECKING:
     from solver_backend.sensors.devices.source import SensorFolder
     from solver_backend.sensors.streaming.chain import MarkerChain
 
-SENSOR_VERBS = ("markers-from-sensors", "rig-record")
+
+def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of markers-from-sensors."""
+    verb.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
+    _add_source(verb)
 
 
-def add_sensor_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add markers-from-sensors and rig-record to the parser's verbs."""
-    cloud = verbs.add_parser(
-        "markers-from-sensors", parents=[writing, common], help="find markers in infrared and depth recordings"
-    )
-    cloud.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
-    record = verbs.add_parser("rig-record", parents=[writing, common], help="copy a sensor recording to a folder")
-    record.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    for verb in (cloud, record):
-        verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-        add_chain_options(verb)
+def rig_record_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of rig-record."""
+    verb.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    _add_source(verb)
+
+
+def _add_source(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
+    add_chain_options(verb)
 
 
 def add_chain_options(verb: argparse.ArgumentParser) -> None:
