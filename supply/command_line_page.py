@@ -32,7 +32,9 @@ def command_line_page() -> str:
     for task, rows in TASKS.items():
         parts += ["", f"### {task}", ""]
         for verb in rows:
-            parts += _describe(verb.name, solver[verb.name], _shared(solver), f"python -m solver_backend {verb.example}")
+            parts += _describe(
+                verb.name, solver[verb.name], _shared(solver), f"python -m solver_backend {verb.example}"
+            )
     parts += ["### Options of many verbs", "", *_table(_shared_actions(solver))]
     parts += ["", "## The Blender side: `python -m blender_addon VERB`", ""]
     for verb, own in blender.items():

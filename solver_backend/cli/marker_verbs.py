@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
+from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 DEFAULT_LAYOUT = "MANIFOLD_53"
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
-_SUFFIXES = (".c3d", ".trc")
 
 
 def label_arguments(verb: argparse.ArgumentParser) -> None:
@@ -57,11 +57,17 @@ def marker_places_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
 
 
+def check_ending(path: Path, *others: str) -> None:
+    """Raise ``CommandLineInvalid`` unless a file ends as a format of markers does, or in another that is named."""
+    *first, last = (f".{ending}" for ending in (*MARKER_FORMATS, *others))
+    if path.suffix.lower() not in (*first, last):
+        raise CommandLineInvalid(f"Markers are written to {', '.join(first)} or {last}.", where=str(path))
+
+
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Name the points of a take and write them as C3D or TRC, or as our capture, which keeps their covariances."""
-    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in (*_SUFFIXES, ".npz"):
-        raise CommandLineInvalid("Labels are written to files that end in .c3d, .trc or .npz.", where=str(args.out))
+    overwrite = bool(args.overwrite)
+    check_ending(args.out, "npz")
     for path in (args.out, args.report):
         if path is not None:
             check_output(path, overwrite=overwrite)
@@ -103,15 +109,14 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.markers.write import write_markers
     from solver_backend.io.native.capture_file import write_capture
 
     assert labelled.markers is not None
     if path.suffix.lower() == ".npz":
         write_capture(path, labelled, overwrite=overwrite)
     else:
-        (write_c3d if path.suffix.lower() == ".c3d" else write_trc)(path, labelled.markers, overwrite=overwrite)
+        write_markers(path, labelled.markers, overwrite=overwrite)
 
 
 def summary(take: LabelledTake) -> dict[str, Any]:
@@ -140,18 +145,16 @@ def summary(take: LabelledTake) -> dict[str, Any]:
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the markers of a motion as C3D or TRC."""
-    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise CommandLineInvalid("Markers are written to files that end in .c3d or .trc.", where=str(args.out))
+    overwrite = bool(args.overwrite)
+    check_ending(args.out)
     check_output(args.out, overwrite=overwrite)
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.markers.write import write_markers
     from solver_backend.types import MarkerCloud
 
     positions, labels, fps = _markers(args.motion, args.contents)
     cloud = MarkerCloud(positions, fps, labels)
     progress("Writing the markers", 0, 1)
-    (write_c3d if suffix == ".c3d" else write_trc)(args.out, cloud, overwrite=overwrite)
+    write_markers(args.out, cloud, overwrite=overwrite)
     progress("Writing the markers", 1, 1)
     frames, markers = positions.shape[:2]
     data = {"markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents}
