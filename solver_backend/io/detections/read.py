@@ -26,6 +26,7 @@ from solver_backend.types import JointSet
 MAX_PEOPLE = 12
 """People kept in a frame of a view: those with the most keypoints."""
 _PROGRESS_STEP = 250
+"""Frames from one report of progress to the next; chosen by hand."""
 
 
 @dataclass(frozen=True)

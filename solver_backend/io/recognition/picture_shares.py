@@ -11,6 +11,7 @@ from solver_backend.people.detections import Detections
 _LARGEST = 2.0
 """Shares lie in 0..1, a little beyond for what is out of the picture; a person two pixels large is none."""
 _QUANTILE = 0.99
+"""Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures."""
 _CENTRED = 0.1
 """Share of coordinates below 0 from which shares count from the picture's centre: beyond its edges lie few."""
 
