@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
@@ -63,6 +64,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     source = open_source(args, progress)
     recorder = source.recorder
     with ExitStack() as stack:
+        hold = stack.enter_context(cancelling_until_held())
         if recorder is not None:
             stack.enter_context(recorder)
         sender = open_sender(args.send, source.proportions)
@@ -72,7 +74,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if recorder is not None and recorder.recovered is not None:
             message = f"A recording that was not finished is now {recorder.recovered}."
             stream.write({"event": "recovered", "t": None, "message": message})
-        stopped = run_lines(source.lines, stream, statistics, sender)
+        stopped = run_lines(source.lines, stream, statistics, sender, hold)
     data: dict[str, Any] = {**statistics.summary(), **source.summary(), "stopped": stopped}
     if recorder is not None:
         if recorder.recovered is not None:
@@ -99,8 +101,9 @@ def open_sender(address: str | None, proportions: Proportions) -> PoseSender | N
 
 
 def run_lines(
-    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None
-) -> bool:
+    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None,
+    hold: Callable[[], None],
+) -> bool:  # fmt: skip
     """Send and write lines until the source ends; return whether somebody stopped it before.
 
     Args:
@@ -108,6 +111,7 @@ def run_lines(
         stream: where they are written.
         statistics: counts them.
         sender: sends the poses.
+        hold: lets whoever stops it later wait until the recording is written.
     """
     try:
         for line in lines if sender is None else sender.watched(lines):
@@ -115,6 +119,7 @@ def run_lines(
                 statistics.add(line)
                 line = {**line, "rate_hz": round(statistics.rate_hz, 1)} if "frame" in line else line
             stream.write(line)
+        hold()
     except Cancelled:  # the usual end of what is live: what was recorded is kept
         stream.end_line()
         return True

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import make_ready, proportions_of
 from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
@@ -62,7 +63,12 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     statistics = LiveStatistics()
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
     sender = None if session is None else open_sender(args.send, partial(proportions_of, session))
-    with sender or nullcontext(), _chain(args) as chain, Lines(args.lines) as stream:
+    with (
+        cancelling_until_held() as hold,
+        sender or nullcontext(),
+        _chain(args) as chain,
+        Lines(args.lines) as stream,
+    ):
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[dict[str, Any]]
         if session is not None:
@@ -74,7 +80,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
                 {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()}
                 for frame in _frames(chain, stream, until, progress)
             )
-        stopped = run_lines(lines, stream, statistics if session is not None else None, sender)
+        stopped = run_lines(lines, stream, statistics if session is not None else None, sender, hold)
     data: dict[str, Any] = {**chain_summary(chain), "stopped": stopped}
     if session is not None:
         data["poses"] = statistics.summary()
