@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.geometry.interpolation import sider2
+from solver_backend.geometry.interpolation import sider_n
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.robust import geman_mcclure
@@ -52,10 +52,10 @@ def prior() -> str:
     """Return keys on the sphere of codes, the curve between them, and the poses that the decoder makes of it."""
     keys, times = np.array([[-0.75, -0.25, 0.61], [0.1, 0.55, 0.83], [0.72, -0.2, 0.66]]), np.linspace(0, 1, 41)
     keys /= np.linalg.norm(keys, axis=1, keepdims=True)
-    curve = sider2(*(np.broadcast_to(key, (41, 3)) for key in keys), times)
+    curve = np.asarray(sider_n(np.broadcast_to(keys, (41, 3, 3)), times))
     centre, radius = np.array([130.0, 130.0]), 96.0
     flat = centre + radius * curve[:, :2] * (1, -1)
-    parts = [dot(*centre, radius, QUIET, hollow=True)]
+    parts = [dot(centre, radius, QUIET, hollow=True)]
     for height in (-0.5, 0.0, 0.5):
         turn, ring = np.linspace(0, 2 * np.pi, 49), np.sqrt(1 - height**2)
         parts += [
@@ -64,7 +64,7 @@ def prior() -> str:
             )
         ]
     parts += [polyline(centre + radius * keys[:, :2] * (1, -1), WARM, 1.5, dashed=True), polyline(flat, ACCENT, 3)]
-    parts += [dot(*(centre + radius * key[:2] * (1, -1)), 6, ACCENT) for key in keys]
+    parts += [dot(centre + radius * key[:2] * (1, -1), 6, ACCENT) for key in keys]
     parts += [text(x, y, name, "b") for x, y, name in ((42, 176, "z₁"), (134, 66, "z₂"), (206, 172, "z₃"))]
     parts += [
         text(130, 250, "codes: unit vectors of R³²", "m s"),
@@ -94,7 +94,7 @@ def bundle() -> str:
     x = lambda t: 26 + 6.6 * t  # noqa: E731
     parts = [text(26, 24, "one coordinate of the pose", "s"), polyline([(x(0), 166), (x(62) + 8, 166)], INK, 1)]
     noise = np.random.default_rng(3).normal(0, 6, (2, 63))
-    parts += [dot(x(f), course(f) + n, 1.6, WARM) for row in noise for f, n in zip(frames, row, strict=True)]
+    parts += [dot((x(f), course(f) + n), 1.6, WARM) for row in noise for f, n in zip(frames, row, strict=True)]
     window, place = layout.positions(np.linspace(0, 62, 249))
     heights = course(layout.key_times)
     a, b, c = heights[2 * window], heights[2 * window + 1], heights[2 * window + 2]
@@ -102,16 +102,16 @@ def bundle() -> str:
     parts += [polyline(np.stack([x(np.linspace(0, 62, 249)), values], 1), ACCENT, 2.5)]
     parts += [polyline([(x(bound), 150), (x(bound), 172)], QUIET, 1.5) for bound in layout.bounds]
     parts += [
-        dot(x(t), h, 4.5, ACCENT, hollow=bool(k % 2))
+        dot((x(t), h), 4.5, ACCENT, hollow=bool(k % 2))
         for k, (t, h) in enumerate(zip(layout.key_times, heights, strict=True))
     ]
     parts += [text(x(31), 190, "frames, cut into windows; windows are shorter where the take is fast", "m s")]
     parts += [
-        dot(40, 212, 4.5, ACCENT),
+        dot((40, 212), 4.5, ACCENT),
         text(50, 216, "key shared by two windows", "s"),
-        dot(222, 212, 4.5, ACCENT, hollow=True),
+        dot((222, 212), 4.5, ACCENT, hollow=True),
     ]
-    parts += [text(232, 216, "key within a window", "s"), dot(366, 212, 2, WARM), text(374, 216, "detections", "s")]
+    parts += [text(232, 216, "key within a window", "s"), dot((366, 212), 2, WARM), text(374, 216, "detections", "s")]
     side, left, top = 11, 510, 36
     for row in range(layout.num_keys):
         for column in range(layout.num_keys):
@@ -134,13 +134,13 @@ def noise() -> str:
         far = np.array(point) + 0.32 * along
         edges = [np.array((x, y)), far + sigma * across, far - sigma * across]
         path = " ".join(f"{u:.1f},{v:.1f}" for u, v in edges)
-        parts += [f'<polygon points="{path}" fill="{WARM}" fill-opacity="0.18"/>', polyline([(x, y), far], WARM, 1.2)]
+        parts += [f'<polygon points="{path}" fill="{WARM}" fill-opacity="0.18"/>', polyline(((x, y), far), WARM, 1.2)]
         parts += [
             f'<rect x="{x - 8}" y="{y - 6}" width="16" height="12" rx="2" fill="{INK}" '
             f'transform="rotate({angle:.0f} {x} {y})"/>'
         ]
         parts += [text(x, y - 14, name, "m s")]
-    parts += [ellipse(*point, (17, 9), 28, ACCENT), dot(*point, 3, ACCENT)]
+    parts += [ellipse(*point, (17, 9), 28, ACCENT), dot(point, 3, ACCENT)]
     parts += [text(190, 236, "Σ wᵢ Jᵢᵀ Jᵢ: one 3 × 3 matrix, whatever the number of cameras", "m s")]
     left, bottom, wide, high = 440, 190, 250, 140
     r, last = np.linspace(0, _FARTHEST, 81), SolveSettings().robust_scale
@@ -192,9 +192,8 @@ def _decoded_poses() -> tuple[np.ndarray, ...]:
     """Return (24, 2) joints of the poses between three poses of the demo, seen from the front left, in metres."""
     prior, body = load_sposer(), load_body()
     poses = np.asarray(demo_capture().truth["body_pose"])[list(_KEY_FRAMES), :63].reshape(3, 21, 3)
-    a, b, c = (np.asarray(code) for code in prior.encode(exp_so3(poses)))
-    shares = np.linspace(0, 1, _FIGURES)
-    codes = sider2(*(np.broadcast_to(key, (_FIGURES, len(key))) for key in (a, b, c)), shares)
+    keys = np.asarray(prior.encode(exp_so3(poses)))
+    codes = sider_n(np.broadcast_to(keys, (_FIGURES, *keys.shape)), np.linspace(0, 1, _FIGURES))
     return tuple(_joints(rotations, body) for rotations in np.asarray(prior.decode(codes)))
 
 

@@ -52,7 +52,7 @@ def arrow(*points: tuple[float, float], dashed: bool = False) -> str:
     return polyline(points, INK, 1.5, dashed=dashed).replace("/>", ' marker-end="url(#a)"/>')
 
 
-def polyline(points: Iterable[Sequence[float]], colour: str, width: float, *, dashed: bool = False) -> str:
+def polyline(points: Iterable[Iterable[float]], colour: str, width: float, *, dashed: bool = False) -> str:
     """Return a line through points."""
     path = " ".join(f"{x:.1f},{y:.1f}" for x, y in points)
     dashes = ' stroke-dasharray="4 3"' if dashed else ""
@@ -60,8 +60,9 @@ def polyline(points: Iterable[Sequence[float]], colour: str, width: float, *, da
     return f'<polyline points="{path}" fill="none" {stroke}/>'
 
 
-def dot(x: float, y: float, radius: float, colour: str, *, hollow: bool = False) -> str:
+def dot(middle: Iterable[float], radius: float, colour: str, *, hollow: bool = False) -> str:
     """Return a disc, or a circle."""
+    x, y = middle
     fill = f'fill="#fff" stroke="{colour}" stroke-width="2"' if hollow else f'fill="{colour}"'
     return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{radius}" {fill}/>'
 

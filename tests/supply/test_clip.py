@@ -15,7 +15,7 @@ ROOT = Path(__file__).resolve().parents[2]
 
 def test_a_video_becomes_an_endless_clip_of_every_second_frame(tmp_path: Path) -> None:
     video = tmp_path / "motion.mp4"
-    out = cv2.VideoWriter(str(video), cv2.VideoWriter_fourcc(*"mp4v"), 30.0, (64, 48))
+    out = cv2.VideoWriter(str(video), cv2.VideoWriter.fourcc(*"mp4v"), 30.0, (64, 48))
     for shade in range(0, 200, 20):
         out.write(np.full((48, 64, 3), shade, np.uint8))
     out.release()
