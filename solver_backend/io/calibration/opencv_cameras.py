@@ -29,7 +29,7 @@ def read_opencv_tree(path: Path) -> Any:
 
 
 @dataclass(frozen=True)
-class CameraFile:
+class MatrixFile:
     """What one file holds of cameras, as it is written."""
 
     path: Path
@@ -39,19 +39,19 @@ class CameraFile:
     """Values by camera of matrices named after it, which may be spread over several files."""
 
 
-def read_camera_file(path: Path) -> CameraFile:
+def read_matrix_file(path: Path) -> MatrixFile:
     """Return what one file holds.
 
     Raises:
         FileMissing, FileDamaged: see ``read_opencv_tree``.
     """
     if path.suffix.lower() in SUFFIXES:
-        return CameraFile(path, matrix_nodes(path), {})
+        return MatrixFile(path, matrix_nodes(path), {})
     tree = read_opencv_tree(path)
-    return CameraFile(path, _camera_nodes(path.stem, tree), _suffixed_nodes(tree))
+    return MatrixFile(path, _camera_nodes(path.stem, tree), _suffixed_nodes(tree))
 
 
-def opencv_cameras(files: Sequence[CameraFile]) -> list[CameraEntry]:
+def opencv_cameras(files: Sequence[MatrixFile]) -> list[CameraEntry]:
     """Return the cameras of one or several files, in the files' unit; files without cameras are passed over.
 
     Understood are arrays and projection matrices (``matrix_nodes``), NeRF's pictures, a camera's matrices at the top of

@@ -10,7 +10,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.matrix_files import SUFFIXES
-from solver_backend.io.calibration.opencv_cameras import CameraFile, opencv_cameras, read_camera_file
+from solver_backend.io.calibration.opencv_cameras import MatrixFile, opencv_cameras, read_matrix_file
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
@@ -46,7 +46,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
             return found
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
-        found = _of_files([read_camera_file(p) for p in files], path, unit, up_axis)
+        found = _of_files([read_matrix_file(p) for p in files], path, unit, up_axis)
     else:
         found = _of_file(path, unit, up_axis)
     if found is None:
@@ -68,11 +68,11 @@ def calibrations_in(
     found: list[Calibration] = []
     errors: list[MocapError] = []
     named = [p for p in files if p.suffix.lower() == ".toml"] + [p for p in files if is_qualisys(p)]
-    single: list[CameraFile] = []
-    groups: list[list[CameraFile]] = []
+    single: list[MatrixFile] = []
+    groups: list[list[MatrixFile]] = []
     for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT):
         try:
-            file = read_camera_file(path)
+            file = read_matrix_file(path)
         except FileDamaged as error:
             errors.append(error)
             continue
@@ -105,10 +105,10 @@ def _of_file(path: Path, unit: str | None, up_axis: str | None) -> Calibration |
         return _finished(entries, path, "Qualisys", unit, up_axis, problems)
     if path.suffix.lower() == ".toml":
         return _finished(read_toml_cameras(path), path, "TOML", unit, up_axis)
-    return _of_files([read_camera_file(path)], path, unit, up_axis) if path.suffix.lower() in _OPENCV else None
+    return _of_files([read_matrix_file(path)], path, unit, up_axis) if path.suffix.lower() in _OPENCV else None
 
 
-def _of_files(files: Sequence[CameraFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
+def _of_files(files: Sequence[MatrixFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
     """Return the calibration of files that may share cameras, called after the only one or their folder."""
     source = files[0].path if len(files) == 1 else folder
     return _finished(opencv_cameras(files), source, "OpenCV", unit, up_axis)
