@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any, NoReturn
 
+from solver_backend.cli.camera_live_verb import add_camera_live
 from solver_backend.cli.camera_verbs import add_camera_verbs
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.marker_verbs import add_marker_verbs
@@ -18,7 +19,7 @@ from solver_backend.cli.sensor_verbs import add_sensor_verbs
 from solver_backend.cli.setting_options import ROWS, TIME_ROWS, WORLD_ROWS, add_settings
 from solver_backend.cli.studio_verbs import add_studio_verbs
 from solver_backend.cli.verb_guide import show_guide
-from solver_backend.cli.video_arguments import add_video_verbs
+from solver_backend.cli.video_arguments import add_video_verbs, detector_options
 from solver_backend.cli.wand_verbs import add_wand_verbs
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.version import VERSION
@@ -83,6 +84,7 @@ def build_parser() -> argparse.ArgumentParser:
     add_video_verbs(verbs, writing, common)
     add_sensor_verbs(verbs, writing, common)
     add_rig_live(verbs, writing, common)
+    add_camera_live(verbs, detector_options(), writing, common)
     add_motion_verbs(verbs, writing, common)
     add_studio_verbs(verbs, writing, common)
     show_guide(parser, verbs)

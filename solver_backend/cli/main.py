@@ -12,6 +12,7 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
+from solver_backend.cli.camera_live_verb import CAMERA_LIVE_VERBS
 from solver_backend.cli.camera_verbs import CAMERA_VERBS
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
@@ -90,7 +91,7 @@ def _verb(name: str) -> Verb:
         "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS,
         "studio_verbs": STUDIO_VERBS, "video_verbs": VIDEO_VERBS, "solve_verb": ("solve",),
         "sensor_verbs": SENSOR_VERBS, "rig_live_verb": RIG_LIVE_VERBS, "wand_verbs": WAND_VERBS, "oak_verbs": OAK_VERBS,
-        "motion_verbs": MOTION_VERBS, "prop_verbs": PROP_VERBS,
+        "motion_verbs": MOTION_VERBS, "prop_verbs": PROP_VERBS, "camera_live_verb": CAMERA_LIVE_VERBS,
     }  # fmt: skip
     module = next((module for module, names in groups.items() if name in names), "verbs")
     verbs = importlib.import_module(f"solver_backend.cli.{module}")

@@ -48,6 +48,7 @@ TASKS: dict[str, dict[str, str]] = {
     },
     "Live": {
         "live": "live take.c3d --lines poses.jsonl --send vmc://",
+        "camera-live": "camera-live cam01=webcam:0 cam02=webcam:1 --calibration calibration.toml --record take.npz",
     },
     "Clean up and make motions": {
         "motion": "motion clip.bvh --out motion.npz",

@@ -19,9 +19,9 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
         writing: options of verbs that write.
         common: options of all verbs.
     """
-    detector = _detector()
+    detector, of_videos = detector_options(), _of_videos()
     detect = verbs.add_parser(
-        "detect", parents=[detector, writing, common], help="find keypoints in videos and write a capture"
+        "detect", parents=[detector, of_videos, writing, common], help="find keypoints in videos and write a capture"
     )
     detect.add_argument("videos", nargs="+", type=Path, metavar="VIDEO", help="one a camera, or a folder of them")
     detect.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
@@ -32,7 +32,7 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
 
     road = verbs.add_parser(
         "from-videos",
-        parents=[detector, writing, common],
+        parents=[detector, of_videos, writing, common],
         help="solve a folder of videos, or one video: detect, synchronise, calibrate, solve",
     )
     road.add_argument(
@@ -77,15 +77,21 @@ def add_video_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argpar
     hands.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
 
 
-def _detector() -> argparse.ArgumentParser:
+def detector_options() -> argparse.ArgumentParser:
+    """Return the options that choose a detector."""
     options = argparse.ArgumentParser(add_help=False)
     options.add_argument(
         "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
         help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
     )  # fmt: skip
-    options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
     options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
+    return options
+
+
+def _of_videos() -> argparse.ArgumentParser:
+    options = argparse.ArgumentParser(add_help=False)
+    options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
     options.add_argument(
