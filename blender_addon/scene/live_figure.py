@@ -22,7 +22,9 @@ from .point_player import SEEN
 
 NAME = "Live"
 MOST_POINTS = 90
+"""Points that are shown at most, more than the largest layout of markers has; chosen by hand."""
 _LOOK = PointLook(0.008, MARKER_COLOURS[:1])
+"""Radius in metres, and colour; chosen by hand."""
 
 
 @dataclass

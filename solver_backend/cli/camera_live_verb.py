@@ -8,6 +8,7 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import settle_memory
 from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
@@ -26,7 +27,6 @@ if TYPE_CHECKING:
     from solver_backend.videos.streaming.pictures import PictureSource
     from solver_backend.videos.streaming.recording import ViewsRecorder
 
-CAMERA_LIVE_VERBS = ("camera-live",)
 MOST_CAMERAS = 4
 """More are no help to one person, and a load."""
 _SOURCE_HELP = (
@@ -34,29 +34,23 @@ _SOURCE_HELP = (
 )
 
 
-def add_camera_live(
-    verbs: Any, detector: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
-) -> None:
-    """Add camera-live to the parser's verbs."""
-    live = verbs.add_parser(
-        "camera-live", parents=[detector, writing, common],
-        help="stream poses from two to four cameras or videos, one line a moment",
-    )  # fmt: skip
-    live.add_argument("sources", nargs="+", metavar="[NAME=]SOURCE", help=_SOURCE_HELP)
-    live.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="of the cameras")
-    live.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration that points up, if not z")
-    live.add_argument("--rate", type=float, default=30.0, metavar="HZ", help="most poses a second (default: 30)")
-    live.add_argument("--repeat", action="store_true", help="replay the videos again and again")
-    live.add_argument("--seconds", type=float, help="end after so many")
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--with-points", action="store_true", help="each line also holds points and doubt, for a display")
-    live.add_argument(
+def camera_live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of camera-live."""
+    verb.add_argument("sources", nargs="+", metavar="[NAME=]SOURCE", help=_SOURCE_HELP)
+    verb.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="of the cameras")
+    verb.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration that points up, if not z")
+    verb.add_argument("--rate", type=float, default=30.0, metavar="HZ", help="most poses a second (default: 30)")
+    verb.add_argument("--repeat", action="store_true", help="replay the videos again and again")
+    verb.add_argument("--seconds", type=float, help="end after so many")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
+    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--with-points", action="store_true", help="each line also holds points and doubt, for a display")
+    verb.add_argument(
         "--record", type=Path, metavar="TAKE.npz",
         help="also record keypoints and times as a capture, and the poses as TAKE_live.npz, for solve --start",
     )  # fmt: skip
-    add_settings(live, WORLD_ROWS)
+    add_settings(verb, WORLD_ROWS)
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -78,6 +72,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     betas = None if args.subject is None else read_subject(args.subject).betas
     statistics, recorder = LiveStatistics(), None
     with ExitStack() as stack:
+        hold = stack.enter_context(cancelling_until_held())
         live = stack.enter_context(LiveMoments(sources, lambda: DetectorProcess(choice), args.rate))
         sizes = [FilmedSize(Path(source.name), source.size) for source in sources]
         cameras, _ = in_video_pixels(calibration, sizes)
@@ -96,7 +91,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
             message = f"A recording that was not finished is now {recorder.recovered}."
             stream.write({"event": "recovered", "t": None, "message": message})
         lines = _lines(live, session, recorder, args)
-        stopped = run_lines(lines, stream, statistics, sender)
+        stopped = run_lines(lines, stream, statistics, sender, hold)
     data: dict[str, Any] = {
         **statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
         "detector": live.about["name"], "stopped": stopped, **({} if sender is None else sender.summary()),

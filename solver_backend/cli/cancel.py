@@ -6,7 +6,7 @@ import _thread
 import os
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
 from typing import NoReturn
@@ -56,6 +56,23 @@ def cancel_on_signals() -> Iterator[Cancellation]:
         yield cancellation
     finally:
         for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextmanager
+def cancelling_until_held() -> Iterator[Callable[[], None]]:
+    """Yield what makes signals wait from then on until the block ends, so that what was recorded is written whole."""
+    before = {number: signal.getsignal(number) for number in _SIGNALS}
+    main = threading.current_thread() is threading.main_thread()
+
+    def hold() -> None:
+        for number in _SIGNALS if main else ():
+            signal.signal(number, signal.SIG_IGN)
+
+    try:
+        yield hold
+    finally:
+        for number, handler in before.items() if main else ():
             signal.signal(number, handler)
 
 

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
@@ -23,28 +24,23 @@ if TYPE_CHECKING:
 SEND_HELP = "also send every pose by the VMC protocol; vmc:// alone is this machine, port 39539"
 
 
-def add_live(
-    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
-) -> None:
-    """Add live to the parser's verbs."""
-    live = verbs.add_parser(
-        "live", parents=[reading, writing, common], help="stream poses from marker points or a motion, one line a frame"
-    )
-    live.add_argument(
+def live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of live."""
+    verb.add_argument(
         "source",
         metavar="SOURCE",
         help="take or motion to replay at its own rate, - for lines on stdin, or vmc://:PORT for poses that come there",
     )
-    live.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
-    live.add_argument("--repeat", action="store_true", help="replay a file again and again")
-    live.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    live.add_argument(
+    verb.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
+    verb.add_argument("--repeat", action="store_true", help="replay a file again and again")
+    verb.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
+    verb.add_argument(
         "--record", type=Path, metavar="TAKE.c3d|MOTION.npz",
         help="also record the points, to be solved afterwards, or the poses that come by vmc://",
     )  # fmt: skip
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -63,6 +59,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     source = open_source(args, progress)
     recorder = source.recorder
     with ExitStack() as stack:
+        hold = stack.enter_context(cancelling_until_held())
         if recorder is not None:
             stack.enter_context(recorder)
         sender = open_sender(args.send, source.proportions)
@@ -72,7 +69,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if recorder is not None and recorder.recovered is not None:
             message = f"A recording that was not finished is now {recorder.recovered}."
             stream.write({"event": "recovered", "t": None, "message": message})
-        stopped = run_lines(source.lines, stream, statistics, sender)
+        stopped = run_lines(source.lines, stream, statistics, sender, hold)
     data: dict[str, Any] = {**statistics.summary(), **source.summary(), "stopped": stopped}
     if recorder is not None:
         if recorder.recovered is not None:
@@ -99,8 +96,9 @@ def open_sender(address: str | None, proportions: Proportions) -> PoseSender | N
 
 
 def run_lines(
-    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None
-) -> bool:
+    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None,
+    hold: Callable[[], None],
+) -> bool:  # fmt: skip
     """Send and write lines until the source ends; return whether somebody stopped it before.
 
     Args:
@@ -108,6 +106,7 @@ def run_lines(
         stream: where they are written.
         statistics: counts them.
         sender: sends the poses.
+        hold: lets whoever stops it later wait until the recording is written.
     """
     try:
         for line in lines if sender is None else sender.watched(lines):
@@ -115,6 +114,7 @@ def run_lines(
                 statistics.add(line)
                 line = {**line, "rate_hz": round(statistics.rate_hz, 1)} if "frame" in line else line
             stream.write(line)
+        hold()
     except Cancelled:  # the usual end of what is live: what was recorded is kept
         stream.end_line()
         return True

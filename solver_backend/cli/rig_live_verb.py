@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import make_ready, proportions_of
 from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
@@ -27,30 +28,26 @@ if TYPE_CHECKING:
     from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.coverage import Coverage
 
-RIG_LIVE_VERBS = ("rig-live",)
 TOLD_S = 0.5
 """Time from one word on the wand's coverage to the next."""
 
 
-def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add rig-live to the parser's verbs."""
-    live = verbs.add_parser(
-        "rig-live", parents=[writing, common], help="stream points or poses from sensors, one line a frame"
-    )
-    live.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-    live.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
-    add_oak_options(live)
-    live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
-    live.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
-    live.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
-    live.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
-    live.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
-    live.add_argument("--repeat", action="store_true", help="replay a folder again and again")
-    live.add_argument("--seconds", type=float, help="end after so many")
-    add_chain_options(live)
+def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of rig-live."""
+    verb.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
+    verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
+    add_oak_options(verb)
+    verb.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
+    verb.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
+    verb.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
+    verb.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
+    verb.add_argument("--repeat", action="store_true", help="replay a folder again and again")
+    verb.add_argument("--seconds", type=float, help="end after so many")
+    add_chain_options(verb)
 
 
 def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -62,7 +59,12 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     statistics = LiveStatistics()
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
     sender = None if session is None else open_sender(args.send, partial(proportions_of, session))
-    with sender or nullcontext(), _chain(args) as chain, Lines(args.lines) as stream:
+    with (
+        cancelling_until_held() as hold,
+        sender or nullcontext(),
+        _chain(args) as chain,
+        Lines(args.lines) as stream,
+    ):
         until = None if args.seconds is None else chain.start + args.seconds
         lines: Iterator[dict[str, Any]]
         if session is not None:
@@ -74,7 +76,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
                 {"t": round(frame.time, 6), "points": frame.points.round(5).tolist()}
                 for frame in _frames(chain, stream, until, progress)
             )
-        stopped = run_lines(lines, stream, statistics if session is not None else None, sender)
+        stopped = run_lines(lines, stream, statistics if session is not None else None, sender, hold)
     data: dict[str, Any] = {**chain_summary(chain), "stopped": stopped}
     if session is not None:
         data["poses"] = statistics.summary()

@@ -29,8 +29,11 @@ FROZEN_S = 0.5
 BAD_M = 0.08
 """Markers this far from the body in the median are no good pose."""
 SURE = 0.6
+"""Share of a point's evidence that its label has to have; chosen by hand."""
 _WORLD_FRAMES = 5
+"""Frames from which the axis that points up is found; chosen by hand."""
 _TRIAL_FRAMES = 6
+"""Frames of a trial before any comes, so that the first real one is not late; chosen by hand."""
 
 
 @dataclass

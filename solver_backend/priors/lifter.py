@@ -32,7 +32,9 @@ POINTS: tuple[str, ...] = (
 )
 """Points the network looks at; those that a detector does not have are missing to it."""
 OUTPUTS = LATENT_DIM + 6 + 3 + NUM_BETAS
+"""Code, root rotation (6 numbers), translation and shape."""
 _SMALLEST_M = 1e-3
+"""Width of the trunk across its axis at least, metres, below which its front is not known; chosen by hand."""
 
 
 @dataclass(frozen=True)

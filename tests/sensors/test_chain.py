@@ -3,16 +3,20 @@
 from __future__ import annotations
 
 import json
+import signal
 import sys
 import time
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.cli.cancel import cancel_on_signals
 from solver_backend.cli.main import main
+from solver_backend.exchange.errors import Cancelled
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.live.frames import from_lines
 from solver_backend.sensors.devices.record import Recording
@@ -141,6 +145,25 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     assert frames and not any(frame.fault for frame in frames)
     assert max(len(frame.points) for frame in frames) == 8
     assert all(device.count() > 0 for device in open_folder(take).devices)
+
+
+def test_who_stops_while_the_recording_is_written_keeps_it(
+    recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A replay is over and its sensors are ending when Stop is pressed: the recording is there, and named."""
+    ending = MarkerChain.__exit__
+
+    def stopped(chain: MarkerChain, *left: Any) -> None:
+        signal.raise_signal(signal.SIGTERM)
+        ending(chain, *left)
+
+    monkeypatch.setattr(MarkerChain, "__exit__", stopped)
+    take = tmp_path / "take"
+    command = ["rig-live", str(recording), "--wand", "--lines", str(tmp_path / "lines.jsonl"), "--record", str(take)]
+    assert main([*command, "--json"]) == 0
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["recorded"] == str(take)
+    with cancel_on_signals(), pytest.raises(Cancelled):  # afterwards a signal cancels again
+        signal.raise_signal(signal.SIGTERM)
 
 
 def test_a_wand_is_told_where_it_was_and_where_to_go(

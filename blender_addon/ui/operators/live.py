@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from ...solving.live import LiveRun
 
 _INTERVAL_S = 1 / 30
+"""Seconds from one look at new poses to the next: thirty a second are drawn."""
 
 
 class CurrentLive:

@@ -35,6 +35,8 @@ READY_S, AHEAD_S = 60.0, 0.05
 """Time that sensors' processes have for starting, and from when all are ready until a replay begins."""
 END_S = 5.0
 """Time that a sensor's process has for ending."""
+END_RECORDING_S = 15.0
+"""The same where it records, for it writes what waits first; Blender waits 20 s for all."""
 
 
 @dataclass(frozen=True)
@@ -114,7 +116,7 @@ class MarkerChain:
         for connection in self._open:
             with suppress(OSError):
                 connection.send("stop")
-        deadline = time.monotonic() + END_S
+        deadline = time.monotonic() + (END_S if self._recording is None else END_RECORDING_S)
         while self._open and time.monotonic() < deadline:
             self._listen(0.1)
         for process in self._processes:

@@ -27,6 +27,7 @@ from solver_backend.videos.files.probe import PICTURES_FPS, VideoInfo, probe
 from solver_backend.videos.files.read import read_pictures
 
 _POLL_S = 0.2
+"""Seconds from one look at the detectors to the next; chosen by hand."""
 
 
 def detect_videos(

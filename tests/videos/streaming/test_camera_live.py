@@ -63,7 +63,10 @@ def off_mm(filmed, lines: list[dict], betas: np.ndarray) -> float:
     """Return the mean distance of the joints from the truth."""
     posed = [line for line in lines if "pose" in line]
     true = filmed.truth["joints"][[round(line["t"] * FPS) for line in posed], :22]
-    return float(1e3 * np.linalg.norm(np.stack([joints_of(line, betas) for line in posed]) - true, axis=-1).mean())
+    return float(
+        1e3
+        * np.linalg.norm(np.stack([joints_of(line, line.get("betas", betas)) for line in posed]) - true, axis=-1).mean()
+    )
 
 
 @cache
@@ -85,7 +88,7 @@ def followed(filmed) -> tuple[ViewsSession, dict, list[dict]]:
     with LiveMoments(cameras, lambda: next(detectors)) as live:
         for line in session.run(live.moments()):
             statistics.add(line)
-            lines.append(line)
+            lines.append({**line, "betas": session.fit.subject.betas})
     return session, statistics.summary(), lines
 
 
