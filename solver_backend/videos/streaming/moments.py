@@ -32,6 +32,7 @@ READY_S = 120.0
 AHEAD_S = 0.05
 """From when all are ready until the shared clock begins."""
 _LOOK_S = 0.05
+"""Seconds after which waiting looks about itself."""
 
 Event = dict[str, Any]
 
