@@ -68,7 +68,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     sources = picture_sources(args.sources, repeat=bool(args.repeat))
     calibration = _calibration(args.calibration, [source.name for source in sources])
-    choice = chosen_detector(args.detector, python=args.python, people=args.people)
+    choice = chosen_detector(args.detector, python=args.python, people=args.people, worker=args.detector_worker)
     betas = None if args.subject is None else read_subject(args.subject).betas
     statistics, recorder = LiveStatistics(), None
     with ExitStack() as stack:

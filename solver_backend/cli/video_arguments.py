@@ -69,6 +69,12 @@ def detector_options(options: argparse.ArgumentParser) -> None:
         "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
         help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
     )  # fmt: skip
+    options.add_argument(
+        "--detector-worker",
+        type=Path,
+        metavar="WORKER",
+        help="program of a detector of your own, run in --python instead",
+    )
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
     options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
 
