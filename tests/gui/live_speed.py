@@ -57,7 +57,7 @@ def _measured(user: Any, live: Any) -> Any:
     start, processor, shown = time.perf_counter(), time.process_time(), live.run.shown
     yield _SECONDS
     wall, processor, shown = time.perf_counter() - start, time.process_time() - processor, live.run.shown - shown
-    space.draw_handler_remove(handler, "WINDOW")
+    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
     bpy.app.timers.unregister(timed)
     bpy.app.timers.register(tick)
     gaps, looks_ms = 1e3 * np.diff(drawn), 1e3 * np.array(looks)
