@@ -13,6 +13,7 @@ from ._exchange.errors import BackendMissing
 PACKAGE = "solver_backend"
 _BUNDLED, _WHEELS = "backend", "wheels"
 _ROOM_FOR_BYTE_CODE = 32 * 2**20
+"""Bytes that must be free for byte code to be kept: several times what the solver's takes; chosen by hand."""
 _ADDON = Path(__file__).resolve().parent
 
 

@@ -11,7 +11,7 @@ from blender_addon.headless.arguments import parser as blender_parser
 from solver_backend.cli.arguments import build_parser
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.setting_options import ROWS, option
-from solver_backend.cli.verb_guide import EXAMPLES, TASKS
+from solver_backend.cli.verb_table import TASKS
 
 SHARED = 4
 """An option that so many verbs take the same way is listed once."""
@@ -32,7 +32,9 @@ def command_line_page() -> str:
     for task, rows in TASKS.items():
         parts += ["", f"### {task}", ""]
         for verb in rows:
-            parts += _describe(verb, solver[verb], _shared(solver), f"python -m solver_backend {EXAMPLES[verb]}")
+            parts += _describe(
+                verb.name, solver[verb.name], _shared(solver), f"python -m solver_backend {verb.example}"
+            )
     parts += ["### Options of many verbs", "", *_table(_shared_actions(solver))]
     parts += ["", "## The Blender side: `python -m blender_addon VERB`", ""]
     for verb, own in blender.items():

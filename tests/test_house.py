@@ -109,6 +109,62 @@ def test_no_product_file_is_long() -> None:
     assert not {name: length for name, length in lengths.items() if length > LONGEST}
 
 
+def has_number(node: ast.AST) -> bool:
+    """Return whether an expression holds a number other than 0 and 1, indices apart."""
+    if isinstance(node, ast.Subscript):
+        return has_number(node.value)
+    if isinstance(node, ast.Constant):
+        return type(node.value) in (int, float) and node.value not in (0, 1)
+    return any(has_number(child) for child in ast.iter_child_nodes(node))
+
+
+def unexplained_constants(text: str) -> list[str]:
+    """Return the constants of a module's text that hold numbers and have neither a docstring nor a comment.
+
+    A docstring below a block without empty lines is about all of the block.
+    """
+    body, lines, found = ast.parse(text).body, text.splitlines(), []
+    for i, node in enumerate(body):
+        target = node.targets[0] if isinstance(node, ast.Assign) else getattr(node, "target", None)
+        value = node.value if isinstance(node, ast.Assign | ast.AnnAssign) else None
+        if not isinstance(target, ast.Name) or not target.id.isupper() or value is None or not has_number(value):
+            continue
+        end = i
+        while (
+            end + 1 < len(body)
+            and isinstance(body[end + 1], ast.Assign | ast.AnnAssign)
+            and (body[end + 1].lineno == (body[end].end_lineno or 0) + 1)
+        ):
+            end += 1
+        after = body[end + 1] if end + 1 < len(body) else None
+        documented = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+        if not documented and not any("#" in line for line in lines[max(node.lineno - 2, 0) : node.end_lineno]):
+            found.append(target.id)
+    return found
+
+
+def test_constants_have_a_docstring_or_a_comment() -> None:
+    """Unit and origin of a number stand beside it."""
+    found = {dotted(path): unexplained_constants(path.read_text(encoding="utf-8")) for path in product_files()}
+    assert not {name: constants for name, constants in found.items() if constants}
+
+
+@pytest.mark.parametrize(
+    ("text", "unexplained"),
+    [
+        ("A = 3\n", ["A"]),
+        ('A = 3\n"""Metres."""\n', []),
+        ("A = 3  # metres\n", []),
+        ('A = 3\nB = 4\n"""Metres."""\n', []),
+        ('A = 3\n\nB = 4\n"""Metres."""\n', ["A"]),
+        ("A: dict[str, float] = {'x': -2.5}\n", ["A"]),
+        ("A = PATHS[2]\nB = (0.0, -1.0, 1)\nc = 5\nD = True\n", []),
+    ],
+)
+def test_what_counts_as_an_explained_constant(text: str, unexplained: list[str]) -> None:
+    assert unexplained_constants(text) == unexplained
+
+
 def pages() -> list[Path]:
     """Return what a reader is given."""
     places = ("README.md", "assets_procedural/README.md", "docs/**/*.md", "solver_backend/assets/*.md")

@@ -26,6 +26,7 @@ _GROOVE_M, _GROOVE_WIDTH_M = 0.0019, 0.0011
 _BORDER_M = 0.0006
 """How far the lips' border stands out in the middle."""
 _HOLE = Oval(np.array([0.0, SEAM_Y]), np.array([0.0305, 0.0128]), least_z=0.10)
+"""The opening of the mouth: centre and radii in metres, measured on the base mesh by hand."""
 _SEEN_M, _BRIDGED_M = 0.012, 0.0021
 
 

@@ -14,6 +14,7 @@ SizeAt = Callable[[Array], Array]
 Project = Callable[[Array, Array], Array]
 _TOO_LONG, _TOO_SHORT = 4.0 / 3.0, 0.75
 _DECIMALS = 6
+"""Decimals of metres that decisions see, a micrometre: the same mesh on every machine (commit a51e069a)."""
 
 
 def on_grid(values: Array) -> Array:

@@ -13,8 +13,11 @@ from assets_procedural.population.statistics import MEASURES, NUM_LENGTHS, Stati
 from assets_procedural.skeleton.skinning import cotangent_laplacian
 
 NUM_BETAS = 10
+"""Shape coefficients, as many as SMPL's files commonly have."""
 NEUTRAL_STATURE_M = 1.70
+"""Stature of the mean shape, metres: between the means of women and men; chosen by hand."""
 _MARGIN_M = 0.001
+"""By how much shapes stay within the 1st and 99th percentile, metres; chosen by hand."""
 _TRUNK_GIRTHS = ("chestcircumference", "waistcircumference", "buttockcircumference")
 
 

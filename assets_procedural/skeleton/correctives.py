@@ -43,7 +43,9 @@ _FLEXION = {  # joint: axis and range of its main bend, radians
 }
 _SECOND_BEND = {"left_shoulder": ((0.0, -1.0, 0.0), -0.4, 2.2)}  # forwards; every other sample bends so instead
 _SPREAD_RAD = {"hip": 0.35, "shoulder": 0.6, "elbow": 0.35, "wrist": 0.4, "collar": 0.2, "head": 0.35, "neck": 0.3}
+"""Standard deviation of the sampled rotations of each kind of joint, radians; chosen by hand."""
 _OTHER_SPREAD_RAD = 0.18
+"""The same of all other joints."""
 
 
 def sample_turns(name: str, count: int, rng: np.random.Generator) -> Array:

@@ -14,6 +14,7 @@ NUMBERS = Path(__file__).parents[1] / "numbers"
 _KEYS = ("mean", "log_scale", "rotation", "log_weight")
 _MIRROR = np.array([-1.0, 1.0, 1.0])
 _FLOOR = 1e-9
+"""Keeps a sum of weights from zero."""
 
 
 @dataclass(frozen=True)

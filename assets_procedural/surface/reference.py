@@ -13,17 +13,25 @@ from assets_procedural.surface.sampling import close_gaps, fold, sample_density,
 from solver_backend.exchange.errors import BackendMissing
 
 STATURE_M = 1.70
+"""Stature that the reference is scaled to, metres; that of the mean shape."""
 _PHENOTYPE = {"gender": 0.5, "age": 0.6, "muscle": 0.6, "weight": 1.0, "height": 0.5, "proportions": 0.6}
+"""The reference body's place between the extremes that Anny's model names, 0 to 1; chosen by hand."""
 _DOWN, _OUT, _FORWARD = np.array([0.0, -1.0, 0.0]), np.array([1.0, 0.0, 0.0]), np.array([0.0, 0.0, 1.0])
 _MIRROR = np.diag([-1.0, 1.0, 1.0])
 _KNEE_X, _ANKLE_X = 0.106, 0.103
 _CLAVICLE_RAISE_DEG, _TOE_OUT_DEG = 9.0, 5.0
 _FINGER_SPREAD_DEG = {2: 8.0, 3: 1.0, 4: -6.0, 5: -14.0}
+"""By how much fingers 2 to 5 are spread, degrees; chosen by hand for an open hand."""
 _TOES = ((0.02, -0.01, 0.095), (0.30, 0.045, 0.22), 0.008)
+"""Corners of a box whose gaps are closed, and the radius that does so, metres; chosen by hand, as those below."""
 _EAR = ((0.060, 1.50, -0.03), (0.11, 1.64, 0.075), 0.003)
+"""See ``_TOES``."""
 _MOUTH = ((0.0, 1.498, 0.105), (0.036, 1.546, 0.18), 0.0025)
+"""See ``_TOES``."""
 _CROTCH = ((0.0, 0.77, -0.07), (0.035, 0.86, 0.09), 0.006)
+"""See ``_TOES``."""
 _FINGER_CURL_DEG = (7.0, 12.0, 9.0)
+"""By how much each joint of a finger is bent, degrees; chosen by hand for an open hand."""
 
 
 @dataclass(frozen=True)

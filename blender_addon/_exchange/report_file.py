@@ -9,6 +9,7 @@ from .regular_file import open_regular
 REPORT_MARK = '<meta name="generator" content="Manifold MoCap report">'
 """Stands in the head of every report."""
 _HEAD_BYTES = 2000
+"""Bytes of a page in which the mark stands; chosen by hand."""
 
 
 def is_report(path: Path, folder: Path) -> bool:

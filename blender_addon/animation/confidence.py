@@ -9,6 +9,7 @@ from .._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
 HALF_AT_M = 0.03
 """Standard deviation at which confidence is one half."""
 _UNSURE_AT_MOST = 0.3
+"""Confidence of a flagged frame at most, 0 to 1; chosen by hand."""
 
 
 def joint_confidence(sigma_m: np.ndarray, flags: np.ndarray | None) -> np.ndarray:

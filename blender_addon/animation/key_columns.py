@@ -9,6 +9,7 @@ Keys = dict[str, np.ndarray]
 """Each field of the keys of one curve, by its name in Blender."""
 
 _FLOATS = {"co": 2, "handle_left": 2, "handle_right": 2, "back": 1, "amplitude": 1, "period": 1}
+"""Numbers a keyframe point has in each of Blender's columns."""
 _CHOICES = ("interpolation", "easing", "handle_left_type", "handle_right_type", "type")
 _LINEAR = bpy.types.Keyframe.bl_rna.properties["interpolation"].enum_items["LINEAR"].value
 

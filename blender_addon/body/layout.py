@@ -25,6 +25,7 @@ A positive turn about local X then bends every limb the way it bends: thigh, arm
 toes up. Left and right mirror each other.
 """
 _SHORTEST_M = 0.02
+"""Length of a bone that would be shorter, metres: Blender deletes bones of no length; chosen by hand."""
 _FINGER_JOINTS = frozenset(SMPL_HANDS.joints[1 + SMPL.num_solved :])
 
 

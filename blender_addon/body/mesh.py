@@ -13,6 +13,7 @@ from .layout import around_pelvis
 from .quads import pair_triangles
 
 _LEAST_WEIGHT = 1e-4
+"""Weight of a vertex that is kept, a share of 1; chosen by hand."""
 
 
 def create_mesh(name: str, body: BodyFile, armature: bpy.types.Object) -> bpy.types.Object:

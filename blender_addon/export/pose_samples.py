@@ -14,6 +14,7 @@ from ..errors import NothingToExport
 from .take import ExportTake, staged, uniform_scale
 
 _PROGRESS_STEP = 100
+"""Frames from one report of progress to the next; chosen by hand."""
 
 
 @dataclass(frozen=True)

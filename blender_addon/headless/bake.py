@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from ..render.subject import RenderedTake
 
 _CHECKED_FRAMES = 8
+"""Frames of a bake that are compared with the motion; chosen by hand."""
 _TOLERATED_MM = 1.0
 
 

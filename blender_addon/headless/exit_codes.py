@@ -22,6 +22,7 @@ from ..errors import (
 )
 
 BROKEN = 4
+"""Exit code of a failure that nobody foresaw, as ``ExitCode.FAILED`` of the solver."""
 EPILOG = """\
 exit codes:
   0    there is a result

@@ -9,7 +9,9 @@ import threading
 import time
 
 _GRACE_S = 5.0
+"""Seconds that the run has to end by itself once its parent is gone; chosen by hand."""
 _CANCELLED = 130
+"""Exit code of what was cancelled: 128 and the number of SIGINT, as shells have it."""
 
 
 def end_with_input() -> None:

@@ -12,7 +12,9 @@ from ..errors import SolverStopped
 from ..solving.run import Run
 
 _POLL_S = 0.05
+"""Seconds from one look at the child to the next; chosen by hand."""
 _BROKEN = 4
+"""Exit code of a solver that ended without one, as ``ExitCode.FAILED``."""
 
 
 def run_to_its_end(

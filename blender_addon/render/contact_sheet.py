@@ -19,8 +19,11 @@ from .view import View, close_view, three_quarter_view
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4
 _LOOK = RenderQuality(shrink=3, cavity=True, shadows=True)
+"""Every tile is rendered three times as large and shrunk; chosen by hand."""
 _FOOTAGE_OPACITY = 0.8
+"""Opacity of the body over footage; chosen by hand."""
 _SHEET_COLOUR = (24, 26, 30)
+"""Red, green and blue between the tiles, 0 to 255; chosen by hand."""
 _STAGE = "rendering the contact sheet"
 
 

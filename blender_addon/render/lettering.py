@@ -15,7 +15,9 @@ from .still import render_still, write_targa
 _ASCENT, _DESCENT = 0.95, 0.35
 """Reach of letters above and below the line, in font sizes."""
 _SHRINK = 3
+"""Letters are rendered so many times as large and shrunk; chosen by hand."""
 _PLAQUE = (0.05, 0.055, 0.065, 0.62)
+"""Red, green, blue and opacity behind letters; chosen by hand."""
 
 
 class Lettering:

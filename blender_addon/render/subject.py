@@ -24,8 +24,11 @@ Colour = tuple[float, float, float]
 """sRGB in 0..1."""
 
 DETECTION_DOT: Colour = (1.0, 0.62, 0.12)
+"""Red, green and blue, 0 to 1; chosen by hand, as are the next two."""
 KEYPOINT_DOT: Colour = (0.25, 0.95, 0.65)
+"""See ``DETECTION_DOT``."""
 MARKER_DOT: Colour = (0.92, 0.92, 0.96)
+"""See ``DETECTION_DOT``."""
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ _MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
 _MOST_BYTES = 64 * 1024 * 1024
 """Length of a header from which it is taken for damaged: those of large characters have some megabytes."""
 _RATES = (1.0, 480.0)
+"""Frame rates that a file can mean, frames a second; chosen by hand."""
 
 
 def read_header(path: Path) -> dict[str, Any]:

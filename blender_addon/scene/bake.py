@@ -26,6 +26,7 @@ from .overlay import PointLook, create_point_overlay
 from .props import create_props
 
 _KEYPOINT_LOOK = PointLook(0.014, (KEYPOINT_COLOUR,))
+"""Radius in metres, and colour; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -8,6 +8,7 @@ import numpy as np
 from ..conventions.materials import FLOOR_COLOURS, create_material
 
 _LINE_M = 0.015
+"""Width of a line of the grid, metres; chosen by hand."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:

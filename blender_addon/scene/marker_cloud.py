@@ -23,6 +23,7 @@ BOUNDS_MM = (10.0, 25.0)
 LABELS = "marker_labels"
 """Custom property of the object: the markers' labels, one a line, in the order of the points."""
 _LOOK = PointLook(0.008, MARKER_COLOURS)
+"""Radius in metres, about a real marker's, and colours; chosen by hand."""
 
 
 def create_marker_cloud(

@@ -14,6 +14,7 @@ from typing import IO, Any
 from .._exchange.errors import BackendMissing
 
 _GRACE_S = 5.0
+"""Seconds that a cancelled solver has to end by itself before it is killed; chosen by hand."""
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 

@@ -11,7 +11,9 @@ from ..backend_environment import backend_command, environment_for_child
 from ..errors import PythonUnsuitable
 
 _TIMEOUT_S = 60
+"""Seconds that an interpreter has to answer; chosen by hand."""
 _LEAST = (3, 11)
+"""Version of Python that the solver needs, as pyproject.toml has it."""
 _PROBE = """
 import json, sys
 found = {"python": sys.version.split()[0], "numpy": "", "torch": "", "devices": [], "solver": ""}

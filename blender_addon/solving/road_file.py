@@ -13,6 +13,7 @@ from .._exchange.plain_text import plain
 NAME = "road.json"
 _FORMAT, _VERSION = "manifold_mocap_road", 1
 _LARGEST = 1 << 20
+"""Bytes of a file that is read; chosen by hand."""
 
 
 @dataclass(frozen=True)

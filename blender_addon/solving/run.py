@@ -16,6 +16,7 @@ from ..backend_environment import backend_command, environment_for_child
 from .child import SolverProcess
 
 _LOG_LINES = 2000
+"""Lines of a run's log that are kept, the last ones; chosen by hand."""
 
 
 @dataclass

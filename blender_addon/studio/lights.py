@@ -36,3 +36,4 @@ LIGHTS = {
     "dim": Light(-1.2, (1.0, 0.8, 0.55), 0.6, 2.0),
     "night": Light(-2.4, (0.7, 0.85, 1.0), 0.8, 4.0),
 }
+"""Each light by its name; chosen by hand, see ``Light`` for units."""

@@ -8,8 +8,10 @@ import numpy as np
 from .paint import COLOURS, painted_material
 
 RADIUS_M = 0.007
+"""Radius of a marker, metres: 14 mm balls are common."""
 _RINGS, _SEGMENTS = 4, 8
 _GREY = (0.75, 0.75, 0.78)
+"""Linear red, green and blue of a marker; chosen by hand."""
 
 
 class MarkerBalls:

@@ -14,6 +14,7 @@ _RAISED_M = 0.004
 _FILLED = 0.96
 """Share of a square's side that is filled."""
 _NOBODY = (0.25, 0.25, 0.25, 1.0)
+"""Colour of a place at which nobody was located; chosen by hand."""
 
 
 def remove_places(scene: bpy.types.Scene) -> None:

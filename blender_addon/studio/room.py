@@ -15,6 +15,7 @@ Paint = Callable[[np.ndarray, np.ndarray], np.ndarray]
 _TILE_M = 0.12
 """Floor and walls are made of squares of about this size, each with its own colour."""
 _MOST_TILES = 90
+"""Tiles along a wall or floor at most, which bounds the mesh; chosen by hand."""
 _BOX = np.array(
     [[0, 2, 3, 1], [4, 5, 7, 6], [0, 1, 5, 4], [2, 6, 7, 3], [0, 4, 6, 2], [1, 3, 7, 5]]
 )  # fmt: skip

@@ -7,7 +7,9 @@ from typing import Any
 import bpy
 
 _OFFSET_PX = 7
+"""From a point to its name, pixels; chosen by hand."""
 _SIZE_PX = 11
+"""Height of a name, pixels: that of Blender's own texts."""
 _PLAIN, _DOUBTFUL = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
 
 

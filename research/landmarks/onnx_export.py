@@ -13,6 +13,7 @@ from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.training.landmarks.point_net import PointNet, PointNetWidths
 
 OPSET = 17
+"""Version of ONNX's operators (of June 2022); chosen by hand."""
 OUTPUTS = ("scores", "missing", "positions", "spread")
 
 

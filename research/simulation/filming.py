@@ -20,6 +20,7 @@ LENS = (-0.047, 0.137, 0.0003, 0.0002, 0.0, 0.0, 0.0, 0.0)
 OCCLUSION_HZ = 30.0
 """Sight lines are cast this often."""
 _CHUNK = 64
+"""Frames that are filmed at a time, which bounds memory; chosen by hand."""
 
 
 def around(pelvis: np.ndarray, num_views: int) -> Cameras:

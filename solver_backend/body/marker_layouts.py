@@ -20,6 +20,7 @@ _SIDE_FIRST = re.compile(r"(LEFT|RIGHT)(.+)")
 # pyCGM2 and Visual3D put the model's name and version after a point's: LHJC_CGM_2.4, PELVIS_CGM_2.4O.
 _MODEL = re.compile(r"[ _.]?(PY)?CGM[ _.]?\d*([._]\d+)*")
 _LEAST_SIGNS = 2
+"""Labels of its own by which a naming is recognised; one may stand in any file."""
 
 
 @dataclass(frozen=True)

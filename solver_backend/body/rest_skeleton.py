@@ -16,6 +16,7 @@ _MIDDLE = {
     "spine3": (0.0, 0.300, 0.005), "neck": (0.0, 0.505, -0.035), "head": (0.0, 0.595, 0.015),
 }  # fmt: skip
 _PELVIS_HEIGHT = 0.945
+"""Height of the pelvis above the floor, metres; that of the neutral body."""
 
 
 def _rest_joints() -> np.ndarray:

@@ -11,6 +11,7 @@ _SCALE_M = 0.12
 _SMOOTH_S = 0.15
 """Standard deviation in time over which places are averaged: a single frame's distance jumps by a few percent."""
 _NEAREST_M = 0.3
+"""Depth of a person in front of a camera at least, metres; chosen by hand."""
 
 
 def place_before_camera(points: np.ndarray, image: np.ndarray, weight: np.ndarray) -> np.ndarray:

@@ -11,42 +11,36 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
-CAMERA_VERBS = ("board", "calibrate-cameras", "check-cameras", "fit-cameras")
 METHODS = ("board", "person", "points", "refine", "together", "lenses")
 _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
 
 
-def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser,
-                     common: argparse.ArgumentParser) -> None:  # fmt: skip
-    """Add board, calibrate-cameras and check-cameras to the parser's verbs.
+def board_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of board."""
+    verb.add_argument("board", metavar="BOARD", help=_BOARD)
+    verb.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg")
+    verb.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
 
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        reading: options of verbs that read captures.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    board = verbs.add_parser("board", parents=[writing, common], help="write a calibration board to print")
-    board.add_argument("board", metavar="BOARD", help=_BOARD)
-    board.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg")
-    board.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
 
-    rig = verbs.add_parser(
-        "calibrate-cameras", parents=[reading, writing, common], help="calibrate cameras and write the calibration"
+def calibrate_cameras_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of calibrate-cameras."""
+    verb.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION")
+    verb.add_argument(
+        "--from", dest="method", choices=METHODS, default="board", help="how to find the camera positions"
     )
-    rig.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION")
-    rig.add_argument("--from", dest="method", choices=METHODS, default="board", help="how to find the camera positions")
-    rig.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
-    rig.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
-    rig.add_argument("--board", metavar="BOARD", help=_BOARD)
-    rig.add_argument("--lens", action="append", metavar="MODEL", help="lens models to choose from; all if left out")
-    rig.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
-    rig.add_argument("--keep-lenses", type=Path, metavar="LENSES.json", help="add the lenses found to this library")
-    rig.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
-    rig.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
-    rig.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
-    rig.add_argument("--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance")
-    together = rig.add_argument_group(
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
+    verb.add_argument("--board", metavar="BOARD", help=_BOARD)
+    verb.add_argument("--lens", action="append", metavar="MODEL", help="lens models to choose from; all if left out")
+    verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
+    verb.add_argument("--keep-lenses", type=Path, metavar="LENSES.json", help="add the lenses found to this library")
+    verb.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
+    verb.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
+    verb.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
+    verb.add_argument(
+        "--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance"
+    )
+    together = verb.add_argument_group(
         "--from together", "a CALIBRATION is the start; every source given here adjusts it"
     )
     together.add_argument("--footage", type=Path, metavar="FOLDER", help="of --board, seen by several cameras at once")
@@ -54,18 +48,17 @@ def add_camera_verbs(verbs: Any, reading: argparse.ArgumentParser, writing: argp
     together.add_argument("--clicks", type=Path, metavar="CLICKS.csv", help="points in pictures, some of known places")
     together.add_argument("--hold", type=float, metavar="MM", help="the calibration counts too, as good as so many mm")
 
-    check = verbs.add_parser(
-        "check-cameras", parents=[reading, common], help="check that a capture's calibration fits its detections"
-    )
-    check.add_argument("capture", type=Path, metavar="CAPTURE")
 
-    fit = verbs.add_parser(
-        "fit-cameras", parents=[reading, writing, common],
-        help="write a capture's calibration as it is meant: corrected, scaled and levelled",
-    )  # fmt: skip
-    fit.add_argument("capture", type=Path, metavar="CAPTURE")
-    fit.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
-    fit.add_argument("--format", help="as of calibrate-cameras; by the ending if left out")
+def check_cameras_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of check-cameras."""
+    verb.add_argument("capture", type=Path, metavar="CAPTURE")
+
+
+def fit_cameras_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of fit-cameras."""
+    verb.add_argument("capture", type=Path, metavar="CAPTURE")
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    verb.add_argument("--format", help="as of calibrate-cameras; by the ending if left out")
 
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -24,28 +24,23 @@ if TYPE_CHECKING:
 SEND_HELP = "also send every pose by the VMC protocol; vmc:// alone is this machine, port 39539"
 
 
-def add_live(
-    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
-) -> None:
-    """Add live to the parser's verbs."""
-    live = verbs.add_parser(
-        "live", parents=[reading, writing, common], help="stream poses from marker points or a motion, one line a frame"
-    )
-    live.add_argument(
+def live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of live."""
+    verb.add_argument(
         "source",
         metavar="SOURCE",
         help="take or motion to replay at its own rate, - for lines on stdin, or vmc://:PORT for poses that come there",
     )
-    live.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
-    live.add_argument("--repeat", action="store_true", help="replay a file again and again")
-    live.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    live.add_argument(
+    verb.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
+    verb.add_argument("--repeat", action="store_true", help="replay a file again and again")
+    verb.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
+    verb.add_argument(
         "--record", type=Path, metavar="TAKE.c3d|MOTION.npz",
         help="also record the points, to be solved afterwards, or the poses that come by vmc://",
     )  # fmt: skip
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:

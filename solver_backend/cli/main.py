@@ -12,27 +12,17 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.camera_verbs import CAMERA_VERBS
 from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
 from solver_backend.cli.exit_codes import ExitCode
-from solver_backend.cli.marker_verbs import MARKER_VERBS
-from solver_backend.cli.motion_verbs import MOTION_VERBS
-from solver_backend.cli.oak_verbs import OAK_VERBS
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
-from solver_backend.cli.pose_arguments import POSE_VERBS
-from solver_backend.cli.prop_verbs import PROP_VERBS
-from solver_backend.cli.rig_live_verb import RIG_LIVE_VERBS
-from solver_backend.cli.sensor_verbs import SENSOR_VERBS
-from solver_backend.cli.studio_verbs import STUDIO_VERBS
-from solver_backend.cli.video_arguments import VIDEO_VERBS
-from solver_backend.cli.wand_verbs import WAND_VERBS
+from solver_backend.cli.verb_table import VERBS
 from solver_backend.exchange.errors import MocapError, SolverFailed
 from solver_backend.exchange.outputs import full_disk
 from solver_backend.exchange.progress import Progress
 
 logger = logging.getLogger("solver_backend")
 
-Verb = Callable[[argparse.Namespace, Progress], Outcome]
+Function = Callable[[argparse.Namespace, Progress], Outcome]
 
 
 def main(argv: list[str] | None = None) -> int:
@@ -65,7 +55,7 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
             stream=sys.stderr,
         )
         with redirect_stdout(sys.stderr):  # what libraries print must not mix with the result
-            outcome = _verb(args.verb)(args, cancellation.watched(teller.progress))
+            outcome = function_of(args.verb)(args, cancellation.watched(teller.progress))
     except MocapError as error:
         teller.error(error)
         return ExitCode.of(error)
@@ -84,17 +74,10 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
     return ExitCode.RESULT
 
 
-def _verb(name: str) -> Verb:
+def function_of(name: str) -> Function:
     """Return the function of a verb; imported now, so that a wrong command line is answered at once."""
-    groups = {
-        "pose_verbs": POSE_VERBS, "marker_verbs": MARKER_VERBS, "camera_verbs": CAMERA_VERBS,
-        "studio_verbs": STUDIO_VERBS, "video_verbs": VIDEO_VERBS, "solve_verb": ("solve",),
-        "sensor_verbs": SENSOR_VERBS, "rig_live_verb": RIG_LIVE_VERBS, "wand_verbs": WAND_VERBS, "oak_verbs": OAK_VERBS,
-        "motion_verbs": MOTION_VERBS, "prop_verbs": PROP_VERBS,
-    }  # fmt: skip
-    module = next((module for module, names in groups.items() if name in names), "verbs")
-    verbs = importlib.import_module(f"solver_backend.cli.{module}")
-    return getattr(verbs, name.replace("-", "_"))
+    module = importlib.import_module(f"solver_backend.cli.{VERBS[name].module}")
+    return getattr(module, name.replace("-", "_"))
 
 
 def _silence(stream: TextIO) -> None:

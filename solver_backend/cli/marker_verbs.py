@@ -6,9 +6,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from solver_backend.cli.live_verb import add_live, live
+from solver_backend.cli.capture_arguments import add_labels
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
+from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
 
@@ -16,67 +17,51 @@ if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
     from solver_backend.types import Capture
 
-__all__ = ["MARKER_VERBS", "add_marker_verbs", "export_markers", "label", "live", "marker_places"]
-
-MARKER_VERBS = ("export-markers", "label", "live", "marker-places")
 DEFAULT_LAYOUT = "MANIFOLD_53"
 CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 """The motion file's array by what is exported: as recorded, gaps filled and swaps undone; or as the body has them."""
-_SUFFIXES = (".c3d", ".trc")
 
 
-def add_marker_verbs(
-    verbs: Any, reading: argparse.ArgumentParser, writing: argparse.ArgumentParser, common: argparse.ArgumentParser
-) -> None:
-    """Add label, live, export-markers and marker-places to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        reading: options of verbs that read captures.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    label = verbs.add_parser(
-        "label", parents=[reading, writing, common], help="label the unlabelled points of a marker take"
-    )
-    label.add_argument("capture", type=Path, metavar="TAKE")
-    label.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
-    label.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
-    label.add_argument(
-        "--labels",
-        "--told",
-        dest="told",
-        type=Path,
-        metavar="LABELS.json",
-        help="user-assigned labels; the solver never overrides them",
-    )
-    label.add_argument(
+def label_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of label."""
+    verb.add_argument("capture", type=Path, metavar="TAKE")
+    verb.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
+    verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
+    add_labels(verb)
+    verb.add_argument(
         "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
         "and marker layout",
     )  # fmt: skip
-    add_live(verbs, reading, writing, common)
-    export = verbs.add_parser(
-        "export-markers", parents=[writing, common], help="write a motion's markers as C3D or TRC"
-    )
-    export.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    export.add_argument("--out", type=Path, required=True, metavar="TAKE.c3d|TAKE.trc", help="file to write")
-    export.add_argument(
+
+
+def export_markers_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of export-markers."""
+    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
+    verb.add_argument("--out", type=Path, required=True, metavar="TAKE.c3d|TAKE.trc", help="file to write")
+    verb.add_argument(
         "--contents", choices=tuple(CONTENTS), default="cleaned",
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
     )  # fmt: skip
-    places = verbs.add_parser(
-        "marker-places", parents=[writing, common], help="draw where a layout's markers sit on the body"
-    )
-    places.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
-    places.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
-    places.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
+
+
+def marker_places_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of marker-places."""
+    verb.add_argument("--layout", default=DEFAULT_LAYOUT, metavar="NAME", help=f"{DEFAULT_LAYOUT} if left out")
+    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose skin, see bodies")
+    verb.add_argument("--out", type=Path, required=True, metavar="PICTURE.png", help="picture to write")
+
+
+def check_ending(path: Path, *others: str) -> None:
+    """Raise ``CommandLineInvalid`` unless a file ends as a format of markers does, or in another that is named."""
+    *first, last = (f".{ending}" for ending in (*MARKER_FORMATS, *others))
+    if path.suffix.lower() not in (*first, last):
+        raise CommandLineInvalid(f"Markers are written to {', '.join(first)} or {last}.", where=str(path))
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Name the points of a take and write them as C3D or TRC, or as our capture, which keeps their covariances."""
-    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in (*_SUFFIXES, ".npz"):
-        raise CommandLineInvalid("Labels are written to files that end in .c3d, .trc or .npz.", where=str(args.out))
+    overwrite = bool(args.overwrite)
+    check_ending(args.out, "npz")
     for path in (args.out, args.report):
         if path is not None:
             check_output(path, overwrite=overwrite)
@@ -118,15 +103,14 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.markers.write import write_markers
     from solver_backend.io.native.capture_file import write_capture
 
     assert labelled.markers is not None
     if path.suffix.lower() == ".npz":
         write_capture(path, labelled, overwrite=overwrite)
     else:
-        (write_c3d if path.suffix.lower() == ".c3d" else write_trc)(path, labelled.markers, overwrite=overwrite)
+        write_markers(path, labelled.markers, overwrite=overwrite)
 
 
 def summary(take: LabelledTake) -> dict[str, Any]:
@@ -155,18 +139,16 @@ def summary(take: LabelledTake) -> dict[str, Any]:
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write the markers of a motion as C3D or TRC."""
-    overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in _SUFFIXES:
-        raise CommandLineInvalid("Markers are written to files that end in .c3d or .trc.", where=str(args.out))
+    overwrite = bool(args.overwrite)
+    check_ending(args.out)
     check_output(args.out, overwrite=overwrite)
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.markers.write import write_markers
     from solver_backend.types import MarkerCloud
 
     positions, labels, fps = _markers(args.motion, args.contents)
     cloud = MarkerCloud(positions, fps, labels)
     progress("Writing the markers", 0, 1)
-    (write_c3d if suffix == ".c3d" else write_trc)(args.out, cloud, overwrite=overwrite)
+    write_markers(args.out, cloud, overwrite=overwrite)
     progress("Writing the markers", 1, 1)
     frames, markers = positions.shape[:2]
     data = {"markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents}

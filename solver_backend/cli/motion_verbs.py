@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,7 +16,6 @@ from solver_backend.exchange.rigs.rest_frames import bent_at_rest
 if TYPE_CHECKING:
     from solver_backend.fitters.motion_import.import_motion import ImportedMotion
 
-MOTION_VERBS = ("motion",)
 _FAR_MM = 20.0
 """Distance of a joint from its source, the mean over the frames, from which it is noted."""
 _RAISED_M = 0.02
@@ -27,27 +26,16 @@ _LOOSE = ("_toe", "head")
 """Joints that are not fitted by place."""
 
 
-def add_motion_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add motion to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    motion = verbs.add_parser(
-        "motion", parents=[writing, common], help="bring a motion of another program onto our body"
-    )
-    motion.add_argument(
-        "clip", type=Path, metavar="CLIP", help="motion of any skeleton (BVH, MVNX, C3D segments, AMASS)"
-    )
-    motion.add_argument("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
-    motion.add_argument("--unit", default="", help="length unit of the clip; estimated from the legs if left out")
-    motion.add_argument(
+def motion_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of motion."""
+    verb.add_argument("clip", type=Path, metavar="CLIP", help="motion of any skeleton (BVH, MVNX, C3D segments, AMASS)")
+    verb.add_argument("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
+    verb.add_argument("--unit", default="", help="length unit of the clip; estimated from the legs if left out")
+    verb.add_argument(
         "--up-axis", default="", metavar="AXIS", help="axis that points up in the clip; detected if left out"
     )
-    motion.add_argument("--keep-height", action="store_true", help="do not put the lowest soles on the floor")
-    motion.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
+    verb.add_argument("--keep-height", action="store_true", help="do not put the lowest soles on the floor")
+    verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
 
 
 def motion(args: argparse.Namespace, progress: Progress) -> Outcome:

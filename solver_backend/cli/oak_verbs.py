@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -15,38 +15,27 @@ if TYPE_CHECKING:
     from solver_backend.sensors.devices.oak import Oak
     from solver_backend.types import Cameras
 
-OAK_VERBS = ("oaks", "record-oak", "record-colour")
+
+def record_oak_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of record-oak."""
+    verb.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
+    add_oak_options(verb)
+    _add_recording(verb)
 
 
-def add_oak_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add oaks, record-oak and record-colour to the parser's verbs.
+def record_colour_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of record-colour."""
+    _add_recording(verb)
+    verb.add_argument("--fps", type=float, default=60.0)
+    verb.add_argument("--wire", action="store_true", help="a sync wire joins them")
 
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    verbs.add_parser("oaks", parents=[common], help="list the OAK cameras that are plugged in or on the network")
-    sensors = verbs.add_parser(
-        "record-oak", parents=[writing, common], help="record infrared and depth of OAK cameras, for markers and wands"
+
+def _add_recording(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("folder", type=Path, metavar="FOLDER", help="that is written")
+    verb.add_argument(
+        "--oak", action="append", required=True, metavar="ID[=NAME]", help="a camera; the first gives the pulse"
     )
-    sensors.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
-    add_oak_options(sensors)
-    record = verbs.add_parser(
-        "record-colour", parents=[common], help="record synchronised colour video of OAK cameras, for from-videos"
-    )
-    for verb in (sensors, record):
-        verb.add_argument("folder", type=Path, metavar="FOLDER", help="that is written")
-        verb.add_argument(
-            "--oak",
-            action="append",
-            required=True,
-            metavar="ID[=NAME]",
-            help="a camera; the first gives the pulse",
-        )
-        verb.add_argument("--seconds", type=float, default=10.0)
-    record.add_argument("--fps", type=float, default=60.0)
-    record.add_argument("--wire", action="store_true", help="a sync wire joins them")
+    verb.add_argument("--seconds", type=float, default=10.0)
 
 
 def add_oak_options(verb: argparse.ArgumentParser) -> None:

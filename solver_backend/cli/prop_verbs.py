@@ -5,28 +5,19 @@ from __future__ import annotations
 import argparse
 import json
 from pathlib import Path
-from typing import Any
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 
-PROP_VERBS = ("export-props",)
 FORMAT, VERSION = "manifold_mocap_props", 1
 
 
-def add_prop_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add export-props to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    export = verbs.add_parser("export-props", parents=[writing, common], help="write a motion's props as JSON")
-    export.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    export.add_argument("--out", type=Path, required=True, metavar="PROPS.json", help="file to write")
+def export_props_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of export-props."""
+    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
+    verb.add_argument("--out", type=Path, required=True, metavar="PROPS.json", help="file to write")
 
 
 def export_props(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -28,30 +28,26 @@ if TYPE_CHECKING:
     from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.coverage import Coverage
 
-RIG_LIVE_VERBS = ("rig-live",)
 TOLD_S = 0.5
 """Time from one word on the wand's coverage to the next."""
 
 
-def add_rig_live(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add rig-live to the parser's verbs."""
-    live = verbs.add_parser(
-        "rig-live", parents=[writing, common], help="stream points or poses from sensors, one line a frame"
-    )
-    live.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-    live.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
-    add_oak_options(live)
-    live.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
-    live.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
-    live.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
-    live.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
-    live.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    live.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
-    live.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
-    live.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
-    live.add_argument("--repeat", action="store_true", help="replay a folder again and again")
-    live.add_argument("--seconds", type=float, help="end after so many")
-    add_chain_options(live)
+def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of rig-live."""
+    verb.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
+    verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
+    add_oak_options(verb)
+    verb.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
+    verb.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
+    verb.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
+    verb.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
+    verb.add_argument("--repeat", action="store_true", help="replay a folder again and again")
+    verb.add_argument("--seconds", type=float, help="end after so many")
+    add_chain_options(verb)
 
 
 def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -175,10 +171,10 @@ def _session(subject: Path | None) -> LiveSession:
 
 def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[dict[str, Any]]:
     """Yield the lines of the live fit."""
+    from solver_backend.live.display import with_display
+
     for line in session.run(frames):
-        if with_points and session.shown is not None and "frame" in line:
-            line = {**line, "cloud": session.shown.round(4).tolist()}
-        yield line
+        yield with_display(line, session) if with_points and "frame" in line else line
 
 
 def _waved(

@@ -7,8 +7,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.marker_verbs import check_ending
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -16,20 +16,22 @@ if TYPE_CHECKING:
     from solver_backend.sensors.devices.source import SensorFolder
     from solver_backend.sensors.streaming.chain import MarkerChain
 
-SENSOR_VERBS = ("markers-from-sensors", "rig-record")
+
+def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of markers-from-sensors."""
+    verb.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
+    _add_source(verb)
 
 
-def add_sensor_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add markers-from-sensors and rig-record to the parser's verbs."""
-    cloud = verbs.add_parser(
-        "markers-from-sensors", parents=[writing, common], help="find markers in infrared and depth recordings"
-    )
-    cloud.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
-    record = verbs.add_parser("rig-record", parents=[writing, common], help="copy a sensor recording to a folder")
-    record.add_argument("--out", type=Path, required=True, metavar="FOLDER")
-    for verb in (cloud, record):
-        verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-        add_chain_options(verb)
+def rig_record_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of rig-record."""
+    verb.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    _add_source(verb)
+
+
+def _add_source(verb: argparse.ArgumentParser) -> None:
+    verb.add_argument("source", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
+    add_chain_options(verb)
 
 
 def add_chain_options(verb: argparse.ArgumentParser) -> None:
@@ -49,13 +51,11 @@ def add_chain_options(verb: argparse.ArgumentParser) -> None:
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find markers in the frames of several sensors and write their points as C3D, TRC or our capture."""
     overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
-    if suffix not in (".c3d", ".trc", ".npz"):
-        raise CommandLineInvalid("A point cloud is written as .c3d, .trc or .npz.", where=str(args.out))
+    check_ending(args.out, "npz")
     check_output(args.out, overwrite=overwrite)
     import numpy as np
 
-    from solver_backend.io.markers.c3d_writer import write_c3d
-    from solver_backend.io.markers.trc_writer import write_trc
+    from solver_backend.io.markers.write import write_markers
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.sensors.fusion.settings import FusionSettings
     from solver_backend.sensors.take import capture_from, cloud_of
@@ -65,7 +65,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     if suffix == ".npz":
         write_capture(args.out, capture_from(folder, take, args.out.stem), overwrite=overwrite)
     else:
-        (write_c3d if suffix == ".c3d" else write_trc)(args.out, take.cloud, overwrite=overwrite)
+        write_markers(args.out, take.cloud, overwrite=overwrite)
     seen = np.isfinite(take.cloud.positions).all(-1)
     assert take.cloud.residual is not None
     sigma_mm = 1e3 * float(np.nanmedian(take.cloud.residual))

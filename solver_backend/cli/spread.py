@@ -21,6 +21,7 @@ from solver_backend.priors.base import PosePrior
 logger = logging.getLogger("solver_backend")
 _CONNECT_S, _POLL_S = 10.0, 0.05
 _RETRIES = 2
+"""Times that a stretch is begun again where its worker died; chosen by hand."""
 
 
 class VersionsDiffer(Exception):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.progress import Progress
@@ -13,50 +13,41 @@ from solver_backend.exchange.progress import Progress
 if TYPE_CHECKING:
     from solver_backend.fitters.settings import SolveSettings
 
-STUDIO_VERBS = ("studio", "studio-judge", "studio-rigs")
 
-
-def add_studio_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add studio, studio-judge and studio-rigs to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    make = verbs.add_parser("studio", parents=[common], help="render synthetic captures with ground truth")
-    make.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
-    make.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
-    begin = make.add_mutually_exclusive_group()
+def studio_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of studio."""
+    verb.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
+    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
+    begin = verb.add_mutually_exclusive_group()
     begin.add_argument("--plan", action="store_true", help="check the description and report what would be made")
     begin.add_argument("--claim", action="store_true", help="the same, and keep the folder for it: see --shot")
-    make.add_argument(
+    verb.add_argument(
         "--shot", nargs="+", default=[], metavar="NAME",
         help="make these alone, of a folder that --claim keeps; several processes may do so",
     )  # fmt: skip
 
-    judge = verbs.add_parser(
-        "studio-judge", parents=[common], help="solve a data set and compare with its ground truth"
-    )
-    judge.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
-    judge.add_argument("--methods", nargs="+", default=["global"], metavar="METHOD", help="of solve, or triangulation")
-    judge.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="what is solved")
-    judge.add_argument(
+
+def studio_judge_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of studio-judge."""
+    verb.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
+    verb.add_argument("--methods", nargs="+", default=["global"], metavar="METHOD", help="of solve, or triangulation")
+    verb.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="what is solved")
+    verb.add_argument(
         "--faults", nargs="+", default=["perturbed"], choices=("clean", "perturbed"), help="which captures"
     )
-    judge.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
-    judge.add_argument(
+    verb.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
+    verb.add_argument(
         "--settings", type=Path, metavar="SETTINGS.json", help="of the solves, as a job file's 'settings' are"
     )
 
-    rigs = verbs.add_parser(
-        "studio-rigs", parents=[writing, common], help="map the expected error of camera layouts over the floor"
-    )
-    rigs.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
-    rigs.add_argument(
+
+def studio_rigs_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of studio-rigs."""
+    verb.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
+    verb.add_argument(
         "--faults", nargs="+", default=[], metavar="PRESET", help="compare these, each rig with each, not its perturb"
     )
-    rigs.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
+    verb.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -11,41 +11,30 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
 
-WAND_VERBS = ("calibrate-wand",)
 
-
-def add_wand_verbs(verbs: Any, writing: argparse.ArgumentParser, common: argparse.ArgumentParser) -> None:
-    """Add calibrate-wand to the parser's verbs.
-
-    Args:
-        verbs: what ``add_subparsers`` returned.
-        writing: options of verbs that write.
-        common: options of all verbs.
-    """
-    wand = verbs.add_parser(
-        "calibrate-wand", parents=[writing, common], help="calibrate sensors from a recording of a waved wand"
-    )
-    wand.add_argument("folder", type=Path, metavar="FOLDER", help="a table a sensor, or a recording of sensors")
-    wand.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
-    wand.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
-    wand.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the calibration")
-    wand.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
-    wand.add_argument(
+def calibrate_wand_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of calibrate-wand."""
+    verb.add_argument("folder", type=Path, metavar="FOLDER", help="a table a sensor, or a recording of sensors")
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
+    verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the calibration")
+    verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
+    verb.add_argument(
         "--wand", nargs=2, type=float, metavar=("FIRST", "SECOND"),
         help="metres from light to light of a wand with three; a marker with depth if left out",
     )  # fmt: skip
-    wand.add_argument("--trigger", action="store_true", help="one wire triggers all sensors: their clocks agree")
-    wand.add_argument(
+    verb.add_argument("--trigger", action="store_true", help="one wire triggers all sensors: their clocks agree")
+    verb.add_argument(
         "--interleave", type=float, default=0.0, metavar="MICROSECONDS",
         help="by how much each exposes later than the one before; 160 of time-of-flight sensors",
     )  # fmt: skip
-    wand.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
-    wand.add_argument("--every-sensor", action="store_true", help="only moments at which all sensors see the wand")
-    wand.add_argument("--gamma", type=Path, metavar="FOLDER", help="the same sensors before the Γ on the floor")
-    wand.add_argument(
+    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
+    verb.add_argument("--every-sensor", action="store_true", help="only moments at which all sensors see the wand")
+    verb.add_argument("--gamma", type=Path, metavar="FOLDER", help="the same sensors before the Γ on the floor")
+    verb.add_argument(
         "--gamma-lengths", nargs=2, type=float, default=(0.6, 0.4), metavar=("LONG", "SHORT"), help="its edges, metres"
     )
-    wand.add_argument(
+    verb.add_argument(
         "--gamma-height", type=float, default=0.007, metavar="METRES", help="of its markers' middles above the floor"
     )
 

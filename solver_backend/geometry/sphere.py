@@ -16,6 +16,7 @@ _SERIES_TERMS = 9
 _NO_ANGLE = 1e-24
 """Of ``sin²(ψ/2)``: below it nothing is divided by the angle, in single precision either."""
 _SMALL_SQUARE = 1e-8
+"""Squared angle in radians below which a series is exact to double precision."""
 
 
 def spherical_normalisation(v: Float[Array, "*batch d"]) -> Float[Array, "*batch d"]:

@@ -21,6 +21,7 @@ _LARGEST_TOML = 2_000_000
 _PART = 1 << 20
 """Bytes that are read at once."""
 _MOST_KEY_PARTS = 32
+"""Dotted parts of a key of TOML at most; chosen by hand."""
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
 
 

@@ -7,7 +7,9 @@ import numpy as np
 from solver_backend.labelling.outputs import GHOST
 
 _TAKEN = -1e9
+"""Evidence of a label that is taken: below any log-probability."""
 _ROUNDS = 4
+"""Rounds of exchange at most; chosen by hand."""
 
 
 def labels_of_frame(log_probability: np.ndarray, missing_cost: float = 0.0) -> np.ndarray:

@@ -20,6 +20,7 @@ MOST_POINTS = 2000
 _PART = 64
 """Most frames that the network reads at once; fewer where the frames' pairs of points are more than ``_PAIRS``."""
 _PAIRS = _PART * 100**2
+"""Pairs of points that the network reads at once: ``_PART`` frames of a hundred points."""
 
 
 @dataclass(frozen=True)

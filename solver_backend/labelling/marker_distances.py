@@ -29,9 +29,13 @@ ALIKE_M, ALIKE_CHANGE = 0.012, 0.5
 READINGS = 8.0
 """Most partners that count as independent: where one marker sits moves all of its distances."""
 FEWEST_PARTNERS = 6
+"""Stretches beside which one is named at least; chosen by hand."""
 _SHARE = 0.35
+"""Weight of one partner's evidence at most, a share of 1; chosen by hand."""
 _BLOCK = 256
+"""Frames at a time, which bounds memory; chosen by hand."""
 _SCALE_FROM_M = 0.3
+"""Distance from which pairs count for the body's size, metres; chosen by hand."""
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
 _SIDE = np.array([{"L": 1, "R": -1}.get(name[0], 0) * (other_side(name) != name) for name in MARKERS])
 

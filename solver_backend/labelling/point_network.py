@@ -16,7 +16,9 @@ from solver_backend.priors.weights import ASSETS, read_weights
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
+"""Added to the attention of points that are not there; exponentials of it are 0 in single precision."""
 _EPSILON = np.float32(1e-5)
+"""Keeps a root mean square from zero, as the training has it."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
 _Arrays = dict[str, np.ndarray]
 

@@ -11,6 +11,7 @@ from solver_backend.types.shapes import Float
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution that positions' errors were trained to have."""
 _DM = 0.1
+"""Metres in a decimetre, the unit that the network's positions and spreads have."""
 
 
 @dataclass(frozen=True)

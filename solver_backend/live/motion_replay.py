@@ -13,6 +13,7 @@ from solver_backend.live.keeping_up import LATE_S
 from solver_backend.types import Motion
 
 _DIGITS = 6
+"""Decimals of numbers in a line: micrometres and microradians."""
 
 
 def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[dict[str, Any]]:

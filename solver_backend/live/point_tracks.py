@@ -13,6 +13,7 @@ MEMORY_S = 0.7
 LOST_S = 0.15
 """Time for which a point that went away may come back."""
 _FLOOR = -6.0
+"""Evidence of one frame at least, a log-probability: one frame does not outweigh a track; chosen by hand."""
 
 
 class PointTracks:

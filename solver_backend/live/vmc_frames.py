@@ -28,6 +28,7 @@ _LARGEST = 10.0
 _LATEST = 8
 """Packets that are remembered, to know doubled ones."""
 _LONGEST_NAME = 40
+"""Letters of a foreign name that are shown; chosen by hand."""
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
 
 

@@ -9,6 +9,7 @@ from solver_backend.metrics.shapes import mean_or_nan, same_shape
 from solver_backend.types.shapes import Float
 
 POINTS = (..., "points", 3)
+"""Shape of what is compared, metres."""
 
 
 def distances_m(

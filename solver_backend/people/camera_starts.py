@@ -24,6 +24,7 @@ NEAR_S = 0.35
 KEPT_SHARE = 0.8
 """Cameras are left as numbered where that gains so much of the best."""
 _ROUNDS = 6
+"""Rounds of alignment at most; chosen by hand."""
 
 
 class StartEvidence(Enum):

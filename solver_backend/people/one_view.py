@@ -18,6 +18,7 @@ GONE_S = 0.5
 LEAST_SHARE = 0.25
 """Of the longest track's frames: shorter ones are passers-by."""
 LEAST_POINTS = 4
+"""Keypoints with confidence at which a person is there; chosen by hand."""
 
 
 @dataclass

@@ -19,6 +19,7 @@ _MOST_CELLS = 4_000_000
 _NEIGHBOURS = 3
 """In arrays of more than 8 cameras each is compared with so many around on either side."""
 _EACH = 8
+"""Cameras up to which each is paired with each; of more, with its neighbours; chosen by hand."""
 
 
 PairTable = tuple[np.ndarray, np.ndarray, float]

@@ -1,4 +1,4 @@
-"""Detections counted from the wrong edge of the pictures, or with left and right exchanged, in all views alike.
+"""Detections counted from the wrong edge of the pictures, as rows and columns, or with exchanged sides, in all views.
 
 Where v counts from below, or all pictures are mirrored, the views contradict each other until that is undone. Cameras
 that look level at one height see a world that fits even so, upside down; and exchanged names fit anyway. Both show a
@@ -27,28 +27,31 @@ _FRAMES, _CAMERAS = 16, 8
 """Frames in which the person is located, and cameras by which, of more: these and their search stay small."""
 
 
+_FOUND = "the pictures are mirrored", "v counts from the bottom of the pictures", "x and y are exchanged"
+"""What is wrong, by the axis of a flip."""
+_EXCHANGED = 2
+"""Place of exchanged axes in ``_FOUND``, after those of x and y."""
+
+
 @dataclass(frozen=True)
 class PictureFlip:
     """What is undone in all views."""
 
     axis: int | None = None
-    """0: u counts from the right edge; 1: v counts from the bottom."""
+    """0: u counts from the right edge; 1: v counts from the bottom; 2: u and v are exchanged."""
     sides: bool = False
     """Left and right are exchanged in the keypoints' names."""
 
     def sentence(self) -> str:
         """Return what was corrected, for a person."""
-        if self.axis == 1:
-            found = "v counts from the bottom of the pictures"
-        else:
-            found = "the pictures are mirrored" if self.axis == 0 else ""
+        found = "" if self.axis is None else _FOUND[self.axis]
         names = "left and right are exchanged in the keypoints' names"
         both = f"{found}, and {names}" if found and self.sides else found or names
         return f"The detections of all cameras are corrected: {both}."
 
 
 def flipped(detections: Detections, flip: PictureFlip, image_size: np.ndarray | None = None) -> Detections:
-    """Return the detections with a flip undone: ``u' = w - 1 - u`` or ``v' = h - 1 - v`` px, sides by their names.
+    """Return the detections with a flip undone: ``u' = w - 1 - u``, ``v' = h - 1 - v`` or ``(u, v)' = (v, u)`` px.
 
     Args:
         detections: everybody in every view.
@@ -56,7 +59,10 @@ def flipped(detections: Detections, flip: PictureFlip, image_size: np.ndarray | 
         image_size: (C, 2) width and height of the pictures that the detections were found in, px; of sides alone None.
     """
     xy, confidence, hands = detections.xy, detections.confidence, detections.hands
-    if flip.axis is not None and image_size is not None:
+    if flip.axis == _EXCHANGED:
+        xy = xy[..., ::-1]
+        hands = None if hands is None else hands[..., [1, 0, 2]]
+    elif flip.axis is not None and image_size is not None:
         xy, far = xy.copy(), image_size[:, flip.axis, None, None, None] - 1
         xy[..., flip.axis] = far - xy[..., flip.axis]
         if hands is not None:
@@ -102,14 +108,15 @@ def find_flip(fit: CalibrationFit, detections: Detections, written: Cameras) -> 
     hand = _handedness(fit.cameras.subset(chosen), few)
     if fit.agreement >= SURE_AGREEMENT and hand > -SURE:
         return FlipFound()
-    tried = [max((_tried(cameras, few, axis, factor), factor) for factor in FACTORS) for axis in (0, 1)]
+    tried = [max((_tried(cameras, few, axis, factor), factor) for factor in FACTORS) for axis in range(len(_FOUND))]
     scores = [score for score, _ in tried]
     axis = int(np.argmax(scores))
     best, factor = tried[axis]
     size = _recorded(written, factor).image_size
-    if best >= SURE_AGREEMENT and best - fit.agreement >= MARGIN and best - scores[1 - axis] >= RIVAL:
+    rival = max(score for other, score in enumerate(scores) if other != axis)
+    if best >= SURE_AGREEMENT and best - fit.agreement >= MARGIN and best - rival >= RIVAL:
         hand = _handedness(_recorded(cameras, factor), flipped(few, PictureFlip(axis), size[chosen]))
-        known = axis == 1 or abs(hand) >= SURE
+        known = axis != 0 or abs(hand) >= SURE
         return FlipFound(PictureFlip(axis, hand <= -SURE), size) if known else FlipFound()
     if fit.agreement < SURE_AGREEMENT or hand > -SURE:
         return FlipFound()

@@ -24,6 +24,7 @@ MAX_EXTENT_M = 1.6
 SMALLEST_ANGLE_SIN2 = 0.0076
 """Squared sine of the smallest angle between two rays that place a point: 5 degrees."""
 _FRAMES_AT_A_TIME = 400
+"""Frames that are compared at a time, which bounds memory; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -25,6 +25,7 @@ from solver_backend.priors.base import (
 from solver_backend.priors.weights import ASSETS, read_weights
 
 _DIM = 3 * NUM_BODY_JOINTS
+"""Numbers of a pose as rotation vectors."""
 
 
 class GaussianMixture(PosePrior):

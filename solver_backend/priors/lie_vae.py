@@ -18,6 +18,7 @@ from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 FACTORS = 10
 """Rotations of a code: SO(3)^10 has 30 dimensions, as SPoser's sphere."""
 _DIM = 9 * FACTORS
+"""Numbers of the code: rotation matrices."""
 
 
 class LieVAE(PoseAutoencoder):

@@ -16,6 +16,7 @@ from solver_backend.priors.networks.nearest_codes import nearer_codes
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
+"""Numbers of the code, as VPoser's (Pavlakos et al. 2019)."""
 DEFAULT_WEIGHTS: Path = ASSETS / "sposer.npz"
 
 

@@ -14,6 +14,7 @@ from solver_backend.priors.networks.autoencoder import PoseAutoencoder
 from solver_backend.priors.weights import ASSETS, read_stack, read_weights
 
 LATENT_DIM = 32
+"""Numbers of the code, as SPoser's."""
 
 
 class SphericalVAE(PoseAutoencoder):

@@ -11,7 +11,9 @@ from solver_backend.report.plots import nice_steps
 from solver_backend.types import Cameras
 
 SIZE = 420.0
+"""Width and height of the plan, CSS pixels; chosen by hand."""
 MARGIN = 34.0
+"""Around what is drawn, CSS pixels; chosen by hand."""
 
 Place = Callable[[np.ndarray], tuple[float, float]]
 """From world metres to the drawing."""

@@ -24,7 +24,9 @@ SAMPLES = 9
 BEHIND_M = 0.03
 """A marker that lies so far behind what is seen of the body is on the other side."""
 PX_PER_M = 330.0
+"""CSS pixels a metre; chosen by hand."""
 MARGIN_M = 0.1
+"""Around the body, metres; chosen by hand."""
 
 
 @dataclass(frozen=True)

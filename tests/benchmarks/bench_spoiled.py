@@ -3,15 +3,19 @@
 Each is written as a Pose2Sim trial, read and solved without options; where a stature is asked for, it is given. Solved
 are those within 1.15 times the error of the same frames unspoiled (joints, laid over the truth rigidly); silent are
 results beyond that without a warning or refusal. Needs the motions kept beside the repository (or MOCAP_SHARED_DATA).
-``python -m tests.benchmarks.bench_spoiled [--seeds N] [KIND ...]`` prints every seed.
+``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--record FILE] [KIND ...]`` prints every seed.
 """
 
 from __future__ import annotations
 
 import argparse
+import json
 import sys
 from dataclasses import dataclass, replace
 from functools import cache, lru_cache
+from itertools import product
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -105,21 +109,38 @@ def _from(recording: Recording, first: int) -> Recording:
 
 
 def main(argv: list[str]) -> int:
-    """Print what became of every seed."""
+    """Print what became of every seed, one line of JSON each; those that the record holds already are left out."""
     parser = argparse.ArgumentParser(prog="bench_spoiled", description=__doc__)
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS | LIES)}; all if left out")
-    parser.add_argument("--seeds", type=int, default=SEEDS)
+    parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), default=(0, SEEDS))
+    parser.add_argument("--record", type=Path, help="file to which lines are added")
     args = parser.parse_args(argv)
-    for kind in args.kinds or KINDS | LIES:
-        for seed in range(args.seeds):
-            found = tried(kind, seed)
-            state = "solved" if found.solved else "SILENT" if found.silent else "said"
-            said = found.result.refused or " ".join(found.result.warnings)
-            sys.stdout.write(
-                f"{kind}, seed {seed}: {state}, {found.result.error_mm:.1f} of {found.unspoiled_mm:.1f} mm. {said}\n"
-            )
-            sys.stdout.flush()
+    done = {(row["kind"], row["seed"]) for row in rows_of(args.record)} if args.record else set()
+    for seed, kind in product(range(*args.seeds), args.kinds or KINDS | LIES):
+        if (kind, seed) in done:
+            continue
+        line = json.dumps(row_of(kind, seed, tried(kind, seed))) + "\n"
+        sys.stdout.write(line)
+        sys.stdout.flush()
+        if args.record:
+            with args.record.open("a", encoding="utf-8") as file:
+                file.write(line)
     return 0
+
+
+def row_of(kind: str, seed: int, found: Found) -> dict[str, Any]:
+    """Return what became of a seed as plain values."""
+    state = "solved" if found.solved else "silent" if found.silent else "refused" if found.result.refused else "warned"
+    result = found.result
+    return {
+        "kind": kind, "seed": seed, "state": state, "error_mm": round(result.error_mm, 2),
+        "unspoiled_mm": round(found.unspoiled_mm, 2), "refused": result.refused, "warnings": list(result.warnings),
+    }  # fmt: skip
+
+
+def rows_of(record: Path) -> list[dict[str, Any]]:
+    """Return the lines of a record, none where there is none."""
+    return [json.loads(line) for line in record.read_text("utf-8").splitlines()] if record.is_file() else []
 
 
 if __name__ == "__main__":

@@ -22,7 +22,7 @@ DEMO = demo_capture()
 CAMERAS, KEYPOINTS = DEMO.require_multiview()
 FRAMES = slice(40, 160)
 SIZES = CAMERAS.image_size
-FLIPS = [PictureFlip(1), PictureFlip(0, True), PictureFlip(1, True), PictureFlip(sides=True)]
+FLIPS = [PictureFlip(1), PictureFlip(0, True), PictureFlip(1, True), PictureFlip(sides=True), PictureFlip(2)]
 
 
 def detections() -> Detections:
@@ -41,7 +41,7 @@ def found(cameras: Cameras, seen: Detections) -> FlipFound:
 
 @pytest.mark.parametrize(
     ("flip", "factor"), [*((flip, 1.0) for flip in FLIPS), (FLIPS[0], 0.5)],
-    ids=["from below", "mirrored", "from below, exchanged", "exchanged", "from below, half"],
+    ids=["from below", "mirrored", "from below, exchanged", "exchanged", "x and y", "from below, half"],
 )  # fmt: skip
 def test_what_is_flipped_in_all_views_is_undone(flip: PictureFlip, factor: float) -> None:
     spoiled = flipped(detections(), flip, SIZES)

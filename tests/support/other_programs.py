@@ -119,6 +119,50 @@ def arrays(root: Path) -> None:
         np.save(root / f"{name}.npy", points)
 
 
+def _by_name(c: int, f: int) -> dict[str, list[float]]:
+    return dict(zip(COCO, POINTS[c, f].tolist(), strict=True))
+
+
+def points_by_name(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        write_lines(root / f"{name}.json", [_by_name(c, f) for f in range(FRAMES)])
+
+
+def points_by_name_a_picture(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            write_lines(root / name / f"{f:04d}.json", _by_name(c, f))
+
+
+def points_by_name_of_people(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        frames = [{"frame": f, "people": [{"id": 3, "keypoints": _by_name(c, f)}]} for f in range(FRAMES)]
+        write_lines(root / f"{name}.jsonl", *frames)
+
+
+def points_by_name_and_camera(root: Path) -> None:
+    as_objects = [
+        {f"{f:04d}.jpg": {n: {"x": x, "y": y, "score": p} for n, (x, y, p) in _by_name(c, f).items()}
+         for f in range(FRAMES)}
+        for c in range(len(CAMERAS))
+    ]  # fmt: skip
+    write_lines(root / "walk.json", dict(zip(CAMERAS, as_objects, strict=True)))
+
+
+def _openpose(c: int, f: int) -> dict[str, object]:
+    return {"version": 1.3, "people": [{"pose_keypoints_2d": POINTS[c, f].ravel().tolist()}]}
+
+
+def openpose_lines(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        write_lines(root / f"{name}.jsonl", *(_openpose(c, f) for f in range(FRAMES)))
+
+
+def openpose_list(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        write_lines(root / f"{name}.json", [_openpose(c, f) for f in range(FRAMES)])
+
+
 WRITERS = (
     pifpaf_pictures,
     pifpaf_videos,
@@ -131,5 +175,11 @@ WRITERS = (
     own_table,
     jarvis,
     arrays,
+    points_by_name,
+    points_by_name_a_picture,
+    points_by_name_of_people,
+    points_by_name_and_camera,
+    openpose_lines,
+    openpose_list,
 )
 """All of them."""

@@ -23,6 +23,7 @@ from ..take import ExportTake, uniform_scale
 _BODY = 1 + SMPL.num_solved
 """Joints that AMASS shares with SMPL."""
 _SCALED = 1e-3
+"""Deviation from a scale of 1 that counts as scaled; chosen by hand."""
 
 
 def export_amass(path: Path, take: ExportTake, progress: Progress) -> None:

@@ -16,6 +16,7 @@ from ..take import ExportTake
 from .axes import R_YUP_ZUP
 
 UNITS_PER_METRE = 100.0
+"""BVH files are in centimetres by convention."""
 _ROTATIONS = "Zrotation Xrotation Yrotation"
 
 

@@ -11,6 +11,7 @@ import shutil
 from pathlib import Path
 
 _RESERVE = 2**20
+"""Bytes that stay free beside what is estimated; chosen by hand."""
 _OGAWA, _FROZEN = b"Ogawa", 0xFF
 _CRATE = b"PXR-USDC"
 

@@ -25,6 +25,7 @@ _CRASHES = frozenset({"solver_died", "take_failed", "take_too_large", "solver_fa
 _OF_THE_WORKER = frozenset({"output_not_writable", "backend_missing", "python_unsuitable", "render_failed"})
 """What another worker may be able to do; a failure like any other at last."""
 _WAIT_S = 0.5
+"""Seconds that one look for what has ended lasts; chosen by hand."""
 
 
 class Source(Protocol):

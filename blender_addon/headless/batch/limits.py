@@ -12,6 +12,7 @@ from ...errors import BatchInvalid, TakeTooLarge, TakeTooSlow
 
 _PROCESSES = Path("/proc")
 _MB = 2**20
+"""Bytes."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ SUMMARY = "summary"
 _RARELY = 20.0
 """Writing may take one part of so many of the time."""
 _LEAST_S = 2.0
+"""Seconds from one writing of the results to the next, at the least; chosen by hand."""
 
 
 class Results:

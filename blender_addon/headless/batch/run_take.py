@@ -19,6 +19,7 @@ from .work import Place, Step, Work, take_name
 UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
 _KEPT_ATTEMPTS = 20
+"""Attempts at a take that its record keeps, the last ones; chosen by hand."""
 _KEPT = ("steps", "attempts", "solve", "people")
 
 

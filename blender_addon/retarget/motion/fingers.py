@@ -11,6 +11,7 @@ from ..._exchange.rigs.roles import FINGERS, SIDES
 from .figures import Actor, Hand, Target
 
 _BONES = 4
+"""Bones of a finger at most: three, and one in the palm or at the tip."""
 
 
 def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:

@@ -10,6 +10,7 @@ from .figures import Actor, Target
 _TOUCH, _APART = 0.7, 1.1
 """Distances of the palms' middles by the length of the palm up to which hands touch, and from which they do not."""
 _HAND_AFTER_WRIST = 2
+"""Joints of SMPL from a wrist to its hand: both wrists come before both hands."""
 
 
 def keep_hands_together(

@@ -10,7 +10,9 @@ from .base import MocapOperator, NeedsTake
 MARK = "gap"
 """How the names of our timeline markers begin."""
 _SAMPLES = 16
+"""Frames that the height of the soles is taken from; chosen by hand."""
 _SURE = 1e-6
+"""Confidence at and below which a frame is a gap, 0 to 1: nothing was measured there."""
 
 
 class MOCAP_OT_feet_to_floor(NeedsTake, bpy.types.Operator):

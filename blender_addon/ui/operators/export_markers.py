@@ -8,14 +8,12 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.errors import OutputNotWritable
+from ..._exchange.marker_formats import MARKER_FORMATS
 from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from .solver_operator import SolverOperator
 
-_FORMATS = (
-    ("c3d", "C3D", "Labels and positions, millimetres, Z up: what optical systems and biomechanics read"),
-    ("trc", "TRC", "Labels and positions as a text, millimetres, Y up: for OpenSim"),
-)
+_FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
 _CONTENTS = (
     ("cleaned", "Cleaned", "As recorded, with gaps filled and exchanged labels corrected"),
     ("solved", "Solved", "Where the solved body has them"),
@@ -36,7 +34,9 @@ class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
     overwrite: bpy.props.BoolProperty(
         name="Overwrite", description="Replace a file that is there", default=False, options={"HIDDEN", "SKIP_SAVE"}
     )
-    filter_glob: bpy.props.StringProperty(default="*.c3d;*.trc", options={"HIDDEN"})
+    filter_glob: bpy.props.StringProperty(
+        default=";".join(f"*.{ending}" for ending in MARKER_FORMATS), options={"HIDDEN"}
+    )
 
     @property
     def filename_ext(self) -> str:

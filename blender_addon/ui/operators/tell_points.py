@@ -7,6 +7,7 @@ import bpy
 from .base import MocapOperator
 
 _REACH_PX = 25.0
+"""From the pointer to a point that is meant, pixels; chosen by hand."""
 
 
 class _OfMarkers(MocapOperator):

@@ -16,6 +16,7 @@ from ..settings_layout import is_narrow
 from .parts import StagePanel, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
+"""Frames that a view sees the person in, percent, below which its row is red; chosen by hand."""
 _VERBS = ("refine-cameras", "check-cameras")
 
 

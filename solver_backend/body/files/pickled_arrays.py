@@ -13,6 +13,7 @@ import numpy as np
 from solver_backend.exchange.errors import UnsafePickle
 
 MAX_DIMENSIONS = 8
+"""Dimensions of an array in a body file at most; SMPL's have three."""
 _SIMPLE_DTYPE = re.compile(r"[<>|=]?(b1|[iu][1248]|f[248]|[SU]\d{1,4})")
 _NUMPY_MODULES = ("numpy.core.multiarray", "numpy._core.multiarray")
 

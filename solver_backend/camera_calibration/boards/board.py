@@ -19,6 +19,7 @@ MARKER_SHARE = 0.75
 """Side of a marker in squares, where it is not told."""
 EXAMPLE = "charuco:5x7:35mm, checkerboard:8x5:60mm, rings:4x11:40mm, or a board.toml"
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
+"""Metres in each unit that a board's square may have."""
 _LENGTH = re.compile(r"(\d+(?:\.\d+)?)(mm|cm|m|in)")
 
 

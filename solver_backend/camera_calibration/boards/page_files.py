@@ -10,6 +10,7 @@ POINTS_PER_MM = 72.0 / 25.4
 _KAPPA = 0.5522847498
 """Bézier handles of a quarter circle, in radii."""
 _THIN_MM = 0.15
+"""Width of a thin line, millimetres; chosen by hand."""
 
 
 def svg(page: Page) -> str:

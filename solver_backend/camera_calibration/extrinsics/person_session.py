@@ -27,6 +27,7 @@ LEAST_GAIN = 0.03
 """Share by which refined cameras must explain a take better: they always do by a little, for they were fitted to it
 (1.3 % on a take of 120 frames with true cameras; 28 % where a real calibration was a little off)."""
 MOVED_SIGMAS = 3.0
+"""Standard deviations from which a camera counts as moved; chosen by hand."""
 _ARMS, _ROUNDS = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), 60
 
 

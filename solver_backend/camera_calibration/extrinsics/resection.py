@@ -10,6 +10,7 @@ from solver_backend.types.shapes import Float
 HYPOTHESES = 300
 """Samples of six points."""
 _REFINEMENTS = 5
+"""Rounds of reweighting at most; chosen by hand."""
 
 
 def resected_pose(

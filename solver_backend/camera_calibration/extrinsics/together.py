@@ -28,7 +28,9 @@ WORST_SHARE = 0.6
 FREEDOM = 1.2
 """What a fit of many points takes from the residuals, as in ``from_person``."""
 LEAST_SIGMA_PX = 0.05
+"""Standard deviation of a source at least, pixels; chosen by hand."""
 _ROBUST = 3.0
+"""Standard deviations at which a residual begins to lose weight; chosen by hand."""
 
 
 def calibrate_together(

@@ -11,6 +11,7 @@ HYPOTHESES = 400
 JUDGES = 600
 """Points by which the samples are judged."""
 _REFINEMENTS = 6
+"""Gauss-Newton steps; chosen by hand."""
 
 ImagePoints = Float[np.ndarray, "n 2"]
 """Undistorted normalised coordinates."""

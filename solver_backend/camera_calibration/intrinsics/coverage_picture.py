@@ -14,6 +14,7 @@ from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import atomic_output
 
 WIDTH = 480
+"""Width of the picture, pixels; chosen by hand."""
 _PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
 
 

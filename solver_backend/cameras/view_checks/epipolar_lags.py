@@ -15,6 +15,7 @@ ROBUST_SIGMAS = 3.0
 LEAST_SHARE = 0.3
 """A lag is judged where at least this share of the most common points is left."""
 ROUNDS = 10
+"""Rounds of reweighting at most; chosen by hand."""
 
 
 def whole_lags(

@@ -28,6 +28,7 @@ STATE_COST = 0.1
 LEAST_GAIN = 10.0
 """Gain in cost below which an exchange is left alone."""
 ROUNDS = 4
+"""Rounds of exchange at most; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,7 @@ _THUMB_DEG = 15.0
 _CLEAR_GAP = 0.4
 """Share of the mean distance between fingers that any two neighbours keep, at least, for their order to be sure."""
 _BONES = 3
+"""Bones of a finger that roles are given to, as SMPL-H has them."""
 
 
 def finger_roles(skeleton: Skeleton, hand: int, forearm: float) -> dict[str, int]:

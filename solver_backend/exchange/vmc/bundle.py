@@ -10,6 +10,7 @@ from .osc import encode_bundle, encode_message
 OK, TIME, ROOT, BONE = "/VMC/Ext/OK", "/VMC/Ext/T", "/VMC/Ext/Root/Pos", "/VMC/Ext/Bone/Pos"
 _UNTURNED = (0.0, 0.0, 0.0, 1.0)
 _XYZW = [1, 2, 3, 0]
+"""Columns of a quaternion w x y z in VMC's order."""
 
 
 class FrameBundle:

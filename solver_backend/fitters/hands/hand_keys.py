@@ -20,6 +20,7 @@ DOF = FINGERS.stop
 FLOOR = 1e-3
 """Precision that everything has."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Pairs of the three keyframes that a frame depends on."""
 
 
 @dataclass(frozen=True)

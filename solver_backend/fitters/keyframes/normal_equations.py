@@ -31,6 +31,7 @@ FLOOR = 1e-2
 FIXED = 1e12
 """Precision of what is fixed."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+"""Pairs of the three keyframes that a frame depends on."""
 
 
 @dataclass(frozen=True)

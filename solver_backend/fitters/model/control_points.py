@@ -10,7 +10,9 @@ from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import constant, to_numpy
 
 _STEPS = 60
+"""Steps of conjugate gradients at most; chosen by hand."""
 _TOLERANCE = 1e-10
+"""Residual against the right-hand side at which the steps end; chosen by hand."""
 
 
 def control_points(keys: Keyframes, layout: KeyframeLayout) -> Keyframes:

@@ -21,6 +21,7 @@ _LONGEST_STEP = 0.4
 _CONVERGED = 1e-3
 """Radians of a step from which the poses stay."""
 _ABOVE = np.zeros((24, NUM_TURNED), dtype=bool)
+"""Which turned joints each joint hangs from, itself included."""
 for _joint, _parent in enumerate(SMPL_PARENTS):
     if _parent >= 0:
         _ABOVE[_joint] = _ABOVE[_parent]

@@ -23,7 +23,9 @@ FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
 """Standard deviations from which on markers are doubted, first and last, and how many steps lead there: frames of one
 or two markers begin decimetres off."""
 STEPS = LMSettings(6, 1e-5)
+"""Gauss-Newton steps at most, and the relative change of the cost at which they end; chosen by hand."""
 LEAST_FRAMES = 4
+"""Frames in which a prop is located at least; chosen by hand."""
 
 
 def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:

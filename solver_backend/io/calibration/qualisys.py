@@ -18,7 +18,9 @@ TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 """Qualisys' camera looks along -Z with Y up; OpenCV's along +Z with Y down."""
 
 _LARGEST_NUMBER = 1e12
+"""Magnitude of a number in a file at most; chosen by hand."""
 _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
+"""Names of a rotation's numbers, row by row."""
 
 
 def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:

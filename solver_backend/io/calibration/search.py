@@ -22,6 +22,7 @@ from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
+"""Folders above and below that are searched; chosen by hand."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 

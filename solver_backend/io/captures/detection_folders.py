@@ -32,6 +32,7 @@ from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
+"""Frames a second that are assumed where nothing states them, with a problem that says so; chosen by hand."""
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "

@@ -77,7 +77,7 @@ def triples(values: object, name: str, where: str) -> np.ndarray:
     return array.reshape(-1, 3)
 
 
-_X, _Y, _SCORES = "x", "y", ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
+_X, _Y, SCORES = "x", "y", ("score", "confidence", "visibility", "likelihood", "conf", "c", "v", "p")
 """Names of a point's numbers where it is an object of its own, as in MediaPipe's and MoveNet's JSON."""
 
 
@@ -94,7 +94,7 @@ def objects(values: list[Any], where: str) -> np.ndarray:
     """
     try:
         points = [
-            (point[_X], point[_Y], next((point[name] for name in _SCORES if name in point), 1.0)) for point in values
+            (point[_X], point[_Y], next((point[name] for name in SCORES if name in point), 1.0)) for point in values
         ]
         return np.array(points, dtype=np.float64).reshape(-1, 3)
     except (KeyError, TypeError, ValueError, OverflowError) as error:

@@ -24,6 +24,7 @@ _COORDS = ("x", "y", "likelihood")
 LEAST_POINTS = 8
 """Points with x and y that a table of a body has at least."""
 _START_BYTES = 1 << 16
+"""Bytes in which the first line of a file stands; chosen by hand."""
 
 
 def is_table(path: Path) -> bool:

@@ -21,6 +21,7 @@ _HEADINGS = {"scorer": "scorer", "individuals": "individuals", "entities": "indi
 _COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
 """Column of each coordinate; JARVIS' state is 1 or 2 where a point was placed."""
 _START_BYTES = 64
+"""Bytes that recognise a file."""
 
 
 def is_table(path: Path) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -33,10 +34,40 @@ class NamedKeypoints:
     unknown: tuple[str, ...]
     """Names that the set lacks."""
 
+    @property
+    def found(self) -> frozenset[str]:
+        """Return the set's keypoints that the file has."""
+        return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
+
     def ordered(self, person: np.ndarray) -> np.ndarray:
         """Return (K, 3) in the set's order from the file's (N, 3); what the file lacks is NaN with confidence 0."""
         padded = np.concatenate([person, [[np.nan, np.nan, 0.0]]])
         return padded[list(self.columns)]
+
+
+def match_cameras(
+    names: Sequence[tuple[str, ...]], given: JointSet | None = None, *, where: str = ""
+) -> list[NamedKeypoints]:
+    """Return how each camera's names map to the joint set that has most of all names; [] where no file names any.
+
+    Args:
+        names: of C cameras, as their files write them; cameras may have different keypoints.
+        given, where: see ``match_keypoints``.
+
+    Raises:
+        KeypointCountMismatch: only some cameras' files name theirs, or see ``match_keypoints``.
+    """
+    if not any(names):
+        return []
+    if not all(names):
+        raise KeypointCountMismatch(
+            "Only some of the cameras' files name their keypoints.", where=where,
+            hint="Export all cameras in one format.",
+        )  # fmt: skip
+    joint_set = match_keypoints(
+        tuple(dict.fromkeys(n for camera in names for n in camera)), given, where=where
+    ).joint_set
+    return [_in_set(camera, joint_set) for camera in names]
 
 
 def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, where: str = "") -> NamedKeypoints:
@@ -62,8 +93,14 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
             hint="Say what they are in a file keypoints.json beside the recording, such as "
             f'{{"landmarks": {{"{names[0]}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
         )  # fmt: skip
-    columns = tuple(plain.index(name) if name in plain else -1 for name in best.keypoints)
-    return NamedKeypoints(best, columns, tuple(n for n, p in zip(names, plain, strict=True) if p not in best.keypoints))
+    return _in_set(names, best)
+
+
+def _in_set(names: Sequence[str], joint_set: JointSet) -> NamedKeypoints:
+    plain = [plain_name(name) for name in names]
+    columns = tuple(plain.index(name) if name in plain else -1 for name in joint_set.keypoints)
+    unknown = tuple(n for n, p in zip(names, plain, strict=True) if p not in joint_set.keypoints)
+    return NamedKeypoints(joint_set, columns, unknown)
 
 
 def plain_name(name: str) -> str:

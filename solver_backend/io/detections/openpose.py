@@ -14,6 +14,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.detections.camera_frames import CameraFrames
+from solver_backend.io.detections.named_points import are_named_frames, read_named_frames
 from solver_backend.io.detections.picture_documents import hands_in_picture, people_in_picture
 from solver_backend.io.files import LARGEST_TEXT, read_bytes
 from solver_backend.io.recognition.frame_numbers import frame_numbers
@@ -25,11 +26,20 @@ _FLAT = re.compile(r"(.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
 """Camera and frame number in a file's name where all cameras share a folder: ``cam01_000000000012_keypoints``."""
 
 
+LINES = ".jsonl", ".ndjson"
+"""Endings of files that hold a JSON document on each line."""
+
+
 def json_files(folder: Path) -> list[Path]:
     """Return the JSON files of a folder by name, without hidden ones and the user's names of keypoints."""
     with os.scandir(folder) as entries:
         names = [e.name for e in entries if e.name.lower().endswith(".json") and not e.name.startswith(".")]
     return [folder / name for name in sorted(names) if name.lower() != _OWN_NAMES]
+
+
+def line_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that hold a JSON document on each line, by name, without hidden ones."""
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
@@ -62,6 +72,9 @@ def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
     by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=where).tolist(), filmed, strict=True))
     by_number = dict(sorted((padding | by_number).items()))
     files = tuple(by_number.values())
+    if are_named_frames([read_document(path) for path in {files[0], files[len(files) // 2], files[-1]}]):
+        frames, names = read_named_frames({n: read_document(path) for n, path in by_number.items()}, where)
+        return CameraFrames.in_memory(frames, Path(where), names)
 
     @lru_cache(maxsize=1)
     def document(row: int) -> Any:

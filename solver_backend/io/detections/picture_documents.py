@@ -51,6 +51,14 @@ def people_in_picture(document: Any, where: str) -> People:
     )  # fmt: skip
 
 
+def is_openpose(document: Any) -> bool:
+    """Whether a document is OpenPose's of a picture: its people have OpenPose's lists, or are ``{}``."""
+    people = document.get("people") if isinstance(document, dict) else None
+    return isinstance(people, list) and all(
+        isinstance(entry, dict) and (not entry or any(name in entry for name in _OPENPOSE)) for entry in people
+    )
+
+
 def listed_people(document: Any) -> list[Any] | None:
     """Return the list of people in a document whose people are all of a known form; None where it holds none.
 

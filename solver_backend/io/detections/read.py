@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -12,19 +12,21 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
-from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_keypoints
+from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_cameras
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
+from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.people.detections import Detections
 from solver_backend.types import JointSet
 
 MAX_PEOPLE = 12
 """People kept in a frame of a view: those with the most keypoints."""
 _PROGRESS_STEP = 250
+"""Frames from one report of progress to the next; chosen by hand."""
 
 
 @dataclass(frozen=True)
@@ -78,11 +80,11 @@ def read_detections(
     lengths = tuple(last - first + 1 for first, last in spans.values())
     where = str(next(iter(sources.values())).path.parent)
     pictures = _pictures(list(listed.values()), list(spans.values()), progress)
-    named = _match_names(list(listed.values()), joint_set)
-    if named is not None:
-        _require_counts(pictures, len(next(iter(listed.values())).keypoints))
-        pictures = [replace(p, people=[named.ordered(person) for person in p.people]) for p in pictures]
-        joint_set = named.joint_set
+    named = match_cameras([frames.keypoints for frames in listed.values()], joint_set, where=where)
+    if named:
+        _require_counts(pictures, [len(frames.keypoints) for frames in listed.values()])
+        pictures = [replace(p, people=[named[p.camera].ordered(person) for person in p.people]) for p in pictures]
+        joint_set = named[0].joint_set
     count = _keypoint_count(pictures)
     if count == 0:
         raise NoDetections(
@@ -92,10 +94,11 @@ def read_detections(
     _require_finite(pictures)
     xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
-    if named is not None:
+    if named:
         found = (f"Joint set {chosen.value}, by the names of the keypoints{f' and {own.where}' if own else ''}.",)
-        if named.unknown:
-            found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(named.unknown)}.",)
+        if unknown := dict.fromkeys(name for camera in named for name in camera.unknown):
+            found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(unknown)}.",)
+        doubts += _lacking(tuple(sources), named)
     hands = hands_of(xy, confidence, chosen)
     hands = _written_hands(len(sources), pictures, max(lengths)) if hands is None else hands
     columns = slice(0, chosen.num_keypoints)
@@ -134,28 +137,18 @@ def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progres
     return pictures
 
 
-def _match_names(cameras: list[CameraFrames], given: JointSet | None) -> NamedKeypoints | None:
-    """Return how the keypoints that files name map to a joint set, None where they name none.
-
-    Raises:
-        KeypointCountMismatch: the cameras' files name different ones, or few of a body.
-    """
-    names = {frames.keypoints for frames in cameras}
-    if names == {()}:
-        return None
-    if len(names) > 1:
-        shortest, *_, longest = sorted(names, key=len)
-        differing = sorted(set(longest) ^ set(shortest)) or ["their order"]
-        raise KeypointCountMismatch(
-            f"The cameras' files name different keypoints; they differ in {listing(differing[:6])}.",
-            where=cameras[0].where(0), hint="Use one detector with one model for all cameras.",
-        )  # fmt: skip
-    return match_keypoints(names.pop(), given, where=cameras[0].where(0))
+def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[str, ...]:
+    """Return which cameras' files lack keypoints that others' have."""
+    everything = set().union(*(camera.found for camera in named))
+    lacks = {name: sorted(everything - camera.found) for name, camera in zip(cameras, named, strict=True)}
+    parts = [f"{name} lacks {listing(missing[:6])}" for name, missing in lacks.items() if missing]
+    return (f"The cameras' files name different keypoints: {'; '.join(parts)}.",) if parts else ()
 
 
-def _require_counts(pictures: list[_Picture], count: int) -> None:
+def _require_counts(pictures: list[_Picture], counts: list[int]) -> None:
     """Raise KeypointCountMismatch with the first file that holds a person of another number of keypoints than names."""
     for picture in pictures:
+        count = counts[picture.camera]
         odd = next((len(person) for person in picture.people if len(person) != count), None)
         if odd is not None:
             raise KeypointCountMismatch(
@@ -235,7 +228,13 @@ def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)
     missing = np.isnan(values).any(-1) | ~(confidence > 0) | (xy == 0).all(-1)
     xy[missing], confidence[missing] = np.nan, 0.0
+    if (place := placeholder(xy, confidence)) is not None:
+        nothing = (xy == place).all(-1)
+        xy[nothing], confidence[nothing] = np.nan, 0.0
     confidence, notes, problems = on_unit_scale(confidence)
+    if place is not None:
+        u, v = place.tolist()
+        notes += (f"Keypoints at ({u:g}, {v:g}) are taken as not seen: most kinds of keypoints stand there.",)
     if contradictory.any():
         count = int(contradictory.sum())
         problems = (f"{count} keypoints are NaN with a confidence; they are taken as not seen.", *problems)

@@ -8,13 +8,13 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.detections import freemocap, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.openpose import cameras_of_flat_files, frames_in_files, json_files
-from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document
+from solver_backend.io.detections.openpose import LINES, cameras_of_flat_files, frames_in_files, json_files, line_files
+from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document, is_take
 from solver_backend.io.detections.take_files import take_files
 from solver_backend.io.files import read_text
 from solver_backend.io.recognition.camera_names import natural_key
@@ -36,6 +36,8 @@ _LOOKED_AT = 4096
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )
+_PERHAPS = re.compile(r'"people"|"[^"\\n]{1,60}"\s*:\s*(\[\s*-?\d|\{\s*"x")')
+"""Files that begin so are read to see what they hold: lists of OpenPose's documents, points by name."""
 
 
 @dataclass(frozen=True)
@@ -105,7 +107,7 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
     if (found := take_files(parent)) is not None:
         kind, files = found
         return {kind.camera(path): CameraSource(path, partial(kind.read, path)) for path in files}
-    paths = json_files(parent)
+    paths = json_files(parent) or line_files(parent)
     if not 0 < len(paths) <= _MOST_CAMERAS or cameras_of_flat_files(paths) or not _is_whole_take(paths[0]):
         return {}
     if len(paths) > 1:
@@ -115,11 +117,16 @@ def _camera_files(parent: Path) -> dict[str, CameraSource]:
 
 
 def _is_whole_take(path: Path) -> bool:
-    """Whether a file begins as those do that hold all frames of a camera."""
+    """Whether a file begins as those do that hold all frames of a camera; a file of lines of JSON always does."""
+    if path.suffix.lower() in LINES:
+        return True
     try:
         with open_regular(path) as file:
-            return _WHOLE.search(file.read(_LOOKED_AT).decode("utf-8", "replace")) is not None
-    except OSError:
+            head = file.read(_LOOKED_AT).decode("utf-8", "replace")
+        if _WHOLE.search(head) is not None:
+            return True
+        return _PERHAPS.search(head) is not None and is_take(documents_in(read_text(path), path))
+    except (OSError, MocapError):
         return False
 
 

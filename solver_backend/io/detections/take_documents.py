@@ -10,7 +10,14 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.io.detections.camera_frames import CameraFrames, People, triples
-from solver_backend.io.detections.picture_documents import instance, listed_people, names_in, people_in_picture
+from solver_backend.io.detections.named_points import are_named_frames, frame_number, read_named_frames
+from solver_backend.io.detections.picture_documents import (
+    instance,
+    is_openpose,
+    listed_people,
+    names_in,
+    people_in_picture,
+)
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 _COCO_VISIBLE = 1.0
@@ -33,8 +40,18 @@ def documents_in(text: str, path: Path) -> Any:
     return parse_json(text, path)
 
 
+def is_take(document: Any) -> bool:
+    """Whether a document is of a known form, of one camera or of several."""
+    return _is_by_camera(document) or any(recognises(document) for recognises, _ in _DOCUMENTS)
+
+
 def cameras_in_document(document: Any) -> tuple[str, ...]:
-    """Return the cameras of a document of several: the folders of its pictures' names; () where it is of one."""
+    """Return the cameras of a document of several, () where it is of one.
+
+    They are the folders of its pictures' names, or its own names of lists of frames.
+    """
+    if _is_by_camera(document):
+        return tuple(document)
     if _is_coco(document):
         pictures = [image.get("file_name") for image in document["images"] if isinstance(image, dict)]
     elif _is_list_of_people(document):
@@ -56,6 +73,8 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
     Raises:
         FileDamaged, KeypointCountMismatch: it is, and a frame or a person in it is damaged.
     """
+    if camera and _is_by_camera(document):
+        document = document[camera]
     read = next((read for recognises, read in _DOCUMENTS if recognises(document)), None)
     return None if read is None else read(document, path, camera)
 
@@ -67,8 +86,10 @@ def _frame_list(document: Any) -> list[Any] | None:
         listed = next((document[name] for name in _FRAME_LISTS if isinstance(document.get(name), list)), None)
     if not isinstance(listed, list) or not listed or not isinstance(listed[0], dict):
         return None
-    numbered = any(name in listed[0] for name in _FRAME_NUMBERS) or "instances" in listed[0]
-    return listed if numbered and listed_people(listed[0]) is not None else None
+    first = listed[0]
+    openpose = all(map(is_openpose, listed))
+    numbered = openpose or any(name in first for name in _FRAME_NUMBERS) or "instances" in first
+    return listed if numbered and (openpose or listed_people(first) is not None) else None
 
 
 def _is_frame_list(document: Any) -> bool:
@@ -81,12 +102,52 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
     names: tuple[str, ...] = ()
     for row, frame in enumerate(_frame_list(document) or ()):
         number = next((frame[n] for n in _FRAME_NUMBERS if n in frame), row) if isinstance(frame, dict) else None
-        people = listed_people(frame)
+        people = [] if is_openpose(frame) else listed_people(frame)
         if isinstance(number, bool) or not isinstance(number, int) or people is None:
             raise FileDamaged(f"Entry {row} of the list of frames lacks its number or its people.", where=str(path))
+        if is_openpose(frame):
+            frames[number] = people_in_picture(frame, str(path))
+            continue
         frames[number] = [person for entry in people if len(person := instance(entry, str(path)))]
         names = names or next((found for entry in people if (found := names_in(entry))), ())
     return CameraFrames.in_memory(frames, path, names)
+
+
+def _numbered_frames(document: Any) -> dict[int, Any] | None:
+    """Return the frames of a document that may hold points by name: a list, or an object of numbered frames."""
+    if isinstance(document, dict):
+        listed = next((document[name] for name in _FRAME_LISTS if name in document), None)
+        if listed is not None:
+            return _numbered_frames(listed)
+        numbers = [frame_number(name) for name in document]
+        frames = {n: frame for n, frame in zip(numbers, document.values(), strict=True) if n is not None}
+        return frames if document and len(frames) == len(document) else None
+    if not isinstance(document, list):
+        return None
+    rows: dict[int, Any] = {}
+    for row, frame in enumerate(document):
+        numbered = isinstance(frame, dict) and next((frame[n] for n in _FRAME_NUMBERS if n in frame), None)
+        rows[numbered if isinstance(numbered, int) and not isinstance(numbered, bool) else row] = frame
+    return rows if len(rows) == len(document) else None
+
+
+def _is_named(document: Any) -> bool:
+    frames = _numbered_frames(document)
+    return frames is not None and are_named_frames(list(frames.values()))
+
+
+def _named(document: Any, path: Path, _camera: str) -> CameraFrames:
+    """Read frames of points by name, which people's own scripts write."""
+    frames, names = read_named_frames(_numbered_frames(document) or {}, str(path))
+    return CameraFrames.in_memory(frames, path, names)
+
+
+def _is_by_camera(document: Any) -> bool:
+    """Whether an object holds a list of frames, or of frames by number, of each of several cameras."""
+    return isinstance(document, dict) and len(document) > 1 and all(
+        isinstance(frames, (list, dict)) and any(recognises(frames) for recognises, _ in _DOCUMENTS)
+        for frames in document.values()
+    )  # fmt: skip
 
 
 def _is_coco(document: Any) -> bool:
@@ -168,5 +229,6 @@ def _folder(picture: str) -> str:
 
 _DOCUMENTS: tuple[tuple[Callable[[Any], bool], Callable[[Any, Path, str], CameraFrames]], ...] = (
     (_is_coco, _coco), (_is_list_of_people, _list_of_people), (_is_frame_list, _frames), (_is_by_picture, _pictures),
+    (_is_named, _named),
 )  # fmt: skip
 """Asked in this order: whether a document is of this kind, and how it is read."""

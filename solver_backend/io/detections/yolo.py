@@ -21,6 +21,7 @@ _LEAST_POINTS = 8
 _NAME = re.compile(r"(?P<camera>.*?\w.*?)[_\-. ]+(?P<frame>\d{1,18})")
 """``cam01_12``: the video's name and the frame, from 1."""
 _START_BYTES = 1 << 14
+"""Bytes in which the first line of a file stands; chosen by hand."""
 
 
 def files_of_cameras(folder: Path) -> dict[str, list[Path]]:

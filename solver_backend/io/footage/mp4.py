@@ -15,6 +15,7 @@ from solver_backend.exchange.regular_file import open_regular
 _LARGEST_HEADER = 1 << 26
 """Bytes; ten hours of video have less."""
 _MOST_BOXES = 10_000
+"""Boxes of a file that are looked at; chosen by hand."""
 _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
 
 

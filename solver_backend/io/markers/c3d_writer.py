@@ -27,6 +27,7 @@ MOST_POINTS = 65535
 LARGEST_M = 1e30
 """Largest coordinate: single precision ends at 3.4e38, millimetres and the scale included."""
 _MM = 1000.0
+"""Millimetres in a metre."""
 
 
 def write_c3d(

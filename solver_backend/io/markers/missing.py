@@ -21,6 +21,7 @@ SHARE = 0.05
 SHARE_WIDE = 0.3
 """... or this one, where more is missing."""
 _NINES = 9999.0
+"""Least number of nines only that programs write for what is missing."""
 
 
 def without_sentinels(

@@ -19,7 +19,9 @@ _STORED = (
     *_RATES, "poses", "trans", "betas", "root_orient", "pose_body", "pose_hand", "surface_model_type", "gender",
 )  # fmt: skip
 _WIDTHS = {72: "smpl", 156: "smplh", 165: "smplx"}
+"""Body model by the number of columns of ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS
+"""Numbers of a body's pose as rotation vectors."""
 
 JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """betas (10,), global_orient (F, 3), body_pose (F, 69), transl (F, 3) -> joints (F, 24, 3)."""

@@ -22,7 +22,9 @@ _LARGEST, _LARGEST_HIERARCHY = 256_000_000, 5_000_000
 _MOST_JOINTS, _MOST_FRAMES, _MOST_POSES = 1000, 10_000_000, 15_000_000
 """Of a skeleton, of a take, and of both multiplied: what is made of them takes 100 bytes a joint and frame."""
 _BLOCK = 1 << 20
+"""Bytes that are read at a time; chosen by hand."""
 _AXES = {"X": 0, "Y": 1, "Z": 2}
+"""Column of each axis."""
 
 
 @dataclass(frozen=True)

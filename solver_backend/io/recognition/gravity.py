@@ -31,7 +31,9 @@ LOWEST = 0.15
 """Share of a foot's heights that lie below the floor's, by noise."""
 _ROUNDS, _PASSES = 40, 5
 _LARGEST_STEP = 0.15
+"""Change of the floor's slope in one step at most, radians; chosen by hand."""
 _SURE_TILT = np.radians(4.0)
+"""Tilt that counts as sure at least, radians; chosen by hand."""
 
 
 @dataclass(frozen=True)

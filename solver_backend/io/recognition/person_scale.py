@@ -24,6 +24,7 @@ STATURE_SIGMA_M = 0.005
 MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
 """Of adults, where it is not told (NCD-RisC 2016, both sexes)."""
 _ROUNDS = 20
+"""Rounds of reweighting; chosen by hand."""
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:

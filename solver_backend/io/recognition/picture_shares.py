@@ -11,21 +11,28 @@ from solver_backend.people.detections import Detections
 _LARGEST = 2.0
 """Shares lie in 0..1, a little beyond for what is out of the picture; a person two pixels large is none."""
 _QUANTILE = 0.99
+"""Share of the coordinates that lie within 0 to 1: a few detections lie outside pictures."""
+_CENTRED = 0.1
+"""Share of coordinates below 0 from which shares count from the picture's centre: beyond its edges lie few."""
 
 
 def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
-    """Return detections in pixels: shares of width and height are multiplied by the picture's size, and said.
+    """Return detections in pixels: shares of width and height, from a corner or the centre, become pixels.
 
     Args:
         detections: everybody in every view.
         image_size: (C, 2) width and height in pixels.
     """
-    seen = np.abs(detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)])
-    if not len(seen) or np.quantile(seen, _QUANTILE) > _LARGEST:
+    seen = detections.xy[(detections.confidence > 0) & np.isfinite(detections.xy).all(-1)]
+    if not len(seen) or np.quantile(np.abs(seen), _QUANTILE) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
     note = "The detections are shares of the picture (0..1); they are multiplied by its width and height."
-    hands = detections.hands
+    hands, xy = detections.hands, detections.xy
+    if (seen < 0).mean() > _CENTRED:
+        note = "The detections run from -1 to 1 over the picture (OpenPose's keypoint_scale 4); they are made pixels."
+        xy = (xy + 1) / 2
+        hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
     if hands is not None:
         hands = hands * np.concatenate([size, np.ones_like(size[..., :1])], axis=-1)[..., None, None, :]
-    return replace(detections, xy=detections.xy * size, hands=hands, notes=(*detections.notes, note))
+    return replace(detections, xy=xy * size, hands=hands, notes=(*detections.notes, note))

@@ -27,6 +27,7 @@ BIAS_FRAMES, BIAS_CAMERAS = 40, 24
 FIGURES = "Triangulated,"
 """How the note with the figures begins."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
+"""What the unit is taken for, by the factor that makes a person out of what was measured."""
 
 
 SHIFTED = "Against the other cameras some see everything shifted"

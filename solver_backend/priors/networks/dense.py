@@ -14,6 +14,7 @@ from solver_backend.geometry.arrays import Array, constant
 ACTIVATIONS = ("silu", "elu", "leaky_relu")
 """Names of the activations: ``x sigmoid(x)``; ``x`` or ``exp(x) - 1``; ``x`` or ``0.01 x``."""
 LEAK = 0.01
+"""Slope of LeakyReLU below zero, torch's default, which training uses."""
 
 
 @dataclass(frozen=True)

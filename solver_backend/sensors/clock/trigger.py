@@ -13,6 +13,7 @@ INTERLEAVE_S = 160e-6
 """By how much each time-of-flight sensor exposes later than the one before, so that its light does not reach another
 (thesis 5.3.2, after the Azure Kinect's documentation)."""
 LARGEST_INTERLEAVE_S = 0.02
+"""Seconds between two sensors' exposures at most; chosen by hand."""
 
 
 def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:

@@ -31,6 +31,7 @@ WAITING = 8
 SPARE_BYTES = 64 << 20
 """Recording ends while the disk still has this much, for whatever else needs it."""
 _ASK_EVERY = 32
+"""Frames from one look at the free disk to the next; chosen by hand."""
 
 
 class Recording:

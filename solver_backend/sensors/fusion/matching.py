@@ -8,6 +8,7 @@ from solver_backend.sensors.acquisition.components import joined
 from solver_backend.videos.detect.assignment import least_cost_assignment
 
 _NEVER = 1e6
+"""Cost of a pair that may not be: more than any sum of those that may."""
 
 
 def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -11,6 +11,7 @@ from solver_backend.sensors.fusion.matching import matched
 from solver_backend.sensors.fusion.settings import DEFAULT, FusionSettings
 
 _LONGEST_STEP_S = 0.5
+"""Seconds from one frame to the next, above which tracks begin anew; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -30,6 +30,7 @@ FRAMES_PER_NEWS = 3.0
 SHARED_SIGMA_M = 0.5e-3
 """How far a marker is off in all frames together, of a well calibrated rig."""
 _ROUNDS = 20
+"""Rounds at most; chosen by hand."""
 
 
 @dataclass(frozen=True)

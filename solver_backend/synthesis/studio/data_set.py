@@ -37,6 +37,7 @@ _TRUTH_BYTES = 9000
 _SCENE_BYTES = 260_000
 """A shot that is filmed in colour."""
 _SPARE = 64 * 2**20
+"""Bytes that stay free on the disk; chosen by hand."""
 
 
 @dataclass(frozen=True)

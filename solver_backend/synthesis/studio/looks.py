@@ -39,6 +39,7 @@ _PRESETS: dict[str, dict[str, Any]] = {
     "night": {"clothes": "random", "hair": "random", "light": "night", "furniture": 2},
     "varied": {"clothes": "random", "hair": "random", "light": "random", "furniture": 3},
 }
+"""Values of a look by the name of a preset; chosen by hand."""
 
 
 def read_look(description: Any) -> StudioLook:

@@ -10,11 +10,11 @@ from typing import Any
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.unfinished import publish, unfinished_names
 from solver_backend.io.files import read_json
-from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.io.markers.write import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthesis.studio.film import film
@@ -104,10 +104,9 @@ def _write_formats(spec: Spec, stage: Stage, folder: Path, truth: Truth, capture
             continue
         if "pose2sim" in spec.write:
             write_trial(folder / f"pose2sim{ending}", capture)
-        if capture.markers is not None and "c3d" in spec.write:
-            write_c3d(folder / f"markers{ending}.c3d", capture.markers)
-        if capture.markers is not None and "trc" in spec.write:
-            write_trc(folder / f"markers{ending}.trc", capture.markers)
+        if capture.markers is not None:
+            for kind in MARKER_FORMATS.keys() & set(spec.write):
+                write_markers(folder / f"markers{ending}.{kind}", capture.markers)
     if "coco" in spec.write:
         text = coco_text(stage.cameras, truth, pictures, stage.shot.name)
         (folder / "coco.json").write_text(text, encoding="utf-8", newline="\n")

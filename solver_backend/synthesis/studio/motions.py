@@ -23,6 +23,7 @@ CHOREOGRAPHY = "choreography"
 """Name of the motion that ships."""
 _SUFFIXES = (".npz", ".bvh")
 _CHOREOGRAPHY_S = 6.0
+"""Seconds of the choreography that are drawn at once, then again; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,9 @@ import numpy as np
 from solver_backend.types import Cameras
 
 _AHEAD_M = 3.0
+"""From the cameras' middle to where they look if their axes do not meet, metres; chosen by hand."""
 _TRUST = 1e-3
+"""Weight of that place against the axes of one camera; chosen by hand."""
 
 
 def aim_point(cameras: Cameras) -> np.ndarray:

@@ -14,6 +14,7 @@ from solver_backend.types import SMPL_JOINTS
 _CELLS = 28
 """Cells of a side of the octahedral map (Engelhardt and Dachsbacher 2008): about 5 degrees."""
 _FAR_M = 3.0
+"""Where a camera stands that is farther away, metres: sight lines are the same there; chosen by hand."""
 _GROUPS = (("head",), ("left_wrist", "left_hand"), ("right_wrist", "right_hand"))
 
 

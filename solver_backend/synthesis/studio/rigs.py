@@ -27,6 +27,7 @@ _KNOWN = (
     "leave_out", "widest",
 )  # fmt: skip
 _TARGET_M = (0.0, 0.0, 0.95)
+"""What cameras look at, metres: about a standing person's pelvis."""
 
 
 @dataclass(frozen=True)

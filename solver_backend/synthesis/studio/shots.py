@@ -18,6 +18,7 @@ from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.types import NUM_BETAS
 
 _MOST_BETA = 2.5
+"""Standard deviations of a shape coefficient at most; chosen by hand."""
 
 
 @dataclass(frozen=True)

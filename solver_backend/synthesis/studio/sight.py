@@ -12,6 +12,7 @@ import numpy as np
 CLEARANCE_M = 0.035
 """A sight line ends this far before its point, which lies on the skin or a little below."""
 _PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
+"""Row and column of each of a symmetric matrix's six numbers."""
 
 
 def sight_lines(centres: np.ndarray, points: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.studio.checked_values import CheckedValues
@@ -21,7 +22,7 @@ from solver_backend.types import JointSet
 VERSION = 1
 KINDS = ("infrared", "depth", "masks", "normals", "rgb")
 """What can be filmed."""
-FORMATS = ("pose2sim", "coco", "c3d", "trc", "video", "exr")
+FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")
 """What can be written beside our own capture."""
 _KEYS = (
     "version", "name", "seed", "fps", "frames", "motions", "people", "rigs", "looks", "film", "write", "markers",
@@ -136,7 +137,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
 
 
 def _require_sense(spec: Spec) -> Spec:
-    needs_markers = {"c3d", "trc"} & set(spec.write)
+    needs_markers = MARKER_FORMATS.keys() & set(spec.write)
     if needs_markers and not spec.markers:
         raise StudioInvalid(
             f"{', '.join(sorted(needs_markers))} hold markers, and nobody wears any.", where="description: write",

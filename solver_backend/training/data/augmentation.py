@@ -30,9 +30,13 @@ LIMIT_SHARE = (0.6, 1.0)
 MOVED_JOINTS = 2
 """Joints of a window that are moved towards their limits."""
 _ALLOWED_DEG = 10.0
+"""Degrees beyond a joint's limits that a pose may be; chosen by hand."""
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
+"""Largest angle of each joint, radians."""
 _ARM_POINTS = (18, 19, 20, 21, 22, 23)
+"""SMPL's elbows, wrists and hands."""
 _BODY_BONES = ((0, 6), (6, 12), (1, 4), (2, 5), (4, 7), (5, 8), (12, 15))
+"""Pairs of SMPL's joints that are bones of trunk, head and legs."""
 
 
 def middle_frame(windows: torch.Tensor) -> int:

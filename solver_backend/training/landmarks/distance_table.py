@@ -20,7 +20,9 @@ LONGEST = 400
 STRAY = 1.2
 """Placement, over that of the training of the network: recordings are of people who were not told our rules."""
 NOISE_M = 0.003
+"""Standard deviation of a marker's place, metres; chosen by hand."""
 _FAR_M = 0.3
+"""Distance from which pairs count for a body's size, metres, as labelling has it."""
 
 
 def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS, seed: int = 0) -> Path:

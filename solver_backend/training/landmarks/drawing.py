@@ -14,6 +14,7 @@ MARGIN = 1.25
 """The map's half width is so many times the cloud's largest reach from its centre: hidden hands fall inside too."""
 _RADIUS = 1
 _THINNEST = 1e-3
+"""Extent of a cloud at least, metres: keeps a division from zero."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,7 @@ LIMBS = {
     "legs": tuple(i for i, name in enumerate(LANDMARKS) if name.endswith(_LEG)),
 }
 PART = 250
+"""Poses of one draw; chosen by hand."""
 
 
 def judged_clouds(stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234) -> dict[str, list[Clouds]]:

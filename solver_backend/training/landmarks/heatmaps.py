@@ -15,6 +15,7 @@ SKIPPED = 2
 REACH_SIGMAS = 4.5
 """Beyond so many spreads a Gaussian holds nothing."""
 WELSCH_NU = 0.05
+"""Scale of Welsch's loss where none is given, in normalised positions; chosen by hand."""
 HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
 
 

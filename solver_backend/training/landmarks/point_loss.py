@@ -11,7 +11,9 @@ from solver_backend.training.landmarks.point_net import Reading
 
 MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
 FREEDOM = 4.0
+"""Degrees of freedom of Student's t; chosen by hand."""
 _SHARP_M = 0.01
+"""Distance below which the loss is a square, metres; chosen by hand."""
 
 
 def point_loss(reading: Reading, clouds: Clouds) -> torch.Tensor:

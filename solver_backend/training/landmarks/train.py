@@ -32,6 +32,7 @@ TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landma
 DISTANCES = "distances"
 """Row that is no network: the table of markers' distances."""
 PUBLISHED_WIDTH = 32
+"""Channels of the published rows' first block; chosen by hand."""
 
 
 def train_landmark_rows(

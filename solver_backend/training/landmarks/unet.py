@@ -7,6 +7,7 @@ from torch import nn
 from torch.nn import functional
 
 BLOCKS = 5
+"""Resolutions of the network, each half the one before; chosen by hand."""
 
 
 class UNet(nn.Module):

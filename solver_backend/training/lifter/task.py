@@ -23,6 +23,7 @@ from solver_backend.types import NUM_BETAS, JointSet
 
 _JOINT_SET = JointSet.BODY_25B
 _VALIDATION_POSES = 2000
+"""Poses that each validation looks at; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,9 @@ from solver_backend.priors.pose_ndf.pose_distance import JOINT_WEIGHTS, pose_dis
 NEIGHBOURS = 5
 """Nearest poses whose distances are averaged (Tiwari et al. 2022, supplement)."""
 _CANDIDATES = 64
+"""Poses that are compared exactly, after a coarse search; chosen by hand."""
 _BLOCK = 512
+"""Poses that are searched for at a time, which bounds memory; chosen by hand."""
 
 
 class NearestPoses:

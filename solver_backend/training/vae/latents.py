@@ -17,6 +17,7 @@ SPHERE_DIM = 32
 ROTATIONS = 10
 """Factors of the Lie group: 30 dimensions, as SPoser has."""
 _LOG_VARIANCE = (-12.0, 6.0)
+"""Range of a log-variance, which keeps exponentials finite; chosen by hand."""
 
 
 class Latent(Protocol):

@@ -19,8 +19,11 @@ from solver_backend.training.engine.pose_loss import pose_loss
 from solver_backend.training.vae.latents import LATENTS, Kind
 
 HIDDEN = 512
+"""Width of the layers, as VPoser's (Pavlakos et al. 2019)."""
 _DROPOUT = 0.1
+"""Share that dropout sets to zero, as VPoser's."""
 _INPUTS = 3 * NUM_BODY_JOINTS
+"""Numbers of a pose as rotation vectors."""
 
 
 @dataclass(frozen=True)

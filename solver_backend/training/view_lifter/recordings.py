@@ -25,6 +25,7 @@ TILTED_REPEATS = 4
 _SUPPORTS = (7, 8, 10, 11, 20, 21, 4, 5, 0)
 """Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
 _BLOCK = 2048
+"""Poses that are placed at a time, which bounds memory; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,9 @@ from solver_backend.training.view_lifter.filming import FilmedWindows, film
 from solver_backend.training.view_lifter.recordings import Recordings
 
 _VALIDATION_WINDOWS = 2000
+"""Windows that each validation looks at; chosen by hand."""
 _JOINTS = 24
+"""Joints of the body, before the points that are no joints."""
 
 
 @dataclass(frozen=True)

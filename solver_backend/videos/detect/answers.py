@@ -10,6 +10,7 @@ import numpy as np
 
 _LARGEST_HEAD, _LARGEST_ANSWER = 1 << 20, 1 << 24
 _MOST_ARRAYS = 32
+"""Arrays that a detector's answer may hold; chosen by hand."""
 
 
 def read_head(stream: IO[bytes]) -> dict[str, Any]:

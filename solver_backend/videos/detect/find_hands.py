@@ -25,6 +25,7 @@ PRESENT = 0.5
 AWAY_M = 0.1
 """A hand that was followed has its wrist so near the arm's at most."""
 _STEP = 25
+"""Frames from one report of progress to the next; chosen by hand."""
 
 Look = Callable[[np.ndarray], tuple[np.ndarray, float]]
 """(224, 224, 3) crop -> (21, 2) points in it, and presence 0 to 1."""

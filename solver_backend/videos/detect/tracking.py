@@ -17,6 +17,7 @@ LEAST_SIMILARITY = 0.05
 LOST_S = 1.0
 """A person out of sight for longer comes back under another number."""
 MOST_PEOPLE = 12
+"""People of a picture that are followed, the most confident; chosen by hand."""
 
 
 def tracked(frames: list[np.ndarray], times_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -25,6 +25,7 @@ VIDEO_FOLDERS = (
 _PICTURE_FOLDERS = ("images", "frames")
 """Folders of a take that hold a folder of pictures a camera (EasyMocap)."""
 _LEVELS = 4
+"""Folders below that are searched for takes; chosen by hand."""
 _INTRINSIC = re.compile(r"int(rinsics?)?([_\-\s].*)?|.*intrinsics?", re.IGNORECASE)
 _EXTRINSIC = re.compile(r"ext(rinsics?)?([_\-\s].*)?|.*extrinsics?", re.IGNORECASE)
 _PASSED_OVER = re.compile(r"pose.*|.*_json|detections|mocap.*|demo_.*|kinematics|output_data|annotated.*|\..*")

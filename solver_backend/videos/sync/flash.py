@@ -13,6 +13,7 @@ RATE_HZ = 240.0
 COARSE = 16
 """Every so many rows and columns are looked at."""
 CLIP_SIGMAS = 8.0
+"""Spreads at which a change of brightness is clipped; chosen by hand."""
 
 
 def brightness_signal(info: VideoInfo) -> Signal:

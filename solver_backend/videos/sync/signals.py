@@ -13,7 +13,9 @@ LEAST_OVERLAP = 0.3
 RATE_SIGMA = 25e-6
 """Standard deviation of what a camera's rate is off, before anything is measured: quartz keeps within 50 ppm."""
 ROUNDS = 5
+"""Rounds of reweighting; chosen by hand."""
 HUBER_SIGMAS = 2.0
+"""Spreads at which a residual begins to lose weight; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -14,6 +14,7 @@ PIECE_S = 8.0
 FLOOR_S = 0.005
 """Sound needs 3 ms for a metre, and microphones stand some metres apart."""
 SMOOTHING_S = 0.002
+"""Standard deviation of the smoothing of loudness, seconds; chosen by hand."""
 
 
 def onsets(sound: Sound) -> Signal:

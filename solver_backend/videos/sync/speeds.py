@@ -21,6 +21,7 @@ FLOOR_S = 0.002
 SMOOTHING_S = 0.04
 """Standard deviation of the smoothing, alike for all cameras."""
 CLIP_SIGMAS = 4.0
+"""Spreads at which a speed is clipped; chosen by hand."""
 
 
 def clocks_by_speeds(

@@ -52,12 +52,22 @@ def result_of(capture: Capture, recording: Recording, joints: np.ndarray, **opti
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial"
         _write(path, capture, recording)
-        try:
-            read = load_capture(path, **options)
-            motion = solve(read, SolveSettings()).motion
-            found = refuse_errors(diagnose(read, motion), (), "")
-        except MocapError as error:
-            return Result(float("nan"), (), f"{error.message} [{error.hint}]")
+        return result_of_folder(path, joints, **options)
+
+
+def result_of_folder(path: Path, joints: np.ndarray, **options: Any) -> Result:
+    """Return what becomes of a recording that is read and solved.
+
+    Args:
+        path: its folder.
+        joints, options: see ``result_of``.
+    """
+    try:
+        read = load_capture(path, **options)
+        motion = solve(read, SolveSettings()).motion
+        found = refuse_errors(diagnose(read, motion), (), "")
+    except MocapError as error:
+        return Result(float("nan"), (), f"{error.message} [{error.hint}]")
     return Result(error_mm(motion.joints, joints), tuple(sentence(item, motion.fps) for item in warnings_in(found)))
 
 

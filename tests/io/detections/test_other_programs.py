@@ -13,6 +13,7 @@ from solver_backend.io.detections.column_table import is_table
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
+from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text
@@ -98,3 +99,56 @@ def test_numbers_that_count_no_frames_are_named(tmp_path):
         write_lines(tmp_path / f"{name}.json", frames)
     with pytest.raises(FileDamaged, match="run from 0 to 1000000000000000"):
         read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+
+
+def test_points_by_name_may_come_and_go(tmp_path):
+    for c, name in enumerate(CAMERAS):
+        named = [dict(zip(COCO, POINTS[c, f].tolist(), strict=True)) for f in range(FRAMES)]
+        named[1] = {"left_wrist": named[1]["left_wrist"], "nose": None}
+        write_lines(tmp_path / f"{name}.json", [*named[:2], {}, *named[3:]])
+    found = read_detections(camera_sources(tmp_path))
+    seen = found.confidence[:, :, 0] > 0
+    assert seen[:, 0].all() and seen[:, 1].sum() == len(CAMERAS) and not seen[:, 2].any()
+    wrist = COCO.index("left_wrist")
+    np.testing.assert_allclose(found.xy[:, 1, 0, wrist], POINTS[:, 1, wrist, :2], rtol=1e-6)
+
+
+def test_json_of_something_else_is_no_take(tmp_path):
+    write_lines(tmp_path / "package.json", {"name": "walk", "version": "1.0", "dependencies": {"left": [1, 2]}})
+    write_lines(tmp_path / "places.json", [{"a": [1, 2], "b": [3, 4]}])
+    assert camera_sources(tmp_path) == {}
+
+
+def test_cameras_whose_files_name_different_keypoints(tmp_path):
+    few = [n for n in reversed(COCO) if n not in ("left_ear", "right_ear")]
+    for c, name in enumerate(CAMERAS):
+        chosen = few if c == 1 else COCO
+        columns = [COCO.index(n) for n in chosen]
+        heading = ["Frame", *(f"{n} {x}" for n in chosen for x in ("x", "y", "likelihood"))]
+        write_table(tmp_path / f"{name}.csv", [heading, *([f, *POINTS[c, f, columns].ravel()] for f in range(FRAMES))])
+    found = read_detections(camera_sources(tmp_path))
+    seen = found.confidence[:, :, 0] > 0
+    np.testing.assert_allclose(found.xy[:, :, 0][seen], POINTS[..., :2][seen], rtol=1e-6)
+    assert seen.sum() == seen.size - 2 * FRAMES
+    assert "The cameras' files name different keypoints: cam02 lacks left_ear, right_ear." in found.problems
+
+
+@pytest.mark.parametrize("place", [(-1.0, -1.0), (1919.0, 1079.0)])
+def test_what_stands_for_an_unseen_keypoint_is_none(place, tmp_path):
+    points = POINTS.copy()
+    lost = np.random.default_rng(1).uniform(size=points.shape[:-1]) < 0.2
+    points[lost] = [*place, 1.0]
+    for name, of_camera in zip(CAMERAS, points, strict=True):
+        np.save(tmp_path / f"{name}.npy", of_camera)
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    np.testing.assert_array_equal(found.confidence[:, :, 0] == 0, lost)
+    assert any("are taken as not seen" in note for note in found.notes)
+
+
+def test_shares_from_the_centre_of_the_picture(tmp_path):
+    shares = np.concatenate([2 * POINTS[..., :2] / SIZE - 1, POINTS[..., 2:]], -1)
+    for name, of_camera in zip(CAMERAS, shares, strict=True):
+        np.save(tmp_path / f"{name}.npy", of_camera)
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    in_px = in_pixels(found, np.tile(SIZE, (len(CAMERAS), 1)))
+    np.testing.assert_allclose(in_px.xy[:, :, 0], POINTS[..., :2], rtol=1e-4, atol=0.1)

@@ -9,11 +9,14 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import NonFiniteData, OutputExists, ShapeMismatch
+from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.c3d_writer import write_c3d
+from solver_backend.io.markers.read import MARKERS, read_markers
 from solver_backend.io.markers.take import MarkerEvent
 from solver_backend.io.markers.trc import read_trc
 from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.io.markers.write import WRITERS, write_markers
 from solver_backend.types import MarkerCloud
 
 
@@ -25,6 +28,21 @@ def cloud(frames: int = 20, markers: int = 5, fps: float = 120.0, *, named: bool
     labels = tuple(f"Ann:M{i}" for i in range(markers)) if named else None
     residual = np.where(np.isnan(positions[..., 0]), np.nan, rng.integers(0, 50, (frames, markers)) * 1e-4)
     return MarkerCloud(positions, fps, labels, residual)
+
+
+@pytest.mark.parametrize("ending", MARKER_FORMATS)
+def test_every_format_that_a_user_may_choose_is_written_and_read_back(tmp_path: Path, ending: str) -> None:
+    out = cloud()
+    path = write_markers(tmp_path / f"take.{ending}", out)
+    if not any(reader.recognises(path) for reader in MARKERS):
+        pytest.skip("no reader reads this format")
+    back = read_markers(path).cloud
+    np.testing.assert_allclose(back.positions, out.positions, atol=1e-6)
+    assert back.labels == out.labels
+
+
+def test_formats_to_choose_are_formats_that_are_written() -> None:
+    assert list(WRITERS) == list(MARKER_FORMATS)
 
 
 @pytest.mark.parametrize("frames", [1, 20])

@@ -25,6 +25,7 @@ _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
 _LOOK_S = 1.0
 _CONNECT_S = 10.0
+"""Seconds within which a scheduler answers; chosen by hand."""
 
 
 @dataclass

@@ -16,6 +16,7 @@ _ROOT = Path(__file__).resolve().parents[4]
 _AGAIN_S = 2.0
 """Least time between two starts of one process."""
 _END_S = 2.0
+"""Seconds that a worker has to end; chosen by hand."""
 
 
 class LocalCluster:

@@ -20,6 +20,7 @@ SPREAD = 0.7
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7
 """Frequencies of the movement; gestures take half a second to open or close a hand."""
 _WAVES = 4
+"""Waves that each angle is the sum of; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -24,6 +24,7 @@ from solver_backend.types import SMPL_PARENTS
 
 _COLUMNS = ("MPJPE", "PA-MPJPE", "acceleration", "time")
 _WORST = 4
+"""Frames that the page shows, those of the largest errors; chosen by hand."""
 _KINDS = ("rgb", "infrared", "masks")
 _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 

@@ -19,7 +19,9 @@ SKIN, HAIR, MARKER, FURNITURE, ROOM = 1, 6, 7, 8, 9
 _HEM_RINGS = 2
 """Rings of skin that stay below a garment's border, and over which it tapers."""
 _LEAST_M = 0.0006
+"""Distance of one layer above the one below at least, metres: no two shine through; chosen by hand."""
 _WAVES = 10
+"""Waves that folds are the sum of; chosen by hand."""
 _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "bare": (),
     "suit": (("suit", 0.002),),
@@ -28,6 +30,7 @@ _OUTFITS: dict[str, tuple[tuple[str, float], ...]] = {
     "tee_trousers": (("shoes", 0.004), ("trousers", 0.007), ("tee", 0.012)),
     "tunic_leggings": (("shoes", 0.003), ("trousers", 0.003), ("tunic", 0.016)),
 }
+"""Layers of an outfit, from the skin outwards, with their thickness in metres; chosen by hand."""
 _LABEL_OF = {
     "suit": "suit", "shoes": "shoes", "trousers": "bottom", "shorts": "bottom", "shirt": "top", "tee": "top",
     "tunic": "top", "short": "hair", "long": "hair",

@@ -14,6 +14,7 @@ import numpy as np
 _MAGIC, _VERSION = 20000630, 2
 _FLOAT, _ZIP = 2, 3
 _LINES = 16
+"""Lines of one block of ZIP compression, as OpenEXR's format has it."""
 
 
 def exr_bytes(channels: Mapping[str, np.ndarray], *, level: int = 1) -> bytes:

@@ -31,6 +31,7 @@ make_c3d = false
 """
 """What Pose2Sim's step of that name asks for, at its own values; without this section it ends with an error."""
 _WRITTEN = {JointSet.COCO_WHOLEBODY_133: 133}
+"""Keypoints that a file holds, where they are fewer than the set's."""
 
 
 def write_trial(folder: Path, capture: Capture) -> Path:

@@ -40,6 +40,7 @@ _NUMBERED = ("asfamc", "amc", "mb2", "daz_more", "segments", "jump", FAR)
 """Folders whose files are named by subject and trial."""
 _BVH = "makehuman_data_bvhs_10_01.bvh"
 _MIN_FRAMES = 3
+"""Frames of a clip at least; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -19,7 +19,9 @@ from solver_backend.io.motions.recorded_clip import RecordedClip
 TPOSE = "T-Pose"
 """Name of the animation that holds the T-pose."""
 _FPS = 30.0
+"""Frames a second at which curves are read; chosen by hand."""
 _COMPONENTS = {"SCALAR": 1, "VEC3": 3, "VEC4": 4}
+"""Numbers of an element by its type (glTF 2.0, section 5.1.3)."""
 
 
 @dataclass(frozen=True)

@@ -18,7 +18,9 @@ from solver_backend.types import MarkerCloud
 FIT_FPS = 10.0
 """Rate of the fit: the movements last seconds."""
 FIT = MarkerFit(robust_scale=5.0, sample=80)
+"""How takes are fitted; chosen by hand."""
 _UNIT_M = 1e-4
+"""Metres in a unit of these files, a tenth of a millimetre."""
 _CACHE = "ui_prmd_poses.npz"
 
 

@@ -1,0 +1,57 @@
+"""Recordings as strangers bring them, each read and solved without options: right, warned of, refused, or silent.
+
+``python -m tests.benchmarks.bench_strangers [CASE ...]`` prints every case.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+from collections.abc import Callable
+from dataclasses import asdict
+from functools import cache
+from pathlib import Path
+
+from tests.benchmarks.spoiled_views.trial import Result, result_of_folder
+from tests.benchmarks.strangers.faults import FAULTS
+from tests.benchmarks.strangers.forms import FORMS
+from tests.benchmarks.strangers.take import FPS, Take, demo_take, write_take
+
+CASES: dict[str, Callable[[Path, Take], None]] = {"as it should be": write_take, **FORMS, **FAULTS}
+WITHIN = 1.5
+"""Times the error of the same take as it should be: several forms have fewer keypoints."""
+
+
+def result(case: str) -> Result:
+    """Return what becomes of a case."""
+    take = demo_take()
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "trial"
+        path.mkdir()
+        CASES[case](path, take)
+        return result_of_folder(path, take.joints, fps=None if (path / "Config.toml").is_file() else FPS)
+
+
+@cache
+def plain_mm() -> float:
+    """Return the error of the take as it should be."""
+    return result("as it should be").error_mm
+
+
+def main(argv: list[str]) -> int:
+    """Print what becomes of every case, one line of JSON each."""
+    parser = argparse.ArgumentParser(prog="bench_strangers", description=__doc__)
+    parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all if left out")
+    for case in parser.parse_args(argv).cases or CASES:
+        found = result(case)
+        right = found.error_mm <= WITHIN * plain_mm()
+        state = "refused" if found.refused else "right" if right else "silent" if found.silent else "warned"
+        sys.stdout.write(json.dumps({"case": case, "state": state, **asdict(found)}) + "\n")
+        sys.stdout.flush()
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main(sys.argv[1:]))

@@ -1,0 +1,352 @@
+"""What people get wrong when they record, one or two things at once, and what detectors do to it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.joint_sets import JointSet
+from tests.benchmarks.strangers.take import Take, demo_take, write_openpose, write_rate, write_take, write_toml
+
+_SIDES = list(JointSet.BODY_25.mirrored())
+_LEGS = [JointSet.BODY_25.keypoints.index(n) for n in JointSet.BODY_25.keypoints
+         if any(part in n for part in ("knee", "ankle", "toe", "heel"))]  # fmt: skip
+
+
+def _half(take: Take, c: int, factor: float = 0.5) -> Take:
+    return take.mapped(c, (take.points[c, ..., :2] + 0.5) * factor - 0.5)
+
+
+def _turned(take: Take, c: int) -> Take:
+    u, v = take.points[c, ..., 0], take.points[c, ..., 1]
+    return take.mapped(c, np.stack([take.cameras.image_size[c, 1] - 1 - v, u], -1))
+
+
+def _mirrored(take: Take, c: int) -> Take:
+    u, v = take.points[c, ..., 0], take.points[c, ..., 1]
+    moved = take.mapped(c, np.stack([take.cameras.image_size[c, 0] - 1 - u, v], -1))
+    points = moved.points.copy()
+    points[c] = points[c][:, _SIDES]
+    return replace(moved, points=points)
+
+
+def all_of(take: Take, change: Callable[[Take, int], Take]) -> Take:
+    """Return the take with every camera changed."""
+    for c in range(len(take.names)):
+        take = change(take, c)
+    return take
+
+
+def turned_and_half(folder: Path, take: Take) -> None:
+    """All pictures turned and half as large."""
+    write_take(folder, all_of(all_of(take, _turned), _half))
+
+
+def one_turned_one_half(folder: Path, take: Take) -> None:
+    """One camera turned, another of half the size."""
+    write_take(folder, _half(_turned(take, 0), 2))
+
+
+def one_two_thirds(folder: Path, take: Take) -> None:
+    """One camera recorded 720 rows where 1080 are calibrated."""
+    write_take(folder, _half(take, 1, 2 / 3))
+
+
+def odd_size(folder: Path, take: Take) -> None:
+    """Pictures scaled by 0.4375 (1080 to 472.5 rows): no common size."""
+    write_take(folder, all_of(take, lambda t, c: _half(t, c, 0.4375)))
+
+
+def cropped(folder: Path, take: Take) -> None:
+    """One camera's pictures cut by 200 px on the left and 40 px at the top."""
+    write_take(folder, take.mapped(3, take.points[3, ..., :2] - [200, 40]))
+
+
+def anamorphic(folder: Path, take: Take) -> None:
+    """All pictures squeezed to 3/4 of their width: 1440 by 1080."""
+    write_take(folder, all_of(take, lambda t, c: t.mapped(c, t.points[c, ..., :2] * [0.75, 1.0])))
+
+
+def one_anamorphic(folder: Path, take: Take) -> None:
+    """One camera's pictures squeezed to 3/4 of their width."""
+    write_take(folder, take.mapped(1, take.points[1, ..., :2] * [0.75, 1.0]))
+
+
+def square_letterboxed(folder: Path, take: Take) -> None:
+    """Pictures scaled into a square of 640 with black bars, as detectors take them."""
+    write_take(folder, all_of(take, lambda t, c: t.mapped(c, t.points[c, ..., :2] / 3 + [0, 140])))
+
+
+def one_mirrored(folder: Path, take: Take) -> None:
+    """One camera mirrors its pictures."""
+    write_take(folder, _mirrored(take, 2))
+
+
+def mirrored_and_half(folder: Path, take: Take) -> None:
+    """One camera mirrors its pictures; all are half as large as calibrated."""
+    write_take(folder, all_of(_mirrored(take, 2), _half))
+
+
+def one_upside_down(folder: Path, take: Take) -> None:
+    """One camera hangs upside down, its picture turned by 180 degrees."""
+    write_take(folder, take.mapped(0, take.cameras.image_size[0] - 1 - take.points[0, ..., :2]))
+
+
+def two_takes(folder: Path, take: Take) -> None:
+    """Two takes of each camera in one folder of files."""
+    for c, name in enumerate(take.names):
+        for number in (1, 2):
+            place = folder / "pose" / f"{name}_json"
+            place.mkdir(parents=True, exist_ok=True)
+            for f, person in enumerate(take.points[c]):
+                text = json.dumps({"people": [{"pose_keypoints_2d": person.ravel().tolist()}]})
+                (place / f"walk{number}_{name}_{f:06d}_keypoints.json").write_text(text)
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def two_takes_on(folder: Path, take: Take) -> None:
+    """Two takes that follow one another in each folder, numbered on: the person jumps."""
+    other = demo_take(240, 100)
+    write_take(folder, replace(take, points=np.concatenate([take.points, other.points], 1)))
+
+
+def animal(folder: Path, take: Take) -> None:
+    """A dog in DeepLabCut's SuperAnimal names."""
+    names = ["nose", "left_eye", "right_eye", "left_ear", "right_ear", "neck_base", "tail_base", "back_middle",
+             "front_left_thai", "front_left_knee", "front_left_paw", "front_right_thai", "front_right_knee",
+             "front_right_paw", "back_left_thai", "back_left_knee", "back_left_paw", "back_right_thai",
+             "back_right_knee", "back_right_paw"]  # fmt: skip
+    folder.mkdir(parents=True, exist_ok=True)
+    for c, name in enumerate(take.names):
+        rows = [["scorer", *["superanimal"] * 60], ["bodyparts", *(n for n in names for _ in range(3))]]
+        rows += [["coords", *["x", "y", "likelihood"] * 20]]
+        rows += [[str(f), *map(str, person[:20].ravel())] for f, person in enumerate(take.points[c])]
+        (folder / f"{name}DLC_superanimal.csv").write_text("\n".join(",".join(row) for row in rows))
+    write_toml(folder, take.cameras)
+
+
+def animal_unnamed(folder: Path, take: Take) -> None:
+    """A quadruped in MMPose's AP-10K: 17 points, as many as COCO's, without names."""
+    coco = take.coco()
+    spine = np.concatenate([coco[:, :, [1, 2, 0, 5, 11, 5, 7, 9, 6, 8, 10, 11, 13, 15, 12, 14, 16]]], -1)
+    for c, name in enumerate(take.names):
+        write_openpose(folder, name, [spine[c]])
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def half_body(folder: Path, take: Take) -> None:
+    """Cameras that see nothing below the hips."""
+    points = take.points.copy()
+    points[:, :, _LEGS] = 0.0
+    write_take(folder, replace(take, points=points))
+
+
+def half_body_turned(folder: Path, take: Take) -> None:
+    """The same, with two cameras turned."""
+    points = take.points.copy()
+    points[:, :, _LEGS] = 0.0
+    write_take(folder, _turned(_turned(replace(take, points=points), 1), 3))
+
+
+def missing_files(folder: Path, take: Take) -> None:
+    """Files missing in the middle, others for each camera."""
+    write_take(folder, take)
+    rng = np.random.default_rng(3)
+    for place in sorted((folder / "pose").iterdir()):
+        for path in sorted(place.iterdir())[10:-10]:
+            if rng.uniform() < 0.2:
+                path.unlink()
+
+
+def empty_people(folder: Path, take: Take) -> None:
+    """Nobody, {} and all-zero people in a fifth of the files."""
+    write_take(folder, take)
+    rng = np.random.default_rng(4)
+    for path in sorted((folder / "pose").rglob("*.json")):
+        if rng.uniform() < 0.2:
+            nobody = [[], [{}], [{"pose_keypoints_2d": [0.0] * 75}], [{"pose_keypoints_2d": []}]]
+            path.write_text(json.dumps({"people": nobody[int(rng.integers(4))]}))
+
+
+def empty_files(folder: Path, take: Take) -> None:
+    """A few files of no bytes at all, as a full disk leaves them."""
+    write_take(folder, take)
+    for path in sorted((folder / "pose" / "cam02_json").iterdir())[30:34]:
+        path.write_text("")
+
+
+def from_one(folder: Path, take: Take) -> None:
+    """Frames numbered from 1 in two cameras, from 1000 in the others, all in step."""
+    _numbered(folder, take, (1, 1, 1000, 1000))
+
+
+def from_thousand(folder: Path, take: Take) -> None:
+    """Frames of all cameras numbered from 1000."""
+    _numbered(folder, take, (1000, 1000, 1000, 1000))
+
+
+def one_from_one(folder: Path, take: Take) -> None:
+    """One camera's frames numbered from 1, the others' from 0, all in step."""
+    _numbered(folder, take, (0, 1, 0, 0))
+
+
+def _numbered(folder: Path, take: Take, firsts: tuple[int, ...]) -> None:
+    for c, name in enumerate(take.names):
+        write_openpose(folder, name, [take.points[c]], firsts[c])
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def every_second_number(folder: Path, take: Take) -> None:
+    """One camera at half the frame rate: 60 files where the others have 120."""
+    for c, name in enumerate(take.names):
+        write_openpose(folder, name, [take.points[c][:: 2 if c == 1 else 1]])
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def _beside(take: Take, shift_m: tuple[float, float]) -> Take:
+    """Return somebody who does the same elsewhere, later: other pixels of the same cameras, drawn anew."""
+    from solver_backend.cameras.projection import project
+
+    later = demo_take(200, take.points.shape[1])
+    from solver_backend.synthesis.embedded.demo import demo_capture
+
+    world = np.asarray(demo_capture(360, 60.0).truth["keypoints3d"])[200 : 200 + take.points.shape[1]]
+    moved = world + [*shift_m, 0.0]
+    cameras = take.cameras
+    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, moved, cameras.distortion_model)
+    inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None])).all(-1)
+    noisy = xy + np.random.default_rng(6).normal(0, 3, xy.shape)
+    return replace(
+        later, points=np.where(inside[..., None], np.concatenate([noisy, np.full((*xy.shape[:-1], 1), 0.8)], -1), 0.0)
+    )
+
+
+def ids_swap(folder: Path, take: Take) -> None:
+    """Two people whose places in the lists are exchanged at random."""
+    other = _beside(take, (0.9, 0.5))
+    rng = np.random.default_rng(5)
+    swap = rng.uniform(size=take.points.shape[:2]) < 0.5
+    a = np.where(swap[..., None, None], other.points, take.points)
+    b = np.where(swap[..., None, None], take.points, other.points)
+    write_take(folder, replace(take, points=a), replace(take, points=b))
+
+
+def mirror_behind(folder: Path, take: Take) -> None:
+    """A mirror behind the person: two cameras see the image in it too, with exchanged sides."""
+    from solver_backend.cameras.projection import project
+    from solver_backend.synthesis.embedded.demo import demo_capture
+
+    world = np.asarray(demo_capture(360, 60.0).truth["keypoints3d"])[60 : 60 + take.points.shape[1]].copy()
+    world[..., 1] = 2 * (world[..., 1].max() + 0.8) - world[..., 1]
+    cameras = take.cameras
+    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, world[:, _SIDES], cameras.distortion_model)
+    image = np.concatenate([xy, np.full((*xy.shape[:-1], 1), 0.7)], -1)
+    image[[2, 3]] = 0.0
+    image[(image[..., :2] < 0).any(-1) | (image[..., :2] >= cameras.image_size[:, None, None]).any(-1)] = 0.0
+    write_take(folder, take, replace(take, points=image))
+
+
+def ghosts(folder: Path, take: Take) -> None:
+    """Two people of random points in every picture."""
+    rng = np.random.default_rng(7)
+    ghost = [
+        np.concatenate(
+            [rng.uniform(0, 1000, (*take.points.shape[:-1], 2)), rng.uniform(0.1, 0.6, (*take.points.shape[:-1], 1))],
+            -1,
+        )
+        for _ in range(2)
+    ]
+    write_take(folder, take, *(replace(take, points=g) for g in ghost))
+
+
+def truncated_focal(folder: Path, take: Take) -> None:
+    """Calibration of other pictures: K of half the size, image size of the full one."""
+    K = take.cameras.K.copy()
+    K[:, :2] *= 0.5
+    write_take(folder, take, calibration=replace(take.cameras, K=K))
+
+
+def cm_and_turned(folder: Path, take: Take) -> None:
+    """Calibrated in cm, all pictures turned."""
+    write_take(folder, all_of(take, _turned), calibration=replace(take.cameras, t=take.cameras.t * 100))
+
+
+def apart_and_half(folder: Path, take: Take) -> None:
+    """Started up to 70 frames apart, pictures half as large."""
+    long = all_of(demo_take(0, 360), _half)
+    for c, start in enumerate((0, 70, 33, 12)):
+        write_openpose(folder, take.names[c], [long.points[c, start : start + 280]])
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def y_up(folder: Path, take: Take) -> None:
+    """A calibration whose y points up."""
+    to_z = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
+    write_take(folder, take, calibration=replace(take.cameras, R=take.cameras.R @ to_z))
+
+
+def y_down_half(folder: Path, take: Take) -> None:
+    """A calibration whose y points down (OpenCV's), pictures half as large."""
+    to_z = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
+    write_take(folder, all_of(take, _half), calibration=replace(take.cameras, R=take.cameras.R @ to_z))
+
+
+def rate_doubled(folder: Path, take: Take) -> None:
+    """Config says 120 frames a second of 60."""
+    write_take(folder, take)
+    write_rate(folder, 120.0)
+
+
+def wrong_joint_set(folder: Path, take: Take) -> None:
+    """Config names COCO's 18 points where 25 are written."""
+    write_take(folder, take)
+    (folder / "Config.toml").write_text('[project]\nframe_rate = 60\n[pose]\npose_model = "COCO_17"\n')
+
+
+def shuffled_points(folder: Path, take: Take) -> None:
+    """17 points in an order of the user's own."""
+    order = np.random.default_rng(8).permutation(17)
+    for c, name in enumerate(take.names):
+        write_openpose(folder, name, [take.coco()[c][:, order]])
+    write_toml(folder, take.cameras)
+    write_rate(folder)
+
+
+def two_cameras_one_name(folder: Path, take: Take) -> None:
+    """Two views are copies of one camera's detections."""
+    points = take.points.copy()
+    points[3] = points[2]
+    write_take(folder, replace(take, points=points))
+
+
+def four_of_eight_two_moved(folder: Path, take: Take) -> None:
+    """Two of four cameras were moved after the calibration."""
+    from solver_backend.geometry.rotations import exp_so3
+
+    R, t = take.cameras.R.copy(), take.cameras.t.copy()
+    for c, turn in ((1, [0.0, 0.15, 0.02]), (2, [0.1, -0.1, 0.0])):
+        R[c], t[c] = exp_so3(np.array(turn)) @ R[c], exp_so3(np.array(turn)) @ t[c] + [0.2, 0, 0]
+    write_take(folder, take, calibration=replace(take.cameras, R=R, t=t))
+
+
+FAULTS: dict[str, Callable[[Path, Take], None]] = {
+    f.__name__.replace("_", " "): f
+    for f in (
+        turned_and_half, one_turned_one_half, one_two_thirds, odd_size, cropped, anamorphic, one_anamorphic,
+        square_letterboxed, one_mirrored, mirrored_and_half, one_upside_down, two_takes, two_takes_on, animal,
+        animal_unnamed, half_body, half_body_turned, missing_files, empty_people, empty_files, from_one, from_thousand,
+        one_from_one, every_second_number, ids_swap, mirror_behind, ghosts, truncated_focal, cm_and_turned,
+        apart_and_half, y_up, y_down_half, rate_doubled, wrong_joint_set, shuffled_points, two_cameras_one_name,
+        four_of_eight_two_moved,
+    )
+}  # fmt: skip
+"""By what they are called."""
