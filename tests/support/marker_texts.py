@@ -47,7 +47,9 @@ MARKER_NAMES\tC7\tLTOE
 1\t0.005\t1\t2\t3\t4\t5\t6
 2\t0.010\t1\t2\t3\tnull\tnull\tnull
 """,
-    "points.csv": """frame,time,C7_x,C7_y,C7_z,C7_error,LTOE_x,LTOE_y,LTOE_z,LANK_x,LANK_y,LANK_z,RANK_x,RANK_y,RANK_z,LKNE_x,LKNE_y,LKNE_z
+    "points.csv": "frame,time,C7_x,C7_y,C7_z,C7_error,"
+    + ",".join(f"{name}_{axis}" for name in ("LTOE", "LANK", "RANK", "LKNE") for axis in "xyz")
+    + """
 0,0.00,1.5,2,3,0.5,4,5,6,7,8,9,1,2,3,4,5,7
 1,0.01,1.5,2,3,0.5,,,,7,8,9,1,2,4,4,5,8
 2,0.02,1.5,2,3,0.5,,,,7,8,9,1,2,5,4,5,9
