@@ -18,6 +18,7 @@ DATA = (
     ("UI-PRMD (Vakanski et al. 2018)", "ODC PDDL 1.0", "weights"),
     ("Quaternius and Mesh2Motion animations", "CC0-1.0", "weights"),
     ("MakeHuman motions", "CC0-1.0", "weights"),
+    ("Pose2Sim's demo recording (perfanalytics, 2022)", "BSD-3-Clause", "picture of the README"),
     ("ANSUR II (US Army, 2012)", "public survey; summary statistics only", "body"),
 )
 """What the files that ship were made from: what, under which terms, and which of them; see the model cards."""

@@ -10,6 +10,7 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
+from supply.method_diagrams import DIAGRAMS
 from supply.published_page import published_page
 from supply.python_api_page import python_api_page
 from supply.results_page import CHARTS, draw_chart, results_page
@@ -24,6 +25,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "reference/settings.md": settings_page,
     "results.md": results_page,
     **{f"images/results_{chart.name}.svg": partial(draw_chart, chart) for chart in CHARTS},
+    **{f"images/method_{name}.svg": draw for name, draw in DIAGRAMS.items()},
 }
 """What makes each page, by its path below docs."""
 

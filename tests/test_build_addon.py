@@ -16,6 +16,7 @@ import pytest
 
 import build_addon
 import solver_backend
+from solver_backend.evaluation.evaluate import CODED_FRAMES
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -27,7 +28,7 @@ code = "import solver_backend, array_api_compat; print(solver_backend.__file__);
 environment = environment_for_child()
 run = lambda *command: subprocess.run(command, env=environment, capture_output=True, text=True, encoding="utf-8")
 found = run(sys.executable, "-c", code)
-solved = run(*backend_command(), "solve", sys.argv[1], "--out", sys.argv[2], "--json")
+solved = run(*backend_command(), "solve", sys.argv[1], "--out", sys.argv[2], *sys.argv[3:], "--json")
 print(json.dumps([found.stdout.split("\\n"), solved.returncode, solved.stdout.splitlines()[-1:], solved.stderr]))
 """
 
@@ -139,8 +140,9 @@ def test_the_unpacked_zip_solves_with_numpy_alone(extension_zip: Path, bare_pyth
     installed = tmp_path / "extensions ü"
     zipfile.ZipFile(extension_zip).extractall(installed / "manifold_mocap")
     capture, motion = tmp_path / "kurze Aufnahme.npz", tmp_path / "motion ü.npz"
-    write_capture(capture, demo_capture(24))
-    command = [str(bare_python), "-c", _SOLVE, str(capture), str(motion)]
+    write_capture(capture, demo_capture(CODED_FRAMES))  # so many that the report compares with the truth in full
+    report = tmp_path / "report.html"
+    command = [str(bare_python), "-c", _SOLVE, str(capture), str(motion), "--report", str(report), "--iterations", "2"]
     done = subprocess.run(
         command, cwd=installed, capture_output=True, text=True, encoding="utf-8", env={"PYTHONUTF8": "1"}
     )
@@ -150,4 +152,4 @@ def test_the_unpacked_zip_solves_with_numpy_alone(extension_zip: Path, bare_pyth
     assert Path(solver).is_relative_to(installed / "manifold_mocap" / "backend")
     assert ".whl" in compat and Path(compat).is_relative_to(installed)
     assert json.loads(last[0])["event"] == "result"
-    assert read_motion(motion).num_frames == 24
+    assert read_motion(motion).num_frames == CODED_FRAMES and report.is_file()

@@ -71,7 +71,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid(f"There is no take {args.take}.", where=str(args.folder), hint=f"There are: {names}.")
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
-    lines = described(found, plans, args.detector, args.clocks, args.until)
+    lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until)
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:
         return Outcome("\n".join(lines), data)
@@ -192,7 +192,9 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _choice(args: argparse.Namespace) -> Any:
     from solver_backend.videos.detect.choice import chosen_detector
 
-    return chosen_detector(args.detector, python=args.python, people=args.people, hands=args.hands)
+    return chosen_detector(
+        args.detector, python=args.python, people=args.people, hands=args.hands, worker=args.detector_worker
+    )
 
 
 def _pictures_fps(args: argparse.Namespace) -> float:

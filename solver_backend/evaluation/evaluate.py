@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass
 import numpy as np
 
 from solver_backend.evaluation.butterworth import triangulate_and_filter
-from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import (
@@ -137,18 +137,29 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
 
 
 def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:
-    """Return the errors of rotations, and how real the poses are by the codes of VPoser."""
+    """Return the errors of rotations, and how real the poses are."""
     truth, turns = np.asarray(capture.truth.get("body_pose", np.zeros((0, 0)))), 3 * NUM_BODY_JOINTS
     if truth.ndim != 2 or len(truth) != motion.num_frames or min(truth.shape[1], motion.body_pose.shape[1]) < turns:
         return {}
     found, true = (exp_so3(pose[:, :turns].reshape(-1, NUM_BODY_JOINTS, 3)) for pose in (motion.body_pose, truth))
     figures = {"angles_mae_deg": angle_mae_deg(found, true)}
-    if motion.num_frames >= CODED_FRAMES:
+    return figures | _of_codes(found, true)
+
+
+def _of_codes(found: np.ndarray, true: np.ndarray) -> dict[str, float]:
+    """Return FID and DIV; nothing for a few frames, or where VPoser is not installed: the extension leaves it out."""
+    if len(found) < CODED_FRAMES:
+        return {}
+    try:
         prior = load_vae("vposer")
-        codes, known = np.asarray(prior.encode(found)), np.asarray(prior.encode(true))
-        figures["codes_fid"] = frechet_distance(codes, known)
-        figures |= {"codes_div": diversity(codes, 0), "codes_div_true": diversity(known, 0)}
-    return figures
+    except FileMissing:
+        return {}
+    codes, known = np.asarray(prior.encode(found)), np.asarray(prior.encode(true))
+    return {
+        "codes_fid": frechet_distance(codes, known),
+        "codes_div": diversity(codes, 0),
+        "codes_div_true": diversity(known, 0),
+    }
 
 
 def _of_keypoints(capture: Capture, motion: Motion) -> dict[str, float]:

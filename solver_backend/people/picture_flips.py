@@ -30,6 +30,7 @@ _FRAMES, _CAMERAS = 16, 8
 _FOUND = "the pictures are mirrored", "v counts from the bottom of the pictures", "x and y are exchanged"
 """What is wrong, by the axis of a flip."""
 _EXCHANGED = 2
+"""Place of exchanged axes in ``_FOUND``, after those of x and y."""
 
 
 @dataclass(frozen=True)

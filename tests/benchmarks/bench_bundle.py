@@ -23,7 +23,7 @@ from tests.benchmarks.comparison.passage_video import render_apart
 from tests.benchmarks.comparison.plots import error_against_time, knee_flexion
 from tests.benchmarks.comparison.requirements import requirements
 from tests.benchmarks.comparison.runs import ROOT, outcomes
-from tests.benchmarks.comparison.sections import SECTIONS, Found, Scope, Section, medians, quick
+from tests.benchmarks.comparison.sections import SECTIONS, VIEWS, Found, Scope, Section, medians, quick
 from tests.benchmarks.metric import Metric
 
 OUT = ROOT / "build" / "bench_bundle"
@@ -72,6 +72,17 @@ def run() -> list[Metric]:
         Metric("mpjpe_ratio", ours["mpjpe_mm"] / published["mpjpe_mm"], ""),
         Metric("accel_ratio", ours["accel_m_s2"] / published["accel_m_s2"], "", rel_tol=0.1),
         Metric("seconds_ratio", ours["seconds"] / published["seconds"], "", rel_tol=1.0),
+        *by_views(sections["views"].medians(found)),
+    ]
+
+
+def by_views(rows: dict[str, dict[str, float]]) -> list[Metric]:
+    """Return the errors of three methods by number of cameras."""
+    methods = {"ours": "ours, global", "published": PUBLISHED, "muvs": "MuVS"}
+    return [
+        Metric(f"views_{count}_{key}_mpjpe_mm", rows[f"{name}, {count} views"]["mpjpe_mm"], "mm")
+        for key, name in methods.items()
+        for count in VIEWS
     ]
 
 

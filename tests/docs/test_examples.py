@@ -12,7 +12,12 @@ import pytest
 
 import solver_backend
 from solver_backend import demo_capture, read_motion, write_capture
+from solver_backend.types import JointSet
+from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.detect.errors import DetectorMissing
 from tests.support.short_solves import cut
+from tests.support.videos import write_dots
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -68,6 +73,25 @@ def test_a_motion_is_baked_without_a_window(capture: Path, solved: tuple[Path, s
     said = run("bake_headless.py", solved[0], capture, capture.with_name("baked"))
     assert '"result"' in said
     assert list(capture.with_name("baked").glob("*.blend"))
+
+
+def test_a_detector_of_ones_own_finds_what_is_in_the_video(tmp_path: Path) -> None:
+    pytest.importorskip("av")
+    times = np.arange(5) / 30.0
+    dots = np.array([[30.0, 25.0], [120.0, 40.0], [80.0, 95.0]]) + np.arange(5)[:, None, None]
+    video, worker = write_dots(tmp_path / "cam1.mp4", dots, times), EXAMPLES / "own_detector.py"
+    [found] = detect_videos([video], chosen_detector(worker=worker), tmp_path / "kept")
+    assert found.detector == "brightest 1.0" and found.joint_set is JointSet.COCO_17
+    near = np.linalg.norm(found.xy[:, 0, :, None] - dots[:, None], axis=-1).min(axis=-1)
+    assert near.max() < 8.0, "every keypoint is within a dot"
+    own = tmp_path / "own.py"
+    own.write_text(worker.read_text(encoding="utf-8").replace("brightest 1.0", "brightest 2.0"), encoding="utf-8")
+    [again] = detect_videos([video], chosen_detector(worker=own), tmp_path / "kept")
+    assert again.detector == "brightest 2.0", "a changed worker is asked again"
+    with pytest.raises(DetectorMissing, match="finds no hands"):
+        detect_videos([video], chosen_detector(worker=own, hands=True), tmp_path / "kept")
+    with pytest.raises(DetectorMissing, match=r"There is no such worker\."):
+        chosen_detector(worker=tmp_path / "none.py")
 
 
 def test_every_example_is_run_here() -> None:

@@ -21,6 +21,19 @@ NOT_THE_FIELDS_WORDS = (
 """Words that the style of the project replaces, and those that begin history."""
 
 
+MOST_FIGURES = 3
+FIGURE = re.compile(r"(?<![\w.,/:-])\d+(?:[.,]\d+)*")
+"""A number in prose; those of codes, links and names are none."""
+
+
+def paragraphs(text: str) -> list[str]:
+    """Return paragraphs and items of lists without code, targets of links, headings and tables."""
+    text = re.sub(r"```.*?```|<!--.*?-->", "\n", text, flags=re.DOTALL)
+    text = re.sub(r"`[^`]*`|\]\([^)]*\)", "", text)
+    text = re.sub(r"^\s*(?:[-*]|\d+\.) ", "\n", text, flags=re.MULTILINE)
+    return [part.strip() for part in re.split(r"\n\s*\n", text) if part.strip() and part.strip()[0] not in "#|"]
+
+
 def anchors(page: Path) -> set[str]:
     heads = re.findall(r"^#+ (.+)$", page.read_text(encoding="utf-8"), flags=re.MULTILINE)
     return {re.sub(r"[^\w\- ]", "", head.lower()).replace(" ", "-") for head in heads}
@@ -41,6 +54,21 @@ def test_a_page_is_read_in_one_sitting_and_its_tables_fit(page: Path) -> None:
     assert len(lines) <= 250
     wide = [line for line in lines if line.startswith("|") and line.replace("\\|", "").count("|") > 8]
     assert not wide
+
+
+@pytest.mark.parametrize("page", sorted({README, *PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
+def test_a_paragraph_has_three_figures_at_most(page: Path) -> None:
+    crowded = [
+        text for text in paragraphs(page.read_text(encoding="utf-8")) if len(FIGURE.findall(text)) > MOST_FIGURES
+    ]
+    assert not crowded, "a table holds more"
+
+
+def test_figures_of_a_paragraph_are_counted() -> None:
+    prose = "At 60 Hz it takes 7.5 s and 1,200 MB (`--fps 30`, [2 of 3](4.md))."
+    [text] = paragraphs(f"# 9\n\n{prose}\n\n| 1 | 2 |\n```sh\nrun 1 2 3 4\n```\n")
+    assert FIGURE.findall(text) == ["60", "7.5", "1,200", "2", "3"]
+    assert len(paragraphs("1. one\n2. two\n\n- 3\n- 4")) == 4
 
 
 @pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)

@@ -10,6 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.evaluation.evaluate import CODED_FRAMES, evaluate
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.priors import gaussian_vae
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, MarkerCloud, Motion
 
@@ -83,6 +84,12 @@ def test_few_frames_have_no_figures_of_codes():
                     load_body().id, truth["joints"])  # fmt: skip
     found = evaluate(short, motion)
     assert found.codes_fid is None and found.codes_div is None and found.joints_mpjpe_mm == 0.0
+
+
+def test_without_vposers_weights_the_other_figures_are_there(capture, motion, tmp_path, monkeypatch):
+    monkeypatch.setattr(gaussian_vae, "ASSETS", tmp_path)  # as in the extension, which leaves them out
+    found = evaluate(capture, motion)
+    assert found.codes_fid is None and "VPoser" not in "\n".join(found.lines()) and found.angles_mae_deg == 0.0
 
 
 def test_a_capture_that_knows_no_truth_is_refused(capture, motion):

@@ -22,7 +22,9 @@ from tests.gui.renew import IMAGES, renew
 
 HERE = Path(__file__).parent
 _INSIDE = Path("/work_io")
-_HARMLESS = ("EGL_BAD_MATCH", "libEGL", "MESA", "ALSA", "XDG_RUNTIME_DIR", "unable to open")
+_OWN_MEMORY = "Not freed memory blocks: 4294967295"
+"""Blender 5.2.2 counted to -1 at the end of one run of three; Python cannot free its blocks."""
+_HARMLESS = ("EGL_BAD_MATCH", "libEGL", "MESA", "ALSA", "XDG_RUNTIME_DIR", "unable to open", _OWN_MEMORY)
 
 
 def missing() -> str:

@@ -14,7 +14,9 @@ from tests.gui.scene import PACKAGE, extension, mocap
 _SHOWN_FRAME = 200
 _SETTLED_S = 3.0
 """A screen without a graphics card needs a while."""
-_NEAR_M, _RIG_M = 3.4, 4.5
+_SHOWN_STAGE = "Global bundle"
+"""The longest of a solve, and the last before the report."""
+_NEAR_M = 3.4
 
 
 def steps(user: Any) -> Any:
@@ -40,10 +42,10 @@ def cameras(user: Any) -> Any:
     yield from user.press("mocap.leave_camera()")
     yield from user.open_stage("SOLVE")
     yield from user.press("mocap.solve()")
-    run = extension("ui.operators.solver_operator").current
-    yield from user.until(lambda: run.run is None or run.run.share > 0.1, "it is on its way", 120)
+    solver = extension("ui.operators.solver_operator").current
+    yield from user.until(lambda: solver.run.stage == _SHOWN_STAGE and solver.run.share > 0, "it is on its way", 300)
     yield from user.shot("solve")
-    yield from user.until(lambda: mocap().review.armature, "the capture is solved", 900)
+    yield from solved(user, "the capture is solved")
     bpy.context.scene.frame_set(_SHOWN_FRAME)
     user.look_at(mocap().review.armature.pose.bones["pelvis"].head, _NEAR_M)
     yield _SETTLED_S
@@ -52,6 +54,13 @@ def cameras(user: Any) -> Any:
     yield _SETTLED_S
     yield from user.shot("review")
     yield from user.press("mocap.show_confidence()")
+
+
+def solved(user: Any, what: str) -> Any:
+    """Wait for the solve's end: a picture shows a body, and no error above it."""
+    yield from user.solved(what)
+    run = extension("ui.operators.solver_operator").current.run
+    assert mocap().review.armature and (run is None or run.error is None), run and run.error
 
 
 def delivered(user: Any) -> Any:
@@ -73,7 +82,7 @@ def markers(user: Any) -> Any:
     yield from user.press("mocap.demo_capture(kind='MARKERS')", 0.25)
     yield from user.until(lambda: mocap().capture.file, "the markers are there", 300)
     yield from user.press("mocap.solve()")
-    yield from user.until(lambda: mocap().review.armature, "the markers are solved", 900)
+    yield from solved(user, "the markers are solved")
     bpy.context.scene.frame_set(_SHOWN_FRAME // 2)
     user.look_at(mocap().review.armature.pose.bones["pelvis"].head, _NEAR_M)
     yield _SETTLED_S

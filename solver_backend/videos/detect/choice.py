@@ -15,6 +15,8 @@ from solver_backend.videos.detect.errors import DetectorMissing
 MEDIAPIPE = "mediapipe"
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
 """Environment variable that names the Python that has MediaPipe."""
+WORKER = ".py"
+"""How the file of a detector of the user's own ends."""
 ENVIRONMENT = ".venv-mediapipe"
 """Folder that ``dev.py detectors`` makes beside the project's own environment."""
 HINT = (
@@ -27,11 +29,16 @@ class DetectorChoice:
     """A detector that can be started."""
 
     module: str
-    """Module of ``pose_workers``."""
+    """Module of ``pose_workers``, or the path of a worker of the user's own, which ends in ``.py``."""
     python: Path
     """The Python it runs in."""
     options: dict[str, Any]
-    """What it is told."""
+    """What it gets as JSON when it starts."""
+
+    @property
+    def program(self) -> list[str]:
+        """What the Python is started with, before the options."""
+        return [self.module] if self.module.endswith(WORKER) else ["-m", f"pose_workers.{self.module}"]
 
 
 def chosen_detector(
@@ -40,6 +47,7 @@ def chosen_detector(
     python: Path | None = None,
     people: int = 1,
     hands: bool = False,
+    worker: Path | None = None,
     environment: Mapping[str, str] = os.environ,
 ) -> DetectorChoice:
     """Return the detector of a name.
@@ -49,17 +57,23 @@ def chosen_detector(
         python: Python to run it in; else the environment for MediaPipe, or our own for ONNX.
         people: people looked for in a picture.
         hands: also find hands, where the detector can.
+        worker: a program of the user's own that is asked instead (see ``pose_workers.serve``).
         environment: the process's environment variables.
 
     Raises:
         CommandLineInvalid: the name is neither.
-        DetectorMissing: there is no such model, no such Python, or no environment for MediaPipe.
+        DetectorMissing: there is no such model, worker or Python, or no environment for MediaPipe.
     """
     if python is not None and not python.is_file():
         raise DetectorMissing("There is no such Python.", where=str(python), hint="Check the path of --python.")
     if people < 1:
         raise CommandLineInvalid(f"{people} people cannot be looked for.", hint="--people 1, or more.")
     options: dict[str, Any] = {"people": people}
+    if worker is not None:
+        if worker.suffix != WORKER or not worker.is_file():
+            raise DetectorMissing("There is no such worker.", where=str(worker), hint="Name a file that ends in .py.")
+        own = {**options, "hands": hands}
+        return DetectorChoice(os.path.abspath(worker), python or Path(sys.executable), own)
     if name.lower() == MEDIAPIPE:
         return DetectorChoice("mediapipe_pose", python or _mediapipe_python(environment), {**options, "hands": hands})
     model = Path(name)

@@ -17,7 +17,7 @@ from solver_backend.exchange.errors import Cancelled, MocapError
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.choice import DetectorChoice
+from solver_backend.videos.detect.choice import WORKER, DetectorChoice
 from solver_backend.videos.detect.errors import DetectorOutputsUnknown
 from solver_backend.videos.detect.process import DetectorProcess
 from solver_backend.videos.detect.tracking import tracked
@@ -91,11 +91,12 @@ def _watch(futures: list[Future[VideoDetections]], run: _Run, progress: Progress
 
 
 def _kept_at(folder: Path, video: Path, digest: str, choice: DetectorChoice) -> Path:
-    """Return where a video's detections are kept; a model counts by its bytes."""
+    """Return where a video's detections are kept; a model and a worker of the user's own count by their bytes."""
     options = dict(choice.options)
     if "model" in options:
         options["model"] = file_hash(options["model"])
-    key = hashlib.blake2b(json.dumps([choice.module, options, digest], sort_keys=True).encode(), digest_size=6)
+    module = file_hash(choice.module) if choice.module.endswith(WORKER) else choice.module
+    key = hashlib.blake2b(json.dumps([module, options, digest], sort_keys=True).encode(), digest_size=6)
     return folder / f"{video.stem}_{key.hexdigest()}.npz"
 
 

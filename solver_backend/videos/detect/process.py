@@ -37,7 +37,7 @@ class DetectorProcess:
         self._log: IO[bytes] = tempfile.TemporaryFile()  # noqa: SIM115 - it lives as long as the process
         environment = {k: v for k, v in os.environ.items() if k not in ("PYTHONHOME", "PYTHONSTARTUP")}
         environment |= {"PYTHONPATH": str(CHILD), "PYTHONDONTWRITEBYTECODE": "1"}
-        command = [str(choice.python), "-m", f"pose_workers.{choice.module}", json.dumps(choice.options)]
+        command = [str(choice.python), *choice.program, json.dumps(choice.options)]
         try:
             self._process = subprocess.Popen(
                 command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=self._log, env=environment

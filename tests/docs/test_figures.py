@@ -1,0 +1,63 @@
+"""Figures that stand in hand-written pages are those of the committed baseline, rounded as they are written."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BASELINE = json.loads((ROOT / "tests" / "benchmarks" / "baseline.json").read_text(encoding="utf-8"))
+VIEWS, KEYS, TAKES = (2, 3, 4, 8), (2, 3, 4), ("exercises", "dance")
+WRITTEN = {
+    "README.md": {
+        r"joints, unseen people.*\| ([\d.]+) mm \|": [("bundle", "mpjpe_mm")],
+        r"points, exact detections \| ([\d.]+) mm": [("floor", "exact_points_mm")],
+        r"rigid filling \| ([\d.]+) to ([\d.]+) times": [
+            ("markers", "cmu_41_mean_share"), ("markers", "plug-in_gait_39_mean_share")],
+        r"confidence ellipsoids \| ([\d.]+) %": [("markers", "held95")],
+        r"bake of 10,000 frames in Blender \| ([\d.]+) s": [("bake", "bake_cpu_s_10000_frames")],
+        r"is ([\d.]+) mm with three": [("bundle", "views_3_ours_mpjpe_mm")],
+    },
+    "docs/explanation/accuracy.md": {
+        r"\| error " + r"\| ([\d.]+) mm " * 4: [("bundle", f"views_{n}_ours_mpjpe_mm") for n in VIEWS],
+    },
+    "docs/tutorials/first-animation.md": {
+        rf"\*\*{preset.title()}\*\*.*?" + r"\| ([\d.]+) mm, ([\d.]+) m/s², ([\d.]+) s " * 2:
+        [("presets", f"{take}_{preset}_{key}") for take in TAKES for key in ("mpjpe_mm", "accel_m_s2", "cpu_s")]
+        for preset in ("fast", "balanced", "best")
+    },
+    "docs/how-to/edit-a-take.md": {
+        rf"\| {n} \| (\d+) mm \| (\d+) mm": [("few_keys", f"{take}_{n}_keys_largest_mm") for take in TAKES]
+        for n in KEYS
+    },
+    "docs/how-to/calibrate-cameras.md": {
+        rf"\| {name}.*? \| (\d+) mm \| ([\d.]+)°": [
+            ("calibration", f"person{n}_centres_mm"), ("calibration", f"person{n}_directions_deg")]
+        for n, name in enumerate(("exercises", "dance", "walk"))
+    },
+    "docs/how-to/choose-a-detector.md": {
+        r"([\d.]+) mm instead of ([\d.]+) mm for such": [
+            ("detector_noise", "rough_by_its_map"), ("detector_noise", "rough_as_it_is")],
+    },
+    "docs/how-to/synchronise-cameras.md": {
+        r"best \| median ([\d.]+) frames": [("sync", "median_error")],
+        r"joints \| median ([\d.]+) frames": [("sync", "uncalibrated_median")],
+    },
+}  # fmt: skip
+"""Page: pattern, and the benchmark and figure of each group."""
+
+
+@pytest.mark.parametrize(
+    ("page", "pattern", "figures"),
+    [(page, pattern, figures) for page, rows in WRITTEN.items() for pattern, figures in rows.items()],
+)
+def test_a_written_figure_is_the_baselines(page: str, pattern: str, figures: list[tuple[str, str]]) -> None:
+    found = re.search(pattern, (ROOT / page).read_text(encoding="utf-8"))
+    assert found, f"{page} has no such figure"
+    for text, (bench, key) in zip(found.groups(), figures, strict=True):
+        value = BASELINE[bench]["figures"][key]["value"]
+        places = len(text.partition(".")[2])
+        assert abs(float(text) - value) <= 0.5001 * 10**-places, (key, text, value)
