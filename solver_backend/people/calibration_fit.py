@@ -33,6 +33,7 @@ RIVAL = 0.1
 _SEARCH_FRAMES = 8
 """Frames that readings are found on; all well seen ones decide."""
 _SWEEPS = 4
+"""Rounds over all cameras at most; two or three suffice."""
 
 
 @dataclass(frozen=True)

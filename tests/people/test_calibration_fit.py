@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people import calibration_fit
+from solver_backend.people import reading_scores
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -167,7 +167,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
 
 
 def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    count, calls, scored = 40, [], calibration_fit.pair_agreement
+    count, calls, scored = 40, [], reading_scores.pair_agreement
     kind = np.arange(count) % len(CAMERAS)
     turned_about = np.stack([exp_so3(np.array([0.0, 0.0, 0.1 * i])) for i in range(count)])
     cameras = Cameras(
@@ -179,7 +179,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
         cameras.names, half(xy, tuple(range(count)))[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])),
         KEYPOINTS.joint_set,
     )  # fmt: skip
-    monkeypatch.setattr(calibration_fit, "pair_agreement", lambda *views: calls.append(1) or scored(*views))
+    monkeypatch.setattr(reading_scores, "pair_agreement", lambda *views: calls.append(1) or scored(*views))
     fit = fit_calibration(cameras, seen)
     assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
     assert len(calls) < 30_000
