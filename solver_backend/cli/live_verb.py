@@ -29,7 +29,7 @@ def live_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "source",
         metavar="SOURCE",
-        help="take or motion to replay at its own rate, - for lines on stdin, vmc://:PORT for poses that come there, or "
+        help="take or motion to replay at its own rate, - for lines on stdin, vmc://:PORT for poses that come there, "
         "livelink:// or ifacialmocap://PHONE for a face",
     )
     verb.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
