@@ -155,7 +155,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
-    checked: bpy.props.StringProperty(name="Checked", description="What a check of the calibration said, line by line")
+    checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
     doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",
