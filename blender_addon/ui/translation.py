@@ -6,7 +6,6 @@ Labels are translated to German; sentences and tooltips stay English.
 from __future__ import annotations
 
 import inspect
-import json
 import typing
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,16 @@ import bpy
 
 CONTEXT = "Manifold MoCap"
 """Context of all our texts, which their translations are registered under."""
-_GERMAN = Path(__file__).with_name("german.json")
+_GERMAN = Path(__file__).with_name("german.txt")
+"""A line a label: English = German. Reading JSON would load a module that a bare Blender has not."""
 _LANGUAGES = ("de_DE", "de")
 """Blender's names of German, by its release."""
 
 
 def german() -> dict[str, str]:
     """Return the German label of every English one."""
-    return json.loads(_GERMAN.read_text(encoding="utf-8"))
+    lines = _GERMAN.read_text(encoding="utf-8").splitlines()
+    return {english: label for english, _, label in (line.partition(" = ") for line in lines)}
 
 
 def add_translations() -> None:

@@ -1,4 +1,4 @@
-"""German labels: every label of the panels has one, Blender shows it, and none is left that no panel has."""
+"""German labels: every label of the panels has one, and Blender gets them in our context."""
 
 from __future__ import annotations
 
@@ -47,11 +47,11 @@ def test_what_panels_draw_has_a_german_one(mocap, solved_take) -> None:
 
 
 def test_the_labels_are_registered_in_our_context_and_taken_back(monkeypatch) -> None:
-    told: dict[str, object] = {}
-    stand_in = SimpleNamespace(register=told.__setitem__, unregister=told.pop)
+    kept: dict[str, object] = {}
+    stand_in = SimpleNamespace(register=kept.__setitem__, unregister=kept.pop)
     monkeypatch.setattr(translation, "bpy", SimpleNamespace(app=SimpleNamespace(translations=stand_in)))
     translation.add_translations()
-    [table] = told.values()
+    [table] = kept.values()
     assert table["de_DE"][CONTEXT, "Solve"] == "Lösen" and len(table["de_DE"]) == len(german())
     translation.remove_translations()
-    assert not told
+    assert not kept
