@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from assets_procedural.arrays import Array
-from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
+from solver_backend.exchange.body_layout import SMPL_HANDS
 
 PARENTS = SMPL_HANDS.parents
 """Parent of each of the 52 joints."""
@@ -17,11 +17,6 @@ LEFT = SMPL_HANDS.group("left_hand")
 """The left hand's finger joints."""
 PER_FINGER = 3
 """Joints of a finger."""
-
-
-def finger_of(joint: int) -> str:
-    """Return the finger of a left hand's joint."""
-    return SMPL_FINGERS[(joint - FIRST) // PER_FINGER]
 
 
 def left_bones(joints: Array, tips: Array) -> dict[int, list[tuple[Array, Array]]]:

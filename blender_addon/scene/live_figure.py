@@ -18,12 +18,15 @@ from ..conventions.skeleton import JOINTS
 from ..conventions.timing import TakeTiming, scene_frame_rate
 from ..conventions.units import fit_units
 from .overlay import PointLook, create_point_overlay
-from .point_player import SEEN
+from .point_player import GRADE, SEEN
 
 NAME = "Live"
 MOST_POINTS = 90
 """Points that are shown at most, more than the largest layout of markers has; chosen by hand."""
-_LOOK = PointLook(0.008, MARKER_COLOURS[:1])
+_LOOK = PointLook(0.008, MARKER_COLOURS)
+_OFF_M = (0.0, 0.03, 0.08)
+"""Metres from the body from which a point has the second, third and fourth colour: near, off, and far off as the solver
+has it, from where a pose is unsure; what is none of the body's has the first."""
 """Radius in metres, and colour; chosen by hand."""
 
 
@@ -64,8 +67,13 @@ class LiveFigure:
         pelvis.location = (at @ rest[:3, :3]).tolist()
         return True
 
-    def show_points(self, points: np.ndarray) -> bool:
-        """Show (N, 3) points in metres, the first ``MOST_POINTS`` of them; return whether their object is there."""
+    def show_points(self, points: np.ndarray, off_m: np.ndarray | None = None) -> bool:
+        """Show points, the first ``MOST_POINTS`` of them; return whether their object is there.
+
+        Args:
+            points: (N, 3) metres.
+            off_m: (N,) metres between each of them and the body, which colours them; NaN where it is none of its.
+        """
         cloud = bpy.data.objects.get(self.points)
         if cloud is None or cloud.type != "MESH" or len(cloud.data.vertices) != MOST_POINTS:
             return False
@@ -75,6 +83,10 @@ class LiveFigure:
         where[:count], seen[:count] = points[:count], 1.0
         cloud.data.vertices.foreach_set("co", where.ravel())
         cloud.data.attributes[SEEN].data.foreach_set("value", seen)
+        if off_m is not None and len(off_m) == len(points):
+            grade = np.zeros(MOST_POINTS, np.float32)
+            grade[:count] = np.digitize(np.nan_to_num(off_m[:count], nan=-1.0), _OFF_M)
+            cloud.data.attributes[GRADE].data.foreach_set("value", grade)
         cloud.data.update_tag()
         return True
 
@@ -96,6 +108,8 @@ def create_live_figure(
         rig.armature.pose.bones[joint].rotation_mode = "QUATERNION"
     for part in (rig.armature, rig.mesh):
         part.hide_viewport = not shown
+    rig.armature.show_in_front = True  # bones have the colours of their joints' doubt
+    rig.armature.data.display_type = "STICK"
     timing = TakeTiming(scene.frame_start, scene_frame_rate(scene))
     nowhere = np.full((1, MOST_POINTS, 3), np.nan)
     points = create_point_overlay(f"{NAME} points", nowhere, 1.0, timing, collection, _LOOK)

@@ -54,6 +54,14 @@ class LivePose:
     """Frames that were not fitted, so that poses are not late."""
     face: dict[str, float] = field(default_factory=dict)
     """Value of each channel of the face, by the sender's name for it."""
+    off_m: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    """(N,) metres between each point and the body, NaN where it is none of the body's; (0,) where it is not known."""
+    sigma_m: np.ndarray | None = None
+    """(24,) standard deviation of each joint in metres; None where it is not known."""
+    views: int = 0
+    """Cameras that the pose is made of; 0 where there are none."""
+    views_left_out: int = 0
+    """Views of moments that were fitted without them, so that poses are not late."""
 
 
 @dataclass
@@ -148,7 +156,7 @@ def read_pose_line(line: str) -> LivePose | None:
     cloud = _numbers(values.get("cloud") or [], None)
     if cloud is None:
         return None
-    off, dropped = _numbers(values.get("off_mm"), 1), _number(values.get("dropped"))
+    off, points = _numbers(values.get("off_mm"), 1), cloud.reshape(-1, 3)
     rotvec = transl = None
     if "pose" in values:
         root, pose = _numbers(values.get("root"), 3), _numbers(values["pose"], None)
@@ -158,11 +166,27 @@ def read_pose_line(line: str) -> LivePose | None:
         rotvec = np.zeros((SMPL.num_joints, 3))  # of replayed motions come hands, too
         rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)[: SMPL.num_solved]
     return LivePose(
-        rotvec, transl, cloud.reshape(-1, 3), plain(values["state"]), plain(str(values.get("why", ""))),
+        rotvec, transl, points, plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),
         *(_number(values.get(key)) for key in ("rate_hz", "latency_ms", "lag_ms")),
-        dropped=0 if math.isnan(dropped) else max(int(dropped), 0), face=_channels(values.get("face")),
+        face=_channels(values.get("face")), off_m=_metres(values.get("cloud_off_mm"), len(points)),
+        sigma_m=None if len(sigma := _metres(values.get("sigma_mm"), SMPL.num_joints)) == 0 else sigma,
+        dropped=_count(values.get("dropped")), views=_count(values.get("views")),
+        views_left_out=_count(values.get("views_left_out")),
     )  # fmt: skip
+
+
+def _count(value: Any) -> int:
+    """Return a number of things, 0 for what is none."""
+    found = _number(value)
+    return 0 if math.isnan(found) else max(int(found), 0)
+
+
+def _metres(values: Any, count: int) -> np.ndarray:
+    """Return so many millimetres as metres, NaN where there is no number; (0,) for anything else."""
+    if not isinstance(values, list) or len(values) != count:
+        return np.zeros(0)
+    return np.array([1e-3 * max(_number(value), 0.0) for value in values])
 
 
 def _number(value: Any) -> float:

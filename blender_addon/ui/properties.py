@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from .._exchange.joint_sets import JointSet
 from .._exchange.vmc.address import VmcAddress
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
@@ -54,11 +55,13 @@ _UP_ITEMS = (
         for axis in ("z", "y", "-y", "x", "-z", "-x")
     ),
 )
+_FORMER_JOINT_SETS = ("BODY_25", "BODY_25B", "COCO_17", "COCO_WHOLEBODY_133", "HALPE_26", "MEDIAPIPE_33", "H36M_17")
+"""First in the list: Blender's files keep a choice by its place."""
 _JOINT_SET_ITEMS = (
     (AUTO, "As Recognised", "Recognised by the number of keypoints and by anatomy"),
     *(
         (name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"Keypoints are {name}'s")
-        for name in ("BODY_25", "BODY_25B", "COCO_17", "COCO_WHOLEBODY_133", "HALPE_26", "MEDIAPIPE_33", "H36M_17")
+        for name in dict.fromkeys((*_FORMER_JOINT_SETS, *JointSet))
     ),
 )
 

@@ -15,8 +15,6 @@ PALM_THICKNESS_M = 0.016
 """The same on the palm."""
 _ROOT = 0.3
 """Bases of the metacarpals, as a share of the way from the wrist to the knuckle."""
-FINGER_LABELS = ("FT", "DP", "PP", "MP")
-"""Tip, distal joint, proximal joint and knuckle; numbers count fingers from the thumb, whose joints are IP and MP."""
 
 
 @dataclass(frozen=True)

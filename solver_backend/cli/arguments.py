@@ -10,7 +10,7 @@ from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.pose_arguments import prior_options
 from solver_backend.cli.setting_options import TIME_ROWS, WORLD_ROWS, add_settings
 from solver_backend.cli.verb_table import TASKS, VERBS, Shared
-from solver_backend.cli.video_arguments import detector_options
+from solver_backend.cli.video_arguments import detector_options, footage_options
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.version import VERSION
 
@@ -125,6 +125,7 @@ def _writing(options: argparse.ArgumentParser) -> None:
 
 
 _SHARED: dict[Shared, Callable[[argparse.ArgumentParser], None]] = {
-    "reading": _reading, "writing": _writing, "detector": detector_options, "prior": prior_options,
+    "reading": _reading, "writing": _writing, "detector": detector_options, "footage": footage_options,
+    "prior": prior_options,
 }  # fmt: skip
 """What adds the options that several verbs share."""

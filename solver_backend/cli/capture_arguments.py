@@ -17,14 +17,7 @@ def solve_arguments(verb: argparse.ArgumentParser) -> None:
     )
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the solve")
     verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate")
-    verb.add_argument(
-        "--labels",
-        "--told",
-        dest="told",
-        type=Path,
-        metavar="LABELS.json",
-        help="user-assigned labels; the solver never overrides them",
-    )
+    add_labels(verb)
     verb.add_argument(
         "--start", type=Path, metavar="MOTION.npz",
         help="earlier motion of these frames to start at, of one camera before others were added",
@@ -37,6 +30,14 @@ def solve_arguments(verb: argparse.ArgumentParser) -> None:
         help="read the arguments from a job file; may be repeated",
     )  # fmt: skip
     add_settings(verb, [name for name in ROWS if name != "sync"])
+
+
+def add_labels(verb: argparse.ArgumentParser) -> None:
+    """Add the file of labels that a user assigned."""
+    verb.add_argument(
+        "--labels", "--told", dest="told", type=Path, metavar="LABELS.json",
+        help="user-assigned labels; the solver never overrides them",
+    )  # fmt: skip
 
 
 def info_arguments(verb: argparse.ArgumentParser) -> None:

@@ -124,6 +124,7 @@ def _with_points(
     session: LiveSession, lines: Iterator[dict[str, Any]], keep_up: Any, *, shown: bool
 ) -> Iterator[dict[str, Any]]:
     """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
+    from solver_backend.live.display import with_display
     from solver_backend.live.keeping_up import LATE_S
 
     named = False
@@ -135,9 +136,8 @@ def _with_points(
             named = True
             message = f"Poses fell {1e3 * LATE_S:.0f} ms behind: frames are dropped until they are in time."
             yield {"event": "frames_dropped", "t": line["t"], "message": message}
-        points = session.shown if shown else None
-        cloud = {} if points is None else {"cloud": points.round(4).tolist()}
-        yield {**line, "dropped": keep_up.dropped, **cloud}
+        line = {**line, "dropped": keep_up.dropped}
+        yield with_display(line, session) if shown else line
 
 
 def proportions_of(session: LiveSession) -> Any:
@@ -149,7 +149,11 @@ def proportions_of(session: LiveSession) -> Any:
 def make_ready(session: LiveSession) -> None:
     """Let no frame be late by what can be done before the first."""
     session.warm_up()
-    # What is there by now stays; walking through it again and again would make frames late.
+    settle_memory()
+
+
+def settle_memory() -> None:
+    """Let the collector of garbage pass over what is there by now: walking through it would make frames late."""
     gc.collect()
     gc.freeze()
 

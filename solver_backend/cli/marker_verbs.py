@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from solver_backend.cli.capture_arguments import add_labels
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
@@ -26,14 +27,7 @@ def label_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("capture", type=Path, metavar="TAKE")
     verb.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
-    verb.add_argument(
-        "--labels",
-        "--told",
-        dest="told",
-        type=Path,
-        metavar="LABELS.json",
-        help="user-assigned labels; the solver never overrides them",
-    )
+    add_labels(verb)
     verb.add_argument(
         "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
         "and marker layout",

@@ -171,10 +171,10 @@ def _session(subject: Path | None) -> LiveSession:
 
 def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[dict[str, Any]]:
     """Yield the lines of the live fit."""
+    from solver_backend.live.display import with_display
+
     for line in session.run(frames):
-        if with_points and session.shown is not None and "frame" in line:
-            line = {**line, "cloud": session.shown.round(4).tolist()}
-        yield line
+        yield with_display(line, session) if with_points and "frame" in line else line
 
 
 def _waved(

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver_backend.cli import (
+    camera_live_verb,
     camera_verbs,
     capture_arguments,
     live_verb,
@@ -23,8 +24,9 @@ from solver_backend.cli import (
     wand_verbs,
 )
 
-Shared = Literal["reading", "writing", "detector", "prior"]
-"""Options that several verbs take: how captures are read, what is overwritten, the detector, the prior's weights."""
+Shared = Literal["reading", "writing", "detector", "footage", "prior"]
+"""Options that several verbs take: how captures are read, what is overwritten, the detector, how videos are read, the
+prior's weights."""
 
 
 @dataclass(frozen=True)
@@ -61,7 +63,7 @@ TASKS: dict[str, tuple[Verb, ...]] = {
              "solve_verb", capture_arguments.solve_arguments, ("reading", "writing")),
         Verb("from-videos", "solve a folder of videos, or one video: detect, synchronise, calibrate, solve",
              "from-videos footage --dry-run",
-             "video_verbs", video_arguments.from_videos_arguments, ("detector", "writing")),
+             "video_verbs", video_arguments.from_videos_arguments, ("detector", "footage", "writing")),
         Verb("evaluate", "compare a motion with the ground truth in its capture", "evaluate demo.npz motion.npz",
              "verbs", capture_arguments.evaluate_arguments),
         Verb("bodies", "list the bodies that can be chosen by name", "bodies",
@@ -69,7 +71,7 @@ TASKS: dict[str, tuple[Verb, ...]] = {
     ),
     "Videos": (
         Verb("detect", "find keypoints in videos and write a capture", "detect cam01.mp4 cam02.mp4 --out capture.npz",
-             "video_verbs", video_arguments.detect_arguments, ("detector", "writing")),
+             "video_verbs", video_arguments.detect_arguments, ("detector", "footage", "writing")),
         Verb("detector-noise", "measure a detector's noise at each confidence",
              "detector-noise capture.npz --out noise.json",
              "video_verbs", video_arguments.detector_noise_arguments, ("writing",)),
@@ -130,6 +132,9 @@ TASKS: dict[str, tuple[Verb, ...]] = {
         Verb("live", "stream poses from marker points or a motion, one line a frame",
              "live take.c3d --lines poses.jsonl --send vmc://",
              "live_verb", live_verb.live_arguments, ("reading", "writing")),
+        Verb("camera-live", "stream poses from two to four cameras or videos, one line a moment",
+             "camera-live cam01=webcam:0 cam02=webcam:1 --calibration calibration.toml --record take.npz",
+             "camera_live_verb", camera_live_verb.camera_live_arguments, ("detector", "writing")),
     ),
     "Clean up and make motions": (
         Verb("motion", "bring a motion of another program onto our body", "motion clip.bvh --out motion.npz",

@@ -64,7 +64,7 @@ def find_hands_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def detector_options(options: argparse.ArgumentParser) -> None:
-    """Add which detector runs, and how."""
+    """Add which detector runs, and where."""
     options.add_argument(
         "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
         help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
@@ -75,9 +75,13 @@ def detector_options(options: argparse.ArgumentParser) -> None:
         metavar="WORKER",
         help="program of a detector of your own, run in --python instead",
     )
-    options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
     options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
+
+
+def footage_options(options: argparse.ArgumentParser) -> None:
+    """Add how recorded videos are read and detected."""
+    options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
     options.add_argument(

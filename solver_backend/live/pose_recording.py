@@ -145,6 +145,22 @@ def _motion(rows: np.ndarray, betas: np.ndarray, body: Body, source: str) -> Mot
     rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 1e-4])]
     fps = rate_of(rows[:, 0])
     times = rows[0, 0] + np.arange(round((rows[-1, 0] - rows[0, 0]) * fps) + 1) / fps
+    return poses_at(times, rows, fps, betas, body, source)
+
+
+def poses_at(
+    times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str
+) -> Motion:  # fmt: skip
+    """Return a motion at (F,) even times, by great arcs between recorded poses; the ends hold where none came.
+
+    Args:
+        times: seconds, at the rate.
+        rows: (N, 4 + 3 J) time ascending, transl and axis-angles of the poses that came.
+        fps: the rate.
+        betas: (10,) shape.
+        body: whose poses they are.
+        source: where they came from.
+    """
     after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
     before, after = after - 1, np.minimum(after, len(rows) - 1)
     apart = rows[after, 0] - rows[before, 0]

@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from solver_backend.fitters.recipes.live import LiveFit
-from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
 from solver_backend.labelling.outputs import GHOST, MARKERS
@@ -18,6 +17,7 @@ from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.live.doubts import doubts_of
 from solver_backend.live.frames import PointFrame
 from solver_backend.live.point_tracks import PointTracks
+from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, event, pose_of, rounded
 from solver_backend.live.world import UNITS, unit_of, up_axis_of
 
 FEWEST = 8
@@ -25,8 +25,7 @@ FEWEST = 8
 MOST_READ = 90
 """Points that the network reads; of more, those nearest to the body, or to their middle."""
 FROZEN_S = 0.5
-LOST_S = 0.4
-"""Time without a good pose after which the next one starts anew."""
+"""Time of the same points again and again from which a stream is frozen."""
 BAD_M = 0.08
 """Markers this far from the body in the median are no good pose."""
 SURE = 0.6
@@ -51,7 +50,7 @@ class LiveSession:
 
     def __post_init__(self) -> None:
         self._first: list[np.ndarray] = []
-        self._before: float | None = None
+        self._clock = SourceClock()
         self._good: float | None = None
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
@@ -60,6 +59,8 @@ class LiveSession:
         self._turn: np.ndarray | None = None
         self.shown: np.ndarray | None = None
         """Points of the last frame that was fitted, metres, Z up."""
+        self.shown_off_m = np.zeros(0)
+        """Metres between each of them and where the body has it; NaN where it has no name."""
 
     def warm_up(self) -> None:
         """Fit a few frames of the body at rest and forget them, so that no first frame of a person is late."""
@@ -76,7 +77,7 @@ class LiveSession:
                 yield from self.step(frame)
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
-                yield self._event("restarted", f"The frame could not be fitted ({error}); starting anew.", frame)
+                yield event("restarted", f"The frame could not be fitted ({error}); starting anew.", frame.time)
 
     @property
     def to_metres(self) -> np.ndarray | None:
@@ -86,19 +87,20 @@ class LiveSession:
     def step(self, frame: PointFrame) -> Iterator[dict[str, Any]]:
         """Yield what one frame makes: perhaps events, then a pose or what keeps it from having one."""
         if frame.fault:
-            yield self._event("line_ignored", frame.fault, frame)
+            yield event("line_ignored", frame.fault, frame.time)
             return
-        dt = self._elapsed(frame)
-        if dt is None:
-            yield self._event("time_ran_back", "Time ran backwards: tracks and pose start anew.", frame)
-            dt = 1.0 / 120.0
+        dt, broken = self._clock.passed(frame.time)
+        if broken:
+            self._reset()
+        if broken == "ran_back":
+            yield event("time_ran_back", "Time ran backwards: tracks and pose start anew.", frame.time)
         points = frame.points
         if len(points) < FEWEST:
             yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
             return
         if self._turn is None:
             if (said := self._found_world(points)) is not None:
-                yield self._event("world", said, frame)
+                yield event("world", said, frame.time)
             if self._turn is None:
                 yield self._nothing(frame, "looking for unit and up-axis", "waiting")
                 return
@@ -108,12 +110,13 @@ class LiveSession:
         yield self._fitted(frame, points @ self._turn.T, dt)
         if not self._shape_told and (shape := self.fit.known_shape) is not None:
             self._shape_told = True
-            yield {**self._event("shape", "The person's shape is known.", frame), "betas": _rounded(shape)}
+            yield {**event("shape", "The person's shape is known.", frame.time), "betas": rounded(shape)}
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
         """Return the pose of a frame."""
-        self.shown = points
-        points = self._nearest(points)
+        self.shown, self.shown_off_m = points, np.full(len(points), np.nan)
+        near = self._nearest(points)
+        points = points[near]
         reading = self.network(points[None])
         evidence = self.tracks.update(points, reading.log_probability[0], dt)
         labels = labels_of_frame(evidence)
@@ -127,6 +130,7 @@ class LiveSession:
         if self.fit.pose is None:
             self._good = frame.time  # a start has as long to be good as a pose to be lost
         found = self.fit.step(markers, reading.positions[0, : len(MARKERS)], sigma, max(dt, 1e-3))
+        self.shown_off_m[near[named]] = found.markers_off_m[labels[named]]
         doubts = doubts_of(found.markers_off_m, len(points) - len(named))
         state = "unsure" if doubts else "tracking"
         if not found.off_m < BAD_M:
@@ -138,29 +142,16 @@ class LiveSession:
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
-            "root": _rounded(log_so3(found.pose.root)[0]), "pose": _rounded(log_so3(found.pose.local)[0].ravel()),
-            "trans": _rounded(found.pose.transl[0]), "markers": len(named), "points": len(frame.points),
+            **pose_of(found.pose), "markers": len(named), "points": len(frame.points),
             "off_mm": round(1e3 * found.off_m, 2), **_delays(frame), **({"why": doubts} if doubts else {}),
         }  # fmt: skip
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
-        """Return the points that may be the person's: all, or of very many those about the body or their middle."""
+        """Return which points may be the person's: all, or of very many those about the body or their middle."""
         if len(points) <= MOST_READ:
-            return points
+            return np.arange(len(points))
         centre = self.fit.pose.transl[0] if self.fit.pose is not None else np.median(points, axis=0)
-        return points[np.argsort(((points - centre) ** 2).sum(1), kind="stable")[:MOST_READ]]
-
-    def _elapsed(self, frame: PointFrame) -> float | None:
-        """Return seconds since the last frame, None where time ran backwards."""
-        before, self._before = self._before, frame.time
-        if before is None:
-            return 1.0 / 120.0
-        if frame.time < before - 1e-6:
-            self._reset()
-            return None
-        if frame.time - before > LOST_S:
-            self._reset()
-        return min(max(frame.time - before, 1e-3), 0.1)
+        return np.argsort(((points - centre) ** 2).sum(1), kind="stable")[:MOST_READ]
 
     def _reset(self) -> None:
         self.tracks.clear()
@@ -195,15 +186,6 @@ class LiveSession:
             "points": len(frame.points), **_delays(frame),
         }  # fmt: skip
 
-    def _event(self, kind: str, said: str, frame: PointFrame) -> dict[str, Any]:
-        return {"event": kind, "t": None if np.isnan(frame.time) else round(frame.time, 6), "message": said}
-
-
-def _delays(frame: PointFrame) -> dict[str, float]:
-    """Return how long a frame took, and how far its pose is behind the source."""
-    latency = time.perf_counter() - frame.arrived
-    return {"latency_ms": round(1e3 * latency, 3), "lag_ms": round(1e3 * frame.lag_s, 3)}
-
 
 def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return (N,) whether each label has most of what its track has gathered."""
@@ -211,5 +193,5 @@ def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
 
 
-def _rounded(values: np.ndarray) -> list[float]:
-    return np.round(values, 5).tolist()
+def _delays(frame: PointFrame) -> dict[str, float]:
+    return delays(frame.arrived, frame.lag_s)

@@ -18,7 +18,7 @@ from solver_backend.geometry.rotations import matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import LATENT_DIM, load_sposer
-from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+from solver_backend.priors.weights import ASSETS, PriorWeights, read_stack, read_weights
 from solver_backend.types import NUM_BETAS
 
 DEFAULT_WEIGHTS: Path = ASSETS / "lifter.npz"
@@ -135,10 +135,22 @@ def load_lifter(path: Path = DEFAULT_WEIGHTS) -> Lifter:
         FileMissing: there is no such file.
         WeightsInvalid: it is for another body, version or SPoser, or damaged.
     """
-    weights = read_weights(path, "lifter")
+    weights = read_lifter_weights(path, "lifter")
+    return Lifter(read_stack(weights, "network", 4 * len(POINTS), OUTPUTS), weights.metadata)
+
+
+def read_lifter_weights(path: Path, kind: str) -> PriorWeights:
+    """Return the weights of a network from ``POINTS`` to SPoser's codes.
+
+    Raises:
+        FileMissing: there is no such file.
+        WeightsInvalid: it is for another body, version or SPoser, or damaged.
+    """
+    weights = read_weights(path, kind)
     trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
     if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
         raise WeightsInvalid(
-            "The lifter was trained for other codes or points.", where=path.name, hint="Train it again, or reinstall."
-        )
-    return Lifter(read_stack(weights, "network", 4 * len(POINTS), OUTPUTS), weights.metadata)
+            f"The {kind.replace('_', ' ')} was trained for other codes or points.", where=path.name,
+            hint="Train it again, or reinstall.",
+        )  # fmt: skip
+    return weights

@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
-from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import cross, matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
-from solver_backend.priors.lifter import POINTS
+from solver_backend.priors.lifter import POINTS, read_lifter_weights
 from solver_backend.priors.networks.dense import DenseStack
-from solver_backend.priors.sposer import LATENT_DIM, load_sposer
-from solver_backend.priors.weights import ASSETS, read_stack, read_weights
+from solver_backend.priors.sposer import LATENT_DIM
+from solver_backend.priors.weights import ASSETS, read_stack
 
 DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
 WINDOW, MIDDLE = 27, 13
@@ -180,13 +179,7 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
         FileMissing: there is no such file.
         WeightsInvalid: it is for another body, version or SPoser, or damaged.
     """
-    weights = read_weights(path, "view_lifter")
-    trained_for, ours = weights.metadata.get("sposer_sha256"), load_sposer().metadata["sha256"]
-    if trained_for != ours or tuple(weights.metadata.get("points", ())) != POINTS:
-        raise WeightsInvalid(
-            "The view lifter was trained for other codes or points.", where=path.name,
-            hint="Train it again, or reinstall.",
-        )  # fmt: skip
+    weights = read_lifter_weights(path, "view_lifter")
     return ViewLifter(read_stack(weights, "network", INPUTS, OUTPUTS), weights.metadata)
 
 

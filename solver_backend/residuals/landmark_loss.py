@@ -80,6 +80,17 @@ class LearnedVariances:
             s = s + (precision - 1.0 - 4.0 * self.weight * s) / (precision + 4.0 * self.weight)
         return s
 
+    def penalty(self, squared: np.ndarray, scale: float) -> tuple[np.ndarray, np.ndarray]:
+        """Return ``exp(-s) r² + s + 2 λ s²`` at the best s, and its derivative by r², as a robust kernel has them.
+
+        Args:
+            squared: r², any shape.
+            scale: of no use, for the learned variances are robust enough.
+        """
+        s = self.best(squared)
+        precision = np.exp(-s)
+        return precision * squared + s + 2.0 * self.weight * s * s, precision
+
     def unknowns(self, num_landmarks: int) -> int:
         """Return L."""
         return num_landmarks

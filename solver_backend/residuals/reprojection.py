@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -35,6 +36,8 @@ class ReprojectionTerm:
     """(C, F, L) confidence divided by the noise's variance, 1/px²; 0 = not observed."""
     confidence: Array
     """(C, F, L) in 0..1."""
+    penalty: Callable[[Array, float], tuple[Array, Array]] = geman_mcclure
+    """Cost and weight of squared residuals at a robust scale."""
 
     @classmethod
     def of(cls, cameras: Cameras, keypoints: Keypoints2D, sigma_px: np.ndarray, like: Array) -> ReprojectionTerm:
@@ -61,16 +64,14 @@ class ReprojectionTerm:
 
     def select(self, frames: Any) -> ReprojectionTerm:
         """Return the term of the frames at these indices (or of this slice)."""
-        return ReprojectionTerm(
-            self.K, self.distortion, self.R, self.t, self.model,
-            self.xy[:, frames], self.weight[:, frames], self.confidence[:, frames],
-        )  # fmt: skip
+        xy, weight, confidence = (a[:, frames] for a in (self.xy, self.weight, self.confidence))
+        return replace(self, xy=xy, weight=weight, confidence=confidence)
 
     def astype(self, precision: Any) -> ReprojectionTerm:
         """Return the term in a precision; single holds a thousand pixels to 0.0001."""
         K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
-        return ReprojectionTerm(K, distortion, R, t, self.model, xy, weight, confidence)
+        return ReprojectionTerm(K, distortion, R, t, self.model, xy, weight, confidence, self.penalty)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
@@ -83,7 +84,7 @@ class ReprojectionTerm:
         weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
         # The penalty sees the residual in standard deviations; the confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
-        penalty, robust = geman_mcclure(per_sigma * xp.sum(error * error, axis=-1), scale)
+        penalty, robust = self.penalty(per_sigma * xp.sum(error * error, axis=-1), scale)
         # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
         hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)

@@ -14,7 +14,6 @@ from tests.support.scenes import ring_of_cameras
 _CAMERAS = ring_of_cameras(2)
 _QCA = qca_text(_CAMERAS)
 _YAML = yaml_camera(_CAMERAS, 0, "rt")
-_VIEW = '<fov_video left="0.0" top="0" right='
 
 
 def _without_view(text: str) -> str:

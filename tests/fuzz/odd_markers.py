@@ -74,12 +74,12 @@ C3D: tuple[Write, ...] = (
     _c3d(_end_of_section),
 )
 _TYPES = ",,Rigid Body,Rigid Body,Rigid Body,Rigid Body,Marker,Marker,Marker\n"
-_LONG_HEADER = ("t.trc", "PathFileType", "PathFileType" + "x" * 140_000)
 TRC: tuple[Write, ...] = (
     text("t.trc", ("1.5\t2\t3\t4\t5\t6", "1.5\t\t2\t\t3\t\t4\t\t5\t\t6"), ("1\t0.00", "1\t\t0.00")),
     text("t.trc", ("100\t100\t3", "250\t250\t3")),
     text("t.trc", ("100\t100\t3", "0\t0\t3")),
     text("t.trc", ("mm", "m"), ("\t4\t5\t6", "\t4000\t5000\t6000"), ("\t4\t5\tNaN", "\t0\t0\t0")),
+    text("t.trc", ("PathFileType", "PathFileType" + "x" * 140_000)),
     text("t.trc", ("LTOE", "C7")),
     text("t.trc", ("C7\t\t\tLTOE", "LTOE\t\t\tC7")),
     text("t.trc", ("Frame#", "Nothing")),

@@ -22,8 +22,9 @@ def lay_out(out: Path, script: str) -> None:
     recordings = Path(os.environ["MOCAP_SHARED_DATA"]) / "multiview"
     for source, name in (("pose2sim", "Aufnahme ü"), ("pose2sim_session", "Sitzung ü")):
         shutil.copytree(recordings / source, out / name)
-    if script == "sensors.py":
+    if script in ("sensors.py", "live_speed.py"):
         shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "135_02.c3d", out / KATA)
+    if script == "sensors.py":
         _sensors(out / SENSORS)
         _wand(out / WAND)
     elif script in ("first_animation.py", "pictures.py"):

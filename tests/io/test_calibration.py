@@ -10,9 +10,10 @@ import pytest
 
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
-from solver_backend.io.calibration import Calibration, calibrations_in, read_calibration
+from solver_backend.io.calibration import Calibration, calibrations_in, opencv_cameras, read_calibration
 from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.calibration.yaml_storage import parse_yaml
+from solver_backend.io.files import read_json
 from solver_backend.io.recognition.up_axis import UP_AXES
 from solver_backend.types import Cameras
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
@@ -121,6 +122,20 @@ def test_easymocap(tmp_path: Path, cameras: Cameras) -> None:
 def test_json(tmp_path: Path, cameras: Cameras, layout: str) -> None:
     (tmp_path / "c.json").write_text(json_text(cameras, layout))
     assert_same(read_calibration(tmp_path / "c.json"), cameras)
+
+
+def test_a_file_of_matrices_is_read_once(tmp_path: Path, cameras: Cameras, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "one.json").write_text(json_text(cameras, "list"), encoding="utf-8")
+    (tmp_path / "other.json").write_text("{}", encoding="utf-8")
+    reads: list[str] = []
+
+    def counted(path: Path) -> object:
+        reads.append(path.name)
+        return read_json(path)
+
+    monkeypatch.setattr(opencv_cameras, "read_json", counted)
+    found, _ = calibrations_in(tmp_path)
+    assert (len(found), sorted(reads)) == (1, ["one.json", "other.json"])
 
 
 def test_a_folder_with_several_formats_and_other_files(tmp_path: Path, cameras: Cameras) -> None:

@@ -10,6 +10,7 @@ import bpy
 from ..._exchange.errors import FileMissing, MocapError
 from ...conventions.file_paths import absolute, stored
 from ...conventions.numbered import next_path
+from ...review.live_doubt import show_doubt
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
 from ..sending_properties import allowed_address, sending_options
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
     from ...scene.live_figure import LiveFigure
     from ...solving.live import LiveRun
 
-_INTERVAL_S = 1 / 30
+_INTERVAL_S = 1 / 60
+"""Seconds from one look to the next: with the time that a look takes, more than 30 a second."""
 """Seconds from one look at new poses to the next: thirty a second are drawn."""
 
 
@@ -83,15 +85,18 @@ class CurrentLive:
         if pose is not None:
             if self.face is not None and pose.face:
                 self.face.show(pose.face)
-            there = figure.show_points(pose.points)
+            there = figure.show_points(pose.points, pose.off_m)
             if pose.rotvec is not None and pose.transl is not None:
                 there = figure.pose(pose.rotvec, pose.transl) and there
+                if there and pose.sigma_m is not None:
+                    show_doubt(bpy.data.objects[figure.armature], pose.sigma_m, unsure=pose.state == "unsure")
             if not there and not run.process.cancelling:
                 self.failure = "The live body was taken away (by undo, or deleted): the run was stopped."
                 run.stop()
         if run.finished:
             self._ended(run)
-        _redraw()
+        if pose is not None or run.finished:
+            _redraw()
         return None if self.run is None else _INTERVAL_S
 
     def _ended(self, run: LiveRun) -> None:

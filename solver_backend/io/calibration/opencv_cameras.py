@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -27,16 +28,30 @@ def read_opencv_tree(path: Path) -> Any:
     return read_json(path) if path.suffix.lower() == ".json" else read_yaml(path)
 
 
-def count_cameras(path: Path) -> int:
-    """Return how many cameras one file describes whole.
+@dataclass(frozen=True)
+class MatrixFile:
+    """What one file holds of cameras, as it is written."""
+
+    path: Path
+    nodes: list[tuple[str, Mapping[str, Any]]]
+    """Name and values of each camera that it describes whole."""
+    parts: dict[str, dict[str, Any]]
+    """Values by camera of matrices named after it, which may be spread over several files."""
+
+
+def read_matrix_file(path: Path) -> MatrixFile:
+    """Return what one file holds.
 
     Raises:
         FileMissing, FileDamaged: see ``read_opencv_tree``.
     """
-    return len(_nodes(path)[0])
+    if path.suffix.lower() in SUFFIXES:
+        return MatrixFile(path, matrix_nodes(path), {})
+    tree = read_opencv_tree(path)
+    return MatrixFile(path, _camera_nodes(path.stem, tree), _suffixed_nodes(tree))
 
 
-def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
+def opencv_cameras(files: Sequence[MatrixFile]) -> list[CameraEntry]:
     """Return the cameras of one or several files, in the files' unit; files without cameras are passed over.
 
     Understood are arrays and projection matrices (``matrix_nodes``), NeRF's pictures, a camera's matrices at the top of
@@ -44,26 +59,17 @@ def read_opencv_cameras(paths: Sequence[Path]) -> list[CameraEntry]:
     named ``K_<camera>``, ``dist_<camera>``, ``R_<camera>`` and ``T_<camera>``, which may be spread over two files.
 
     Raises:
-        FileMissing, FileDamaged, CalibrationInvalid: see ``read_opencv_tree`` and ``camera_entry``.
+        CalibrationInvalid: see ``camera_entry``.
     """
     entries: list[CameraEntry] = []
     suffixed: dict[str, dict[str, Any]] = {}
-    for path in paths:
-        nodes, tree = _nodes(path)
-        entries += [camera_entry(name, node, where=str(path)) for name, node in nodes]
-        for camera, values in _suffixed_nodes(tree).items():
+    for file in files:
+        entries += [camera_entry(name, node, where=str(file.path)) for name, node in file.nodes]
+        for camera, values in file.parts.items():
             suffixed.setdefault(camera, {}).update(values)
-    where = str(paths[0].parent) if paths else ""
+    where = str(files[0].path.parent) if files else ""
     entries += [camera_entry(name, node, where=where) for name, node in suffixed.items() if is_camera(node)]
     return entries
-
-
-def _nodes(path: Path) -> tuple[list[tuple[str, Mapping[str, Any]]], Any]:
-    """Return name and values of each camera that a file describes whole, and its content where that is a tree."""
-    if path.suffix.lower() in SUFFIXES:
-        return matrix_nodes(path), None
-    tree = read_opencv_tree(path)
-    return _camera_nodes(path.stem, tree), tree
 
 
 def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import partial
 from pathlib import Path
 
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.matrix_files import SUFFIXES
-from solver_backend.io.calibration.opencv_cameras import count_cameras, read_opencv_cameras
+from solver_backend.io.calibration.opencv_cameras import MatrixFile, opencv_cameras, read_matrix_file
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
 from solver_backend.io.calibration.units import in_metres, with_up_axis
@@ -39,14 +40,15 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
         FileMissing, FileDamaged: the file is not there, truncated or not what its name says.
     """
     path = Path(path)
-    files = [path]
     if path.is_dir() and is_colmap(path):
         found = _finished(read_colmap(path), path, "COLMAP", unit, up_axis)
         if found is not None:
             return found
     if path.is_dir():
         files = sorted(p for p in path.iterdir() if p.suffix.lower() in _OPENCV and not p.name.startswith("."))
-    found = _read(files, path, unit, up_axis)
+        found = _of_files([read_matrix_file(p) for p in files], path, unit, up_axis)
+    else:
+        found = _of_file(path, unit, up_axis)
     if found is None:
         raise CalibrationMissing(
             "There is no camera calibration here.", where=str(path), hint=f"Formats that are read: {FORMATS}."
@@ -65,22 +67,24 @@ def calibrations_in(
     files = sorted(p for p in folder.iterdir() if p.is_file() and not p.name.startswith("."))
     found: list[Calibration] = []
     errors: list[MocapError] = []
-    sources: list[list[Path]] = [[p] for p in files if p.suffix.lower() == ".toml"]
-    sources += [[p] for p in files if is_qualisys(p)]
-    single: list[Path] = []
+    named = [p for p in files if p.suffix.lower() == ".toml"] + [p for p in files if is_qualisys(p)]
+    single: list[MatrixFile] = []
+    groups: list[list[MatrixFile]] = []
     for path in (p for p in files if p.suffix.lower() in _OPENCV and p.stat().st_size <= LARGEST_TEXT):
         try:
-            several = count_cameras(path) > 1
+            file = read_matrix_file(path)
         except FileDamaged as error:
             errors.append(error)
             continue
-        if several:
-            sources.append([path])
+        if len(file.nodes) > 1:
+            groups.append([file])
         else:
-            single.append(path)
-    for paths in [*sources, single]:
+            single.append(file)
+    readings = [partial(_of_file, path, unit, up_axis) for path in named]
+    readings += [partial(_of_files, group, folder, unit, up_axis) for group in (*groups, single)]
+    for read in readings:
         try:
-            calibration = _read(paths, folder, unit, up_axis)
+            calibration = read()
         except (FileDamaged, CalibrationInvalid) as error:
             errors.append(error)
             continue
@@ -94,17 +98,20 @@ def is_qualisys(path: Path) -> bool:
     return path.name.lower().endswith((".qca.txt", ".qca"))
 
 
-def _read(paths: Sequence[Path], source: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
-    """Return the calibration of one file, or of several OpenCV files; ``source`` is what it is called then."""
-    if len(paths) == 1:
-        source = paths[0]
-        if is_qualisys(source):
-            entries, problems = read_qualisys(source)
-            return _finished(entries, source, "Qualisys", unit, up_axis, problems)
-        if source.suffix.lower() == ".toml":
-            return _finished(read_toml_cameras(source), source, "TOML", unit, up_axis)
-    readable = [p for p in paths if p.suffix.lower() in _OPENCV]
-    return _finished(read_opencv_cameras(readable), source, "OpenCV", unit, up_axis)
+def _of_file(path: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
+    """Return the calibration of one file, None if it is of no known format or holds no camera."""
+    if is_qualisys(path):
+        entries, problems = read_qualisys(path)
+        return _finished(entries, path, "Qualisys", unit, up_axis, problems)
+    if path.suffix.lower() == ".toml":
+        return _finished(read_toml_cameras(path), path, "TOML", unit, up_axis)
+    return _of_files([read_matrix_file(path)], path, unit, up_axis) if path.suffix.lower() in _OPENCV else None
+
+
+def _of_files(files: Sequence[MatrixFile], folder: Path, unit: str | None, up_axis: str | None) -> Calibration | None:
+    """Return the calibration of files that may share cameras, called after the only one or their folder."""
+    source = files[0].path if len(files) == 1 else folder
+    return _finished(opencv_cameras(files), source, "OpenCV", unit, up_axis)
 
 
 def _finished(

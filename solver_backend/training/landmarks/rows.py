@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import json
-import time
 from dataclasses import asdict, dataclass, replace
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -152,21 +150,6 @@ def judged_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tenso
     """Return the (N, 22, 3) poses of each set that rows are judged on; ``selection`` chooses the weights, no figure."""
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
-
-
-def stream_rate(body: Body, table: PoseTable, batch: int, device: str, graph: bool, repeats: int = 50) -> float:
-    """Return how many clouds a second the stream makes by itself."""
-    draw = partial(drawer(CloudStream(body, device), table, batch), torch.tensor(0.0, device=device))
-    replay, kept = _replayed(draw) if graph else (draw, None)
-    for timed in (3, repeats):
-        _wait(device)
-        start = time.perf_counter()
-        for _ in range(timed):
-            replay()
-        _wait(device)
-        rate = timed * batch / (time.perf_counter() - start)
-    del kept
-    return rate  # pyright: ignore[reportPossiblyUnboundVariable]
 
 
 def _replayed(draw: Any) -> tuple[Any, Clouds]:

@@ -2,21 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict, replace
-from typing import cast
-
-from torch import nn
+from dataclasses import replace
 
 from solver_backend.body.body import load_body
-from solver_backend.priors.lifter import POINTS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.view_lifter import INPUTS, OUTPUTS
-from solver_backend.priors.weights import read_stack, read_weights
-from solver_backend.training.engine.dense_layers import stack_arrays, take_over
-from solver_backend.training.engine.loop import run_training
 from solver_backend.training.engine.model_card import Card
-from solver_backend.training.engine.publish import publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
+from solver_backend.training.lifter.train import train_network
 from solver_backend.training.view_lifter.task import ViewLifterSettings, ViewLifterTask
 
 CARD = Card(
@@ -35,22 +28,9 @@ SPoser, whose codes it gives, was trained on subjects 49 and 135.
 
 def train_view_lifter(job: TrainingJob, settings: ViewLifterSettings = ViewLifterSettings()) -> Finished:
     """Train, export and write the model card."""
-    prior = load_sposer()
     task = ViewLifterTask(
-        job.training, job.validation, load_body(), prior, settings, job.settings.batch, job.settings.seed,
+        job.training, job.validation, load_body(), load_sposer(), settings, job.settings.batch, job.settings.seed,
         job.settings.device,
     )  # fmt: skip
-    if job.start is not None:
-        start = read_weights(job.start, "view_lifter")
-        take_over(cast(nn.Sequential, task.model), read_stack(start, "network", INPUTS, OUTPUTS))
-    asked = job.settings if job.settings.device == "cpu" else replace(job.settings, workers=0)
-    network = cast(nn.Sequential, run_training(task, asked, job.work, job.progress))
-    header = {
-        "network_hidden": settings.hidden,
-        "activation": "silu",
-        "points": POINTS,
-        "sposer_sha256": prior.metadata["sha256"],
-    }
-    arrays, figures = stack_arrays(network, "network"), {"metrics": task.evaluate(network)}
-    chosen = asdict(settings) | asdict(job.settings)
-    return publish(job, "view_lifter", arrays, header, chosen, lambda path: figures, CARD)
+    loop = job.settings if job.settings.device == "cpu" else replace(job.settings, workers=0)
+    return train_network(job, task, settings, ("view_lifter", INPUTS, OUTPUTS), CARD, loop)

@@ -204,7 +204,19 @@ def _sizes(xy: np.ndarray) -> np.ndarray:
     return np.where(known.any(-1), np.hypot(span[..., 0], span[..., 1]), 0.0)
 
 
-def in_video_pixels(calibration: Calibration, found: Sequence[VideoDetections]) -> tuple[Cameras, tuple[str, ...]]:
+@dataclass(frozen=True)
+class FilmedSize:
+    """Pictures of a camera that films."""
+
+    video: Path
+    """What they are called."""
+    size: tuple[int, int]
+    """Width and height, px."""
+
+
+def in_video_pixels(
+    calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
+) -> tuple[Cameras, tuple[str, ...]]:
     """Return the cameras in the pixels of the videos, and what was scaled.
 
     Raises:

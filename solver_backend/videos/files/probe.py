@@ -57,11 +57,6 @@ class VideoInfo:
         usual = float(np.median(gaps))
         return bool((np.abs(gaps - usual) > OFF_SHARE * usual).mean() > VARIABLE_SHARE)
 
-    @property
-    def duration_s(self) -> float:
-        """Seconds from the first to the last picture."""
-        return float(self.times_s[-1] - self.times_s[0])
-
 
 UNTIMED_SHARE = 0.5
 """A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""

@@ -88,18 +88,3 @@ def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
     """Return a stored picture (H, W, 3) turned counter-clockwise as its video says."""
     turns = quarter_turn(rotation_deg) // 90
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
-
-
-def picture_at(path: Path | str, number: int) -> Picture:
-    """Return one picture of a video by its number.
-
-    Raises:
-        VideoUnreadable: it has fewer pictures, or cannot be read.
-    """
-    from solver_backend.videos.files.probe import probe
-
-    info = probe(path)
-    for picture in read_pictures(info):
-        if picture.number == number:
-            return picture
-    raise VideoUnreadable(f"The video has no picture {number}.", where=str(path))

@@ -31,7 +31,6 @@ BASELINES: dict[str, type[Baseline]] = {
     FILTER: TriangulatedButterworth, "MuVS": MuVS, "DCT": DCT, "ETC": ETC, "DMMR": DMMR, "BundleMoCap": BundleMoCap,
     PUBLISHED: BundleMoCapPlusPlus,
 }  # fmt: skip
-TORCH = {"backend": "torch"}
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,6 @@ from tests.benchmarks.comparison.judgement import HELD, coverage
 SEEDS, TUNING_SEEDS = (*range(300, 312), *range(400, 424)), (*range(100, 118), *range(200, 212))
 """A calibration errs alike in all frames, so a take is one sample, whose share inside 95 % varies by 9 points. Seed
 309, whose elbows bend by 5 and 11 degrees in its two seconds, is calibrated 21 mm off in the mean and holds half."""
-BOUNDS_PERCENT = {"held50": (45, 55), "held80": (75, 85), "held95": (92, 98)}
 LAYOUTS = ("CMU_41", "PLUGIN_GAIT_39", "MANIFOLD_53")
 FRAMES, FPS, SCORE_FRAMES = 120, 60.0, 360
 SHAPE_SPREAD = np.repeat([1.0, 0.7, 0.5], (3, 3, 4))

@@ -24,7 +24,6 @@ TRIALS: dict[str, tuple[str, str]] = {
 }
 MANUAL = "_manual_scaling_ik.mot"
 """Where the second result stands."""
-BOUNDS_DEG = {"knee": 4.0, "elbow": 6.0}
 HINGES = {"knee": ("hip", "knee", "ankle", "knee_angle"), "elbow": ("shoulder", "elbow", "wrist", "elbow_flex")}
 
 

@@ -9,8 +9,6 @@ import numpy as np
 from solver_backend.fitters import solve
 from solver_backend.types import Capture, MarkerCloud
 
-BOUND_MM = 8.0
-
 
 @dataclass(frozen=True)
 class Spoiling:

@@ -115,10 +115,3 @@ def _at(
 ) -> np.ndarray:
     p, q, r = plane
     return p[which] + q[which] * x + r[which] * y
-
-
-def front_of(first: ZBuffer, second: ZBuffer, offset: int) -> ZBuffer:
-    """Return the nearer of two pictures at each pixel; faces of the second are numbered from ``offset`` on."""
-    nearer = second.depth < first.depth
-    face = np.where(nearer, np.where(second.face >= 0, second.face + offset, -1), first.face)
-    return ZBuffer(np.where(nearer, second.depth, first.depth), face.astype(np.int32))

@@ -1,0 +1,201 @@
+"""The verb that goes from cameras that film to poses while it happens, one line a moment."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import ExitStack
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from solver_backend.cli.cancel import cancelling_until_held
+from solver_backend.cli.line_output import Lines
+from solver_backend.cli.live_sources import settle_memory
+from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
+from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.setting_options import WORLD_ROWS, add_settings, given_world
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.vmc.address import read_address
+from solver_backend.exchange.world_settings import WorldSettings
+
+if TYPE_CHECKING:
+    from solver_backend.io.calibration import Calibration
+    from solver_backend.live.views_session import ViewsSession
+    from solver_backend.videos.streaming.moments import LiveMoments
+    from solver_backend.videos.streaming.pictures import PictureSource
+    from solver_backend.videos.streaming.recording import ViewsRecorder
+
+MOST_CAMERAS = 4
+"""More are no help to one person, and a load."""
+_SOURCE_HELP = (
+    "a video to replay at its rate, webcam:NUMBER or oak:ID, two to four; NAME=SOURCE names the calibration's camera"
+)
+
+
+def camera_live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of camera-live."""
+    verb.add_argument("sources", nargs="+", metavar="[NAME=]SOURCE", help=_SOURCE_HELP)
+    verb.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="of the cameras")
+    verb.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration that points up, if not z")
+    verb.add_argument("--rate", type=float, default=30.0, metavar="HZ", help="most poses a second (default: 30)")
+    verb.add_argument("--repeat", action="store_true", help="replay the videos again and again")
+    verb.add_argument("--seconds", type=float, help="end after so many")
+    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
+    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
+    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--with-points", action="store_true", help="each line also holds points and doubt, for a display")
+    verb.add_argument(
+        "--record", type=Path, metavar="TAKE.npz",
+        help="also record keypoints and times as a capture, and the poses as TAKE_live.npz, for solve --start",
+    )  # fmt: skip
+    add_settings(verb, WORLD_ROWS)
+
+
+def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
+    _check(args)
+    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.live.statistics import LiveStatistics
+    from solver_backend.live.views_session import ViewsSession
+    from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
+    from solver_backend.videos.detect.choice import chosen_detector
+    from solver_backend.videos.detect.detect_videos import joint_set_of
+    from solver_backend.videos.detect.process import DetectorProcess
+    from solver_backend.videos.streaming.moments import LiveMoments
+    from solver_backend.videos.streaming.recording import ViewsRecorder
+
+    sources = picture_sources(args.sources, repeat=bool(args.repeat))
+    calibration = _calibration(args.calibration, [source.name for source in sources])
+    choice = chosen_detector(args.detector, python=args.python, people=args.people, worker=args.detector_worker)
+    betas = None if args.subject is None else read_subject(args.subject).betas
+    statistics, recorder = LiveStatistics(), None
+    with ExitStack() as stack:
+        hold = stack.enter_context(cancelling_until_held())
+        live = stack.enter_context(LiveMoments(sources, lambda: DetectorProcess(choice), args.rate))
+        sizes = [FilmedSize(Path(source.name), source.size) for source in sources]
+        cameras, _ = in_video_pixels(calibration, sizes)
+        world = WorldSettings(**given_world(args))
+        session = ViewsSession(cameras, joint_set_of(live.about), betas, world, args.up_axis)
+        session.warm_up()
+        settle_memory()
+        if args.record is not None:
+            recorder = ViewsRecorder(args.record, session, live.about["name"], overwrite=bool(args.overwrite))
+            stack.enter_context(recorder)
+        sender = open_sender(args.send, session.proportions)
+        if sender is not None:
+            stack.enter_context(sender)
+        stream = stack.enter_context(Lines(args.lines))
+        if recorder is not None and recorder.recovered is not None:
+            message = f"A recording that was not finished is now {recorder.recovered}."
+            stream.write({"event": "recovered", "t": None, "message": message})
+        lines = _lines(live, session, recorder, args)
+        stopped = run_lines(lines, stream, statistics, sender, hold)
+    data: dict[str, Any] = {
+        **statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
+        "detector": live.about["name"], "stopped": stopped, **({} if sender is None else sender.summary()),
+    }  # fmt: skip
+    if recorder is not None and recorder.recovered is not None:
+        data["recovered"] = str(recorder.recovered)
+    if recorder is not None and recorder.count and recorder.path.exists():
+        data["recorded"] = str(recorder.path)
+    stream.require_whole()
+    live.require_views()
+    text = ", ".join(f"{name} {value}" for name, value in data.items())
+    return Outcome(f"camera-live: {text}", data)
+
+
+def _check(args: argparse.Namespace) -> None:
+    """Refuse what does not go together, before any camera is opened.
+
+    Raises:
+        CommandLineInvalid: it does not.
+        OutputExists, OutputNotWritable: what would be written.
+    """
+    if not 2 <= len(args.sources) <= MOST_CAMERAS:
+        raise CommandLineInvalid(
+            f"Poses are made live from two to {MOST_CAMERAS} cameras, not {len(args.sources)}.",
+            hint="Name a video, webcam:NUMBER or oak:ID for each.",
+        )  # fmt: skip
+    if not 1.0 <= args.rate <= 240.0:
+        raise CommandLineInvalid("The rate is 1 to 240 poses a second.", where=f"--rate {args.rate:g}")
+    if args.send is not None:
+        read_address(args.send)
+    if args.record is not None and args.record.suffix.lower() != ".npz":
+        raise CommandLineInvalid(
+            "Views are recorded as a capture.", where=str(args.record), hint="Name a file that ends in .npz."
+        )
+    for path in (args.lines, args.record):
+        if path is not None:
+            check_output(path, overwrite=bool(args.overwrite))
+
+
+def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
+    """Return the cameras or videos that are named ``[NAME=]SOURCE``, not yet opened.
+
+    Raises:
+        CommandLineInvalid: two have the same name, or one is none.
+    """
+    from solver_backend.sensors.devices.oak_colour import OakColour
+    from solver_backend.sensors.devices.oak_pictures import OakPictures
+    from solver_backend.videos.streaming.replayed_video import ReplayedVideo
+    from solver_backend.videos.streaming.webcam import Webcam
+
+    found: list[PictureSource] = []
+    for number, text in enumerate(texts):
+        name, _, source = text.rpartition("=") if not Path(text).exists() else ("", "", text)
+        kind, _, rest = source.partition(":")
+        if kind == "webcam":
+            if not rest.isdecimal():
+                raise CommandLineInvalid("A webcam is named by its number.", where=text, hint="Such as webcam:0.")
+            found.append(Webcam(name or f"webcam{rest}", int(rest)))
+        elif kind == "oak":
+            role = "none" if number else "master"
+            found.append(OakPictures(OakColour(name or rest, rest, (1280, 720), 30.0, role=role)))
+        else:
+            found.append(ReplayedVideo(name or Path(source).stem, Path(source), repeat=repeat))
+    names = [source.name for source in found]
+    if len(set(names)) < len(names):
+        raise CommandLineInvalid("Two cameras have the same name.", where=", ".join(names), hint="Write NAME=SOURCE.")
+    return found
+
+
+def _calibration(path: Path, names: list[str]) -> Calibration:
+    """Return the calibration of these cameras, in their order.
+
+    Raises:
+        CommandLineInvalid: it has none of a camera.
+    """
+    from solver_backend.io.calibration.read import read_calibration
+    from solver_backend.io.calibration.search import ordered
+    from solver_backend.io.recognition.camera_names import listing, match_names
+
+    calibration = read_calibration(path)
+    order = match_names(names, calibration.cameras.names)
+    if order is None:
+        raise CommandLineInvalid(
+            f"The cameras are {listing(names)}; the calibration is for {listing(calibration.cameras.names)}.",
+            where=str(path), hint="Write NAME=SOURCE with the calibration's names.",
+        )  # fmt: skip
+    return ordered(calibration, order)
+
+
+def _lines(
+    live: LiveMoments, session: ViewsSession, recorder: ViewsRecorder | None, args: argparse.Namespace
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines of moments, each after it was recorded, until the time is over."""
+    from solver_backend.live.display import with_display
+
+    for moment in live.moments():
+        for line in session.run([moment]):
+            if "frame" in line:
+                counts = {"dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out}
+                line = {**line, **counts}
+                if recorder is not None and not isinstance(moment, dict):
+                    recorder.add(moment, line)
+                if args.with_points:
+                    line = with_display(line, session)
+            yield line
+        if args.seconds is not None and not isinstance(moment, dict) and moment.time >= args.seconds:
+            return

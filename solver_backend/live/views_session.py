@@ -1,0 +1,228 @@
+"""The live loop of cameras: what views show in, poses out, whatever comes."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.world_settings import WorldSettings
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import pose
+from solver_backend.fitters.recipes.live_views import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
+from solver_backend.io.recognition.world_fit import fit_world
+from solver_backend.live.doubts import doubts_of, keypoint_limbs
+from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, event, pose_of, rounded
+from solver_backend.types import Cameras, JointSet, Keypoints2D
+
+WORLD_MOMENTS = 12
+"""Moments with a person by which up and floor of the cameras' world are checked, before the first pose."""
+BAD_M = 0.12
+"""Keypoints this far from the body in the median are no good pose; detectors and bodies differ by 3 cm."""
+_TRIAL_MOMENTS = 6
+"""Moments of a start, so that all of its parts were run once."""
+SAME_PERSON = 0.5
+"""A detection is the person's if it lies, in the median, within this share of their size in the picture."""
+
+
+@dataclass(frozen=True)
+class ViewMoment:
+    """What C cameras show at one moment."""
+
+    time: float
+    """Seconds on the cameras' clock."""
+    arrived: float
+    """``time.perf_counter()`` when the last of its pictures came."""
+    people: tuple[np.ndarray | None, ...]
+    """(P, K, 3) keypoints of everybody in each view, x and y in pixels and confidence; None of a view left out."""
+    times: tuple[float, ...] = ()
+    """Seconds of each view's own picture, NaN of a view left out."""
+
+
+@dataclass
+class ViewsSession:
+    """One person before cameras, live."""
+
+    cameras: Cameras
+    """As calibrated; in a world that fits the person once that is known."""
+    joint_set: JointSet
+    """What is detected."""
+    betas: np.ndarray | None = None
+    """(10,) shape of a person who is known."""
+    world: WorldSettings = field(default_factory=WorldSettings)
+    """How the world is scaled and levelled."""
+    up_axis: str | None = None
+    """Axis of the calibration that points up; Z, or the one that the person stands along, if None."""
+
+    def __post_init__(self) -> None:
+        self.fit = LiveViewsFit(load_body(), self.cameras, self.joint_set, self.betas)
+        self._first: list[tuple[np.ndarray, np.ndarray]] = []
+        self._limbs = keypoint_limbs(self.joint_set.keypoints)
+        self._clock, self._good = SourceClock(), float("-inf")
+        self._number, self._shape_reported, self._world_known = 0, False, False
+        self._expected: np.ndarray | None = None
+        self.shown: np.ndarray | None = None
+        """(N, 3) located keypoints of the last moment, metres, Z up."""
+        self.shown_off_m = np.zeros(0)
+        """(N,) metres between each of them and where the body has it."""
+        self.chosen: tuple[np.ndarray, np.ndarray] | None = None
+        """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
+
+    @property
+    def is_in_world(self) -> bool:
+        """Whether up and floor of the cameras' world are known."""
+        return self._world_known
+
+    def warm_up(self) -> None:
+        """Fit a few moments of a body that stands before the cameras and forget them: no person's first one is late."""
+        cameras, trial = self.cameras, LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
+        standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(cameras)[None])
+        points = pose(trial.subject, standing).points
+        xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)[:, 0]
+        sure = np.isfinite(xy).all(-1).astype(np.float64)
+        for _ in range(_TRIAL_MOMENTS):
+            trial.step(xy, sure, trial.locate(xy, sure), 1.0 / 30.0)
+        trial.deviations()
+
+    def proportions(self) -> tuple[BodyLayout, np.ndarray]:
+        """Return the layout and the (J, 3) rest joints of the person as they are known by now."""
+        subject = self.fit.subject
+        return subject.body.layout, subject.body.rest_joints(subject.betas)
+
+    def run(self, moments: Iterable[ViewMoment | dict[str, Any]]) -> Iterator[dict[str, Any]]:
+        """Yield a line a moment, and events; nothing that comes as a moment ends it."""
+        for moment in moments:
+            if isinstance(moment, dict):
+                yield moment
+                continue
+            try:
+                yield from self.step(moment)
+            except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
+                self._reset()
+                message = f"The moment could not be fitted ({error}); starting anew."
+                yield event("restarted", message, moment.time)
+
+    def step(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
+        """Yield what one moment makes: perhaps events, then a pose or what keeps it from having one."""
+        dt, broken = self._clock.passed(moment.time)
+        if broken:
+            self._reset()
+        if broken == "ran_back":
+            yield event("time_ran_back", "Time ran backwards: the pose starts anew.", moment.time)
+        xy, confidence = self._person(moment)
+        self.chosen = xy, confidence
+        located = self.fit.locate(xy, confidence)
+        points = np.asarray(located.points)[0]
+        seen = np.isfinite(points).all(-1)
+        if seen.sum() < FEWEST:
+            self.shown, self.shown_off_m = points[seen], np.full(int(seen.sum()), np.nan)
+            why = f"two views agree on {int(seen.sum())} keypoints: too few for a person"
+            yield self._nothing(moment, why, "no_person")
+            return
+        if not self._world_known:
+            self._first.append((xy, confidence))
+            if len(self._first) < WORLD_MOMENTS:
+                yield self._nothing(moment, "looking for floor and up-axis", "waiting")
+                return
+            yield from self._enter_world(moment)
+            located = self.fit.locate(xy, confidence)
+        yield self._fitted(moment, self.fit.step(xy, confidence, located, dt))
+        if not self._shape_reported and (shape := self.fit.known_shape) is not None:
+            self._shape_reported = True
+            yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
+
+    def _fitted(self, moment: ViewMoment, found: ViewsFrame) -> dict[str, Any]:
+        seen = np.isfinite(found.points_off_m)
+        self.shown, self.shown_off_m = found.points[seen], found.points_off_m[seen]
+        self._expected = found.landmarks
+        off_m = float(np.median(self.shown_off_m))
+        doubts = doubts_of(found.points_off_m, 0, self._limbs)
+        if off_m < BAD_M:
+            self._good = moment.time
+        elif moment.time - self._good > LOST_S:
+            self._reset()
+        self._number += 1
+        return {
+            "frame": self._number - 1, "t": round(moment.time, 6), "state": "tracking" if off_m < BAD_M and not doubts
+            else "unsure", **pose_of(found.pose), "points": int(seen.sum()), "views": _views(moment),
+            "off_mm": round(1e3 * off_m, 2), **_delays(moment), **({"why": doubts} if doubts else {}),
+        }  # fmt: skip
+
+    def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
+        """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them."""
+        K = self.joint_set.num_keypoints
+        xy, confidence = np.full((len(self.cameras.names), K, 2), np.nan), np.zeros((len(self.cameras.names), K))
+        for c, people in enumerate(moment.people):
+            if people is None or not len(people):
+                continue
+            sure = np.isfinite(people[:, :K]).all(-1) & (people[:, :K, 2] > 0)
+            chosen = self._nearest(c, people[:, :K], sure)
+            if chosen is not None:
+                xy[c, sure[chosen]] = people[chosen, :K][sure[chosen], :2]
+                confidence[c, sure[chosen]] = np.minimum(people[chosen, :K][sure[chosen], 2], 1.0)
+        return xy, confidence
+
+    def _nearest(self, view: int, people: np.ndarray, sure: np.ndarray) -> int | None:
+        """Return which detection is the person: the one where they are expected, at a start the largest and surest."""
+        known = sure.any(axis=1)
+        if not known.any():
+            return None
+        span = np.where(sure[..., None], people[..., :2], -np.inf).max(1) - np.where(
+            sure[..., None], people[..., :2], np.inf
+        ).min(1)
+        size = np.where(known, np.hypot(*span.T), 0.0)
+        if self._expected is None:
+            return int(np.argmax(size * np.where(sure, people[..., 2], 0.0).mean(1)))
+        k = slice(view, view + 1)
+        cameras = self.cameras
+        px = project(
+            cameras.K[k], cameras.distortion[k], cameras.R[k], cameras.t[k], self._expected[None],
+            cameras.distortion_model,
+        )[0, 0]  # fmt: skip
+        far = np.where(sure, np.linalg.norm(people[..., :2] - px, axis=-1), np.nan)
+        off = np.array([np.nanmedian(row) if there else np.inf for row, there in zip(far, known, strict=True)])
+        best = int(np.argmin(off))
+        return best if off[best] < SAME_PERSON * size[best] else None
+
+    def _enter_world(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
+        """Take the world in which the person of the first moments stands upright on the floor."""
+        xy, confidence = (np.stack(part, axis=1) for part in zip(*self._first, strict=True))
+        self._world_known, self._first = True, []
+        keypoints = Keypoints2D(xy, confidence, self.joint_set, 1.0 / 0.1)
+        fitted = fit_world(self.cameras, keypoints, self.world, self.up_axis)
+        self.cameras = self.fit.cameras = fitted.cameras
+        for said in (*fitted.notes, *fitted.problems):
+            yield event("world", said, moment.time)
+
+    def _reset(self) -> None:
+        self.fit.restart()
+        self._expected, self._good = None, float("-inf")
+
+    def _nothing(self, moment: ViewMoment, why: str, state: str) -> dict[str, Any]:
+        self._number += 1
+        return {
+            "frame": self._number - 1, "t": round(moment.time, 6), "state": state, "why": why,
+            "points": 0 if self.shown is None else len(self.shown), "views": _views(moment), **_delays(moment),
+        }  # fmt: skip
+
+
+def _middle(cameras: Cameras) -> np.ndarray:
+    """Return the (3,) point that all cameras look at: ``min Σ |(I - d dᵀ)(x - c)|²``."""
+    d = cameras.R[:, 2]
+    across = np.eye(3) - d[:, :, None] * d[:, None, :]
+    centres = -np.einsum("cij,ci->cj", cameras.R, cameras.t)
+    return np.linalg.lstsq(across.sum(0), np.einsum("cij,cj->i", across, centres), rcond=None)[0]
+
+
+def _views(moment: ViewMoment) -> int:
+    return sum(people is not None for people in moment.people)
+
+
+def _delays(moment: ViewMoment) -> dict[str, float]:
+    return delays(moment.arrived, time.perf_counter() - moment.arrived)

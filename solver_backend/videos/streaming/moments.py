@@ -1,0 +1,212 @@
+"""Moments of several cameras as they come: each is what its views show, of the newest pictures that they share.
+
+A machine that is too slow for all leaves views out first, down to two, and then moments; what it makes is never late.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import TooFewViews
+from solver_backend.live.views_session import ViewMoment
+from solver_backend.videos.detect.errors import DetectorFailed
+from solver_backend.videos.streaming.live_view import LiveView, MakeDetector
+from solver_backend.videos.streaming.pictures import LivePicture, PictureSource
+from solver_backend.videos.streaming.view_budget import FEWEST, ViewBudget
+
+RATE_HZ = 30.0
+"""Moments a second that are wanted of cameras that are faster."""
+SAME_SHARE = 0.6
+"""Pictures of two cameras are of one moment within this share of the time from one picture to the next."""
+STALL_S = 0.15
+"""A camera whose pictures, or whose detector's answer, are later than this is not waited for while two others are."""
+READY_S = 120.0
+"""Time that detectors have for starting."""
+AHEAD_S = 0.05
+"""From when all are ready until the shared clock begins."""
+_LOOK_S = 0.05
+"""Seconds after which waiting looks about itself."""
+
+Event = dict[str, Any]
+
+
+@dataclass
+class MomentCounts:
+    """What was made of the pictures that came."""
+
+    moments: int = 0
+    dropped: int = 0
+    """Moments that the cameras filmed, and that were not detected."""
+    views_left_out: int = 0
+    """Views that filmed a moment which was detected without them."""
+
+
+class LiveMoments:
+    """Cameras and their detectors, running; a context manager that ends them."""
+
+    def __init__(self, sources: Sequence[PictureSource], make: MakeDetector, rate_hz: float = RATE_HZ) -> None:
+        """Take C cameras, in the order of the calibration, and what makes a detector of each."""
+        self._changed = threading.Condition()
+        self.views = [LiveView(source, make, self._changed) for source in sources]
+        self._rate_hz = rate_hz
+        self.counts = MomentCounts()
+        self._last_s = -np.inf
+        self._named: set[str] = set()
+
+    @property
+    def about(self) -> dict[str, Any]:
+        """What the detectors say of themselves."""
+        return self.views[0].about
+
+    def __enter__(self) -> LiveMoments:
+        """Open the cameras, and wait until every detector is ready.
+
+        Raises:
+            MocapError: a camera or a detector is not there.
+        """
+        try:
+            for view in self.views:
+                view.source.open()
+            for view in self.views:
+                view.make_ready()
+            self._wait_until_ready()
+        except BaseException:
+            self._end()
+            raise
+        fps = max(view.source.fps for view in self.views)
+        self._interval_s = 1.0 / max(fps, 1.0)
+        self.budget = ViewBudget(len(self.views), max(1.0 / self._rate_hz, self._interval_s))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._end()
+
+    def _end(self) -> None:
+        for view in self.views:
+            view.stop()
+
+    def _wait_until_ready(self) -> None:
+        deadline = time.monotonic() + READY_S
+        with self._changed:
+            while not all(view.about for view in self.views):
+                if failure := next((view.failure for view in self.views if view.failure), None):
+                    raise failure
+                if time.monotonic() > deadline:
+                    raise DetectorFailed("The detectors do not get ready.", hint="Detect a single video first.")
+                self._changed.wait(_LOOK_S)
+
+    def moments(self) -> Iterator[ViewMoment | Event]:
+        """Yield moments, and events about cameras, until fewer than two are left.
+
+        While a moment is fitted, the next one is detected.
+        """
+        start = time.perf_counter() + AHEAD_S
+        for view in self.views:
+            view.begin(start)
+        asked = None
+        while True:
+            asked = asked or self._ask(wait=True)
+            yield from self._lost()
+            if asked is None:
+                return
+            found = self._answered(*asked)
+            asked = self._ask(wait=False)
+            if found is not None:
+                yield found
+
+    def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
+        """Have the next moment detected; return its pictures by view, and when that was; None where there is none."""
+        with self._changed:
+            while True:
+                if sum(not view.ended for view in self.views) < FEWEST:
+                    return None
+                chosen = self._chosen(time.perf_counter())
+                if chosen:
+                    break
+                if not wait:
+                    return None
+                self._changed.wait(_LOOK_S)
+            for index, picture in chosen.items():
+                self.views[index].ask(self.counts.moments, picture)
+            self._last_s = max(picture.time_s for picture in chosen.values())
+            counts = self.counts
+            counts.moments += 1
+            counts.views_left_out += sum(not view.ended for view in self.views) - len(chosen)
+            counts.dropped = max(max(p.number for p in chosen.values()) + 1 - counts.moments, counts.dropped)
+            return chosen, time.perf_counter()
+
+    def _chosen(self, now: float) -> dict[int, LivePicture]:
+        """Return the pictures of the next moment, by view; none where it is not there yet.
+
+        Of the views that are idle, those that were left out longest are taken, as many as the budget has.
+        """
+        there = [c for c, view in enumerate(self.views) if view.newest and not view.ended]
+        prompt = [c for c in there if now - self.views[c].newest[-1].arrived < STALL_S + self._interval_s]
+        idle = sorted((c for c in prompt if not self.views[c].busy), key=lambda c: self.views[c].used)
+        if len(idle) < FEWEST or (len(there) < self._alive() and now - self._began(now, there) < STALL_S):
+            return {}
+        chosen = idle[: self.budget.count]
+        at = min(self.views[c].newest[-1].time_s for c in chosen)
+        if at < self._last_s + self.budget.interval_s - SAME_SHARE * self._interval_s:
+            return {}
+        near = {c: min(self.views[c].newest, key=lambda picture: abs(picture.time_s - at)) for c in chosen}
+        same = {c: p for c, p in near.items() if abs(p.time_s - at) < SAME_SHARE * self._interval_s}
+        return same if len(same) >= FEWEST else {}
+
+    def _alive(self) -> int:
+        return sum(not view.ended for view in self.views)
+
+    def _began(self, now: float, there: list[int]) -> float:
+        """Return when the first picture of all came, now where there is none."""
+        return min((self.views[c].newest[0].arrived for c in there), default=now)
+
+    def _answered(self, asked: dict[int, LivePicture], begun: float) -> ViewMoment | None:
+        """Wait for what the views show, but no longer for one than the others make worth while."""
+        moment = self.counts.moments - 1
+        with self._changed:
+            while True:
+                answers = {c: self.views[c].answer for c in asked}
+                found = {c: answer[1] for c, answer in answers.items() if answer is not None and answer[0] == moment}
+                left = [c for c in asked if c not in found and not self.views[c].ended]
+                if not left or (len(found) >= FEWEST and time.perf_counter() - begun > STALL_S):
+                    break
+                self._changed.wait(_LOOK_S)
+        self.counts.views_left_out += len(left)
+        self.budget.took(len(asked), time.perf_counter() - begun)
+        if len(found) < FEWEST:
+            return None
+        people = tuple(found.get(c) for c in range(len(self.views)))
+        taken = [asked[c] for c in found]
+        times = tuple(asked[c].time_s if c in found else np.nan for c in range(len(self.views)))
+        return ViewMoment(float(np.mean([p.time_s for p in taken])), max(p.arrived for p in taken), people, times)
+
+    def _lost(self) -> Iterator[Event]:
+        """Yield an event for each camera that has failed since, and one where too few are left."""
+        for view in self.views:
+            if view.failure is not None and view.source.name not in self._named:
+                self._named.add(view.source.name)
+                yield _event("camera_lost", f"{view.source.name}: {view.failure.message}")
+
+    def require_views(self) -> None:
+        """Raise what ended a run in which cameras failed.
+
+        Raises:
+            TooFewViews: fewer than two are left because of it.
+        """
+        failed = [view for view in self.views if view.failure is not None]
+        if failed and len(self.views) - len(failed) < FEWEST:
+            names = ", ".join(view.source.name for view in failed)
+            raise TooFewViews(f"Fewer than two cameras are left: {failed[0].failure}", where=names)
+
+
+def _event(kind: str, message: str) -> Event:
+    return {"event": kind, "t": None, "message": message}

@@ -1,0 +1,67 @@
+"""Figures from the real application: ``python -m tests.gui --script live_speed.py``.
+
+How often the viewport is drawn while a body is live, how long a look at the newest pose takes, and how long Blender is
+kept from anything else at most: body, points and the colours of their doubt are on the screen.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+import bpy
+import numpy as np
+
+from tests.gui.recordings import KATA
+from tests.gui.scene import OUT, PACKAGE, empty, extension, mocap
+
+_SECONDS = 8.0
+
+
+def steps(user: Any) -> Any:
+    """Replay a recording, count what is drawn, look at it."""
+    empty()
+    yield from user.open_from_the_start(PACKAGE)
+    yield from user.open_acquisition(PACKAGE)
+    live = extension("ui.operators.live").live
+    mocap().live.source = str(OUT / KATA)
+    user.viewport.tag_redraw()
+    yield 0.3
+    yield from user.press("mocap.live_start()")
+    yield from user.until(lambda: live.run and live.run.shown > 30, "poses are shown", 300)
+    user.look_at((0.0, 0.0, 0.9), 3.5)
+    yield 1.0
+    yield from _measured(user, live)
+    yield from user.shot("live_doubt")
+    assert live.run.latest.sigma_m is not None and len(live.run.latest.off_m) == len(live.run.latest.points)
+    yield from user.press("mocap.live_stop()")
+    yield from user.until(lambda: not live.busy, "live is stopped", 300)
+
+
+def _measured(user: Any, live: Any) -> Any:
+    drawn: list[float] = []
+    looks: list[float] = []
+    tick = live.tick
+
+    def timed() -> float | None:
+        begun = time.perf_counter()
+        again = tick()
+        looks.append(time.perf_counter() - begun)
+        return again
+
+    bpy.app.timers.unregister(tick)
+    bpy.app.timers.register(timed)
+    handler = bpy.types.SpaceView3D.draw_handler_add(
+        lambda: drawn.append(time.perf_counter()), (), "WINDOW", "POST_VIEW"
+    )
+    start, processor, shown = time.perf_counter(), time.process_time(), live.run.shown
+    yield _SECONDS
+    wall, processor, shown = time.perf_counter() - start, time.process_time() - processor, live.run.shown - shown
+    bpy.types.SpaceView3D.draw_handler_remove(handler, "WINDOW")
+    bpy.app.timers.unregister(timed)
+    bpy.app.timers.register(tick)
+    gaps, looks_ms = 1e3 * np.diff(drawn), 1e3 * np.array(looks)
+    user.note(f"{len(drawn) / wall:.1f} redraws and {shown / wall:.1f} new poses a second")
+    user.note(f"a look takes {np.median(looks_ms):.1f} ms, {np.percentile(looks_ms, 99):.1f} in the 99th percentile")
+    user.note(f"from one redraw to the next {np.median(gaps):.0f} ms, {np.percentile(gaps, 99):.0f} in the 99th")
+    user.note(f"Blender used {processor / wall:.2f} processors, {1e3 * processor / max(len(drawn), 1):.1f} ms a redraw")

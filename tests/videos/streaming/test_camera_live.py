@@ -1,0 +1,247 @@
+"""Cameras to poses: as near the truth as a solve nearly, recorded, and a solve starts from it."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.cli.main import main
+from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
+from solver_backend.fitters.pipeline import solve
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.native.capture_file import read_capture
+from solver_backend.io.native.motion_file import read_motion
+from solver_backend.live.recording import recording_of
+from solver_backend.live.statistics import LiveStatistics
+from solver_backend.live.views_session import ViewMoment, ViewsSession
+from solver_backend.videos.streaming.moments import LiveMoments
+from solver_backend.videos.streaming.recording import ViewsRecorder, finish_views, motion_of
+from tests.support.filmed_moments import FakeCamera, FakeDetector, demo_views, seen_by
+from tests.support.full_disk import full_disk
+
+ROOT = Path(__file__).parents[3]
+FPS = 60.0
+
+
+@pytest.fixture(scope="module")
+def filmed():
+    return demo_views([0, 1])
+
+
+def session_of(filmed, **values) -> ViewsSession:
+    return ViewsSession(filmed.cameras, filmed.keypoints.joint_set, **values)
+
+
+def moments_of(filmed, every: int = 3, frames: int = 360) -> list[ViewMoment]:
+    views = [seen_by(filmed, view)[:, None] for view in range(len(filmed.cameras))]
+    return [
+        ViewMoment(k / FPS, 0.0, tuple(view[k] for view in views), (k / FPS,) * len(views))
+        for k in range(0, frames, every)
+    ]
+
+
+def joints_of(line: dict, betas: np.ndarray) -> np.ndarray:
+    turns = np.array([*line["root"], *line["pose"]]).reshape(1, -1, 3)
+    posed = forward_kinematics(
+        load_body(), betas, exp_so3(turns[:, 0]), exp_so3(turns[:, 1:]), np.array([line["trans"]])
+    )  # fmt: skip
+    return posed.joints[0, :22]
+
+
+def off_mm(filmed, lines: list[dict], betas: np.ndarray) -> float:
+    """Return the mean distance of the joints from the truth."""
+    posed = [line for line in lines if "pose" in line]
+    true = filmed.truth["joints"][[round(line["t"] * FPS) for line in posed], :22]
+    return float(
+        1e3
+        * np.linalg.norm(np.stack([joints_of(line, line.get("betas", betas)) for line in posed]) - true, axis=-1).mean()
+    )
+
+
+@cache
+def _solved() -> np.ndarray:
+    return solve(demo_views([0, 1])).motion.joints[:, :22]
+
+
+def solved_mm(filmed) -> float:
+    """Return the mean distance of the joints of a solve."""
+    return float(1e3 * np.linalg.norm(_solved() - filmed.truth["joints"][:, :22], axis=-1).mean())
+
+
+def followed(filmed) -> tuple[ViewsSession, dict, list[dict]]:
+    """Return a run of two cameras whose detectors take 25 ms a picture, as a pose model does on a core of its own."""
+    cameras = [FakeCamera(name, FPS, 360) for name in filmed.cameras.names]
+    detectors = iter([FakeDetector(seen_by(filmed, view), 0.025) for view in range(2)])
+    session, statistics, lines = session_of(filmed), LiveStatistics(), []
+    session.warm_up()
+    with LiveMoments(cameras, lambda: next(detectors)) as live:
+        for line in session.run(live.moments()):
+            statistics.add(line)
+            lines.append({**line, "betas": session.fit.subject.betas})
+    return session, statistics.summary(), lines
+
+
+def test_two_cameras_make_twelve_poses_a_second_within_half_as_much_again_as_a_solve(filmed):
+    for _ in range(3):  # other programs may need the machine for a while
+        session, found, lines = followed(filmed)
+        poses = sum("pose" in line for line in lines)
+        assert off_mm(filmed, lines, session.fit.subject.betas) < 1.5 * solved_mm(filmed)
+        if poses >= 12 * 5 and found["lag_ms"] < 200.0:  # of 6 s, the world takes the first
+            return
+    pytest.fail(f"{poses} poses in 6 s, {found}")
+
+
+def test_the_world_is_made_to_fit_and_named_once(filmed):
+    c = filmed.cameras
+    lower = replace(filmed, cameras=replace(c, t=c.t + 0.5 * c.R[..., 2]))
+    lines = list(session_of(lower).run(moments_of(lower, 6)))
+    [event] = [line for line in lines if line.get("event") == "world"]
+    assert "floor" in event["message"]
+    posed = [line for line in lines if "pose" in line]
+    assert min(joints_of(line, np.zeros(10))[:, 2].min() for line in posed) == pytest.approx(0.08, abs=0.1)
+
+
+def test_bystanders_empty_pictures_and_nonsense_do_not_end_it(filmed):
+    lines, session = [], session_of(filmed)
+    rng = np.random.default_rng(0)
+    for number, moment in enumerate(moments_of(filmed)):
+        first, second = moment.people
+        assert first is not None and second is not None
+        other = np.concatenate([first + (400.0, 0.0, 0.0), first])  # somebody else is listed first
+        if number % 10 == 3:
+            people = (np.zeros((0, 25, 3)), second)
+        elif number % 10 == 6:
+            people = (np.full((1, 25, 3), np.nan), rng.uniform(-1e9, 1e9, (2, 25, 3)))
+        elif number % 10 == 8:
+            people = (None, second)
+        else:
+            people = (first if number < 20 else other, second)
+        lines += session.run([ViewMoment(moment.time, moment.arrived, people, moment.times)])
+    posed = [line for line in lines if "pose" in line and line["t"] > 1.5]
+    assert len(posed) > 55
+    assert off_mm(filmed, posed, session.fit.subject.betas) < 30.0
+    assert {line["state"] for line in lines if "frame" in line} <= {"tracking", "unsure", "no_person", "waiting"}
+
+
+def test_time_that_runs_back_and_silences_start_anew(filmed):
+    session, moments = session_of(filmed), moments_of(filmed)
+    lines = list(session.run([*moments, *moments[:30]]))
+    assert [line["event"] for line in lines if "event" in line].count("time_ran_back") == 1
+    after = [line for line in lines[-20:] if "pose" in line]
+    assert off_mm(filmed, after, session.fit.subject.betas) < 40.0
+
+
+def test_joints_that_no_view_shows_are_less_sure(filmed):
+    arm = [i for i, name in enumerate(filmed.keypoints.joint_set.keypoints) if name in ("left_elbow", "left_wrist")]
+    session = session_of(filmed)
+    before = after = None
+    for number, moment in enumerate(moments_of(filmed)):
+        people = tuple(view.copy() for view in moment.people)
+        for view in people:
+            view[:, arm] = np.nan if number > 60 else view[:, arm]
+        list(session.run([ViewMoment(moment.time, moment.arrived, people, moment.times)]))
+        before = session.fit.deviations() if number == 60 else before
+        after = session.fit.deviations()
+    assert before is not None and after is not None
+    wrist, other = 20, 21
+    assert after[wrist] > 3.0 * before[wrist] and after[other] < 2.0 * before[other]
+
+
+@pytest.fixture
+def recorded(filmed, tmp_path) -> Path:
+    session, path = session_of(filmed), tmp_path / "take.npz"
+    with ViewsRecorder(path, session, "fake", overwrite=False) as recorder:
+        record_into(session, recorder, moments_of(filmed))
+    return path
+
+
+def record_into(session: ViewsSession, recorder: ViewsRecorder, moments: list[ViewMoment]) -> None:
+    for moment in moments:
+        for line in session.run([moment]):
+            recorder.add(moment, line if "frame" in line else None)
+
+
+def test_keypoints_times_and_poses_are_recorded_and_a_solve_starts_from_them(filmed, recorded):
+    capture, live = read_capture(recorded), read_motion(motion_of(recorded))
+    assert capture.keypoints is not None and capture.keypoints.fps == live.fps == 20.0
+    assert capture.keypoints.num_frames == live.num_frames == 120 - 11
+    first = 11 * 3
+    true = filmed.keypoints.xy[:, first::3]
+    np.testing.assert_allclose(capture.keypoints.xy, true, atol=1e-3)
+    start = solve(capture, start=live).motion
+    joints = filmed.truth["joints"][first::3, :22]
+    assert 1e3 * np.linalg.norm(start.joints[:, :22] - joints, axis=-1).mean() < 1.2 * solved_mm(filmed)
+    assert not recording_of(recorded).exists()
+
+
+def test_a_view_that_was_left_out_is_filled_from_its_neighbours_and_not_over_long_gaps(filmed, tmp_path):
+    session, path = session_of(filmed), tmp_path / "take.npz"
+    moments = moments_of(filmed)
+    for k in (40, 60, 61, 62, 63):
+        seen = moments[k]
+        moments[k] = ViewMoment(seen.time, 0.0, (None, seen.people[1]), (np.nan, seen.times[1]))
+    with ViewsRecorder(path, session, "fake", overwrite=False) as recorder:
+        record_into(session, recorder, moments)
+    keypoints = read_capture(path).keypoints
+    assert keypoints is not None
+    seen = (keypoints.confidence[0] > 0).any(-1)
+    assert seen[40 - 11] and not seen[61 - 11 : 63 - 11].any() and seen[70 - 11]
+
+
+def test_what_a_killed_run_left_is_finished_by_the_next(filmed, tmp_path):
+    path = tmp_path / "take.npz"
+    program = (
+        "import os, signal\nfrom pathlib import Path\n"
+        "from tests.videos.streaming.test_camera_live import *\n"
+        "f = demo_views([0, 1]); s = session_of(f)\n"
+        f"r = ViewsRecorder(Path({str(path)!r}), s, 'fake', overwrite=False)\n"
+        "record_into(s, r, moments_of(f)[:60])\nos.kill(os.getpid(), signal.SIGKILL)\n"
+    )
+    ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env={**os.environ}, check=False)
+    assert ended.returncode == -signal.SIGKILL and recording_of(path).exists() and not path.exists()
+    recorder = ViewsRecorder(path, session_of(filmed), "fake", overwrite=False)
+    recorder.finish()
+    assert recorder.recovered == tmp_path / "take_recovered_1.npz"
+    assert read_motion(motion_of(recorder.recovered)).num_frames == 60 - 11
+
+
+def test_a_full_disk_costs_the_moments_that_do_not_fit(filmed, tmp_path):
+    session, path = session_of(filmed), tmp_path / "take.npz"
+    recorder = ViewsRecorder(path, session, "fake", overwrite=False)
+    moments = moments_of(filmed)
+    record_into(session, recorder, moments[:80])
+    with full_disk(recorder.unfinished.stat().st_size + 100):
+        record_into(session, recorder, moments[80:85])
+    with pytest.raises(OutputNotWritable, match="moments"):
+        recorder.finish()
+    assert read_capture(path).keypoints is not None
+
+
+@pytest.mark.parametrize("content", [b"", b"\0" * 50, b'{"format": 1}\n', b"[]\n" + bytes(100)])
+def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
+    path = tmp_path / "take.npz.recording"
+    path.write_bytes(content)
+    if not content or b"\n" not in content:
+        assert not finish_views(path, tmp_path / "take.npz")
+        return
+    with pytest.raises(FileDamaged):
+        finish_views(path, tmp_path / "take.npz")
+    assert path.exists()
+
+
+def test_the_command_line_refuses_what_does_not_go_together(tmp_path, capsys):
+    calibration = tmp_path / "calibration.toml"
+    for options in (["a.mp4"], ["a.mp4", "b/a.mp4"], ["webcam:x", "webcam:1"], ["a.mp4", "b.mp4", "--rate", "0"]):
+        assert main(["camera-live", *options, "--calibration", str(calibration), "--json"]) == 2
+        assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == "command_line_invalid"
