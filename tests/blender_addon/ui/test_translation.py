@@ -47,7 +47,7 @@ def test_what_panels_draw_has_a_german_one(mocap, solved_take) -> None:
 
 
 def test_the_labels_are_registered_in_our_context_and_taken_back(monkeypatch) -> None:
-    kept: dict[str, object] = {}
+    kept: dict[str, dict[str, dict[tuple[str, str], str]]] = {}
     stand_in = SimpleNamespace(register=kept.__setitem__, unregister=kept.pop)
     monkeypatch.setattr(translation, "bpy", SimpleNamespace(app=SimpleNamespace(translations=stand_in)))
     translation.add_translations()
