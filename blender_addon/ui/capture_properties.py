@@ -159,7 +159,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         description="Outline cameras in the viewport: orange where a problem names them, grey where they are not used",
     )  # fmt: skip
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
-    checked: bpy.props.StringProperty(name="Checked", description="What a check of the calibration said, line by line")
+    checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
     doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",

@@ -64,7 +64,7 @@ from .panels import solve as solve_panels
 from .panels import studio as studio_panels
 from .panels import videos as videos_panel
 from .previews import previews
-from .translation import in_our_context
+from .translation import add_translations, in_our_context, remove_translations
 
 
 @dataclass(frozen=True)
@@ -92,6 +92,7 @@ def _pointer(owner: type, name: str, cls: type) -> Registrable:
 
 
 TABLE: tuple[Registrable, ...] = (
+    Registrable(add_translations, remove_translations),
     *map(_class, retarget_properties.CLASSES),
     *map(_class, studio_properties.CLASSES),
     *map(_class, properties.CLASSES),
