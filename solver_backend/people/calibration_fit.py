@@ -89,7 +89,8 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     searched = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int)).tolist()
     few = scores.on(_SEARCH_FRAMES, searched)
     best, rivals = _best_reading(few, len(searched))
-    best = list(with_shapes(few, best))
+    if _is_one_alone(detections):
+        best = list(with_shapes(few, best))
     if len(searched) < len(cameras):
         best, rivals = best[:1] * len(cameras), [rival[:1] * len(cameras) for rival in rivals]
     lone = min(range(len(best)), key=lambda c: scores.of_camera(c, best))
@@ -108,6 +109,12 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
         return kept
     meant = corrected(scores.cameras, best)
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
+
+
+def _is_one_alone(detections: Detections) -> bool:
+    """Whether views mostly show one person: of several the largest may be another in each, and nothing would agree."""
+    people = detections.people()
+    return bool(people.any()) and float(np.median(people[people > 0])) == 1.0
 
 
 def views_agreement(cameras: Cameras, detections: Detections) -> float:

@@ -77,7 +77,7 @@ def explain_unlike(cameras: Cameras, detections: Detections) -> tuple[ViewReadin
             return tuple(found) if len(tried.groups(found, 0.0)) == 1 else None
     readings = list(plain)
     for group in groups[1:]:
-        for ways in (_rates(), _corrections()):
+        for ways in (_rates(), _pictures()):
             options = [_with(readings, group, way) for way in ways]
             found = _clearly_best(options, partial(tried.strength, base=base, group=group))
             if found is not None:
@@ -108,10 +108,14 @@ def _rates() -> list[ViewReading]:
     return [ViewReading(rate=ratio) for ratio in ratios]
 
 
+def _pictures() -> list[ViewReading]:
+    return [ViewReading(CameraCorrection(factor=factor, turn=turn)) for factor, turn in product(FACTORS, TURNS)]
+
+
 def _corrections() -> list[ViewReading]:
-    pictures = [CameraCorrection(factor=factor, turn=turn) for factor, turn in product(FACTORS, TURNS)]
+    """Return all readings; how poses are written is the same for all cameras of a file."""
     poses = [CameraCorrection(pose=pose, graphics=graphics) for pose, graphics in product(POSES, (False, True))]
-    return [ViewReading(correction) for correction in dict.fromkeys([*pictures, *poses])]
+    return list(dict.fromkeys([*_pictures(), *map(ViewReading, poses)]))
 
 
 def _clearly_best(

@@ -3,7 +3,8 @@
 Each is written as a Pose2Sim trial, read and solved without options; where a stature is asked for, it is given. Solved
 are those within 1.15 times the error of the same frames unspoiled (joints, laid over the truth rigidly); silent are
 results beyond that without a warning or refusal. Needs the motions kept beside the repository (or MOCAP_SHARED_DATA).
-``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--record FILE] [KIND ...]`` prints every seed.
+``python -m tests.benchmarks.bench_spoiled [--seeds FIRST END] [--record FILE [--page PAGE]] [KIND ...]`` prints every
+seed; a record is continued, and a page is made of it.
 """
 
 from __future__ import annotations
@@ -21,12 +22,14 @@ import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings
 from solver_backend.body.body import load_body
+from solver_backend.exchange.outputs import write_text
 from solver_backend.types import Capture
 from tests.benchmarks.bench_sync import TAKES
 from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views.kinds import KINDS, Recording
 from tests.benchmarks.spoiled_views.lies import LIES
+from tests.benchmarks.spoiled_views.page import page_of
 from tests.benchmarks.spoiled_views.trial import Result, result_of
 
 SEEDS = 10
@@ -78,6 +81,8 @@ def tried(kind: str, seed: int) -> Found:
         first = first if spoiled.starts is None else int(spoiled.starts.max())
         spoiled = spoiled if spoiled.starts is not None else _from(spoiled, first)
     joints = np.asarray(capture.truth["joints"])
+    if kind == "still":
+        joints = np.repeat(joints[first : first + 1], len(joints), axis=0)
     result = result_of(capture, spoiled, joints)
     if "--stature" in result.refused:
         body = load_body()
@@ -114,7 +119,11 @@ def main(argv: list[str]) -> int:
     parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS | LIES)}; all if left out")
     parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), default=(0, SEEDS))
     parser.add_argument("--record", type=Path, help="file to which lines are added")
+    parser.add_argument("--page", type=Path, help="page that is written of the record, instead of solving")
     args = parser.parse_args(argv)
+    if args.page:
+        write_text(args.page, page_of(rows_of(args.record)), overwrite=True)
+        return 0
     done = {(row["kind"], row["seed"]) for row in rows_of(args.record)} if args.record else set()
     for seed, kind in product(range(*args.seeds), args.kinds or KINDS | LIES):
         if (kind, seed) in done:

@@ -38,3 +38,10 @@ def test_codes_that_refuse_nothing_are_named() -> None:
     with pytest.raises(JobInvalid, match="No result is refused for stature_odd") as caught:
         SolveSettings(accept=("stature_odd",))
     assert "stature_impossible" in caught.value.hint
+
+
+def test_a_refusal_repeats_what_the_reader_doubted() -> None:
+    doubt = diagnostic("earlier_warning", text="The joint set is not certain.")
+    with pytest.raises(ResultRefused) as caught:
+        refuse_errors([doubt, TALL, APART], (), "take")
+    assert caught.value.hint.startswith("What was found before may explain it: The joint set is not certain.")

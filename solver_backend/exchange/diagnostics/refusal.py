@@ -6,13 +6,16 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ..errors import JobInvalid, ResultRefused
-from .diagnostic import Diagnostic
+from .diagnostic import EARLIER_WARNING, Diagnostic
 from .entry import Severity
 from .result import RESULT
 from .wording import word
 
 REFUSALS = tuple(code for code, entry in RESULT.items() if entry.severity is Severity.ERROR)
 """Codes for which a result is refused."""
+
+MOST_DOUBTS = 3
+"""Doubts of the reader that a refusal repeats."""
 
 
 def check_accepted(codes: Iterable[str]) -> None:
@@ -43,9 +46,12 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
     refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]
     if refused:
         words = [word(item) for item in refused]
+        advices = dict.fromkeys(advice for _, advice in words)
+        doubts = [str(item.values.get("text", "")) for item in found if item.code == EARLIER_WARNING][:MOST_DOUBTS]
+        reasons = [f"What was found before may explain it: {' '.join(doubts)}"] if doubts else []
         options = " ".join(f"--accept {code}" for code in dict.fromkeys(item.code for item in refused))
         raise ResultRefused(
             " ".join(what for what, _ in words), where=where,
-            hint=" ".join([*dict.fromkeys(advice for _, advice in words), f"To take the result even so: {options}."]),
+            hint=" ".join([*reasons, *advices, f"To take the result even so: {options}."]),
         )  # fmt: skip
     return tuple(replace(i, severity=Severity.WARNING) if i.severity is Severity.ERROR else i for i in found)

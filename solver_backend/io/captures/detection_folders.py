@@ -29,6 +29,7 @@ from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
+from solver_backend.people.take_cuts import cut_sentence, take_cuts
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
@@ -106,6 +107,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         agreeing.problems,
         length_problems,
         in_time.problems,
+        cut_sentence(take_cuts(detections), detections.num_frames),
         person.problems,
     )
     capture = Capture(

@@ -88,10 +88,11 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     known = {s: len(set(s.keypoints) & set(plain)) for s in sets}
     best = max(sets, key=lambda s: (known[s], -s.num_keypoints))
     if known[best] < LEAST_KNOWN:
+        strange = next((name for name, p in zip(names, plain, strict=True) if p not in best.keypoints), names[0])
         raise KeypointCountMismatch(
             f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}.", where=where,
             hint="Name them in a file keypoints.json beside the recording, such as "
-            f'{{"landmarks": {{"{names[0]}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
+            f'{{"landmarks": {{"{strange}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
         )  # fmt: skip
     return _in_set(names, best)
 

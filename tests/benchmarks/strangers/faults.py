@@ -9,8 +9,20 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.cameras.projection import project
 from solver_backend.exchange.joint_sets import JointSet
-from tests.benchmarks.strangers.take import Take, demo_take, write_openpose, write_rate, write_take, write_toml
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.benchmarks.strangers.take import (
+    FPS,
+    LENGTH,
+    Take,
+    demo_take,
+    write_openpose,
+    write_rate,
+    write_take,
+    write_toml,
+)
 
 _SIDES = list(JointSet.BODY_25.mirrored())
 _LEGS = [JointSet.BODY_25.keypoints.index(n) for n in JointSet.BODY_25.keypoints
@@ -211,27 +223,41 @@ def every_second_number(folder: Path, take: Take) -> None:
     write_rate(folder)
 
 
-def _beside(take: Take, shift_m: tuple[float, float]) -> Take:
-    """Return somebody who does the same elsewhere, later: other pixels of the same cameras, drawn anew."""
-    from solver_backend.cameras.projection import project
+def _beside(take: Take, path_m: np.ndarray) -> Take:
+    """Return somebody who does what the person does later, elsewhere, seen by the same cameras.
 
-    later = demo_take(200, take.points.shape[1])
-    from solver_backend.synthesis.embedded.demo import demo_capture
+    Args:
+        take: F frames of the person.
+        path_m: (F, 2) or (2,) by how much they are moved over the floor.
+    """
+    frames = take.points.shape[1]
+    world = np.asarray(demo_capture(LENGTH, FPS).truth["keypoints3d"])[200 : 200 + frames].copy()
+    world[..., :2] += np.broadcast_to(path_m, (frames, 2))[:, None]
+    return replace(take, points=_seen(take, world, 0.8))
 
-    world = np.asarray(demo_capture(360, 60.0).truth["keypoints3d"])[200 : 200 + take.points.shape[1]]
-    moved = world + [*shift_m, 0.0]
+
+def _seen(take: Take, world: np.ndarray, confidence: float) -> np.ndarray:
+    """Return (C, F, K, 3) detections of points (F, K, 3) that err by 3 px; zeros outside the pictures."""
     cameras = take.cameras
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, moved, cameras.distortion_model)
-    inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None])).all(-1)
-    noisy = xy + np.random.default_rng(6).normal(0, 3, xy.shape)
-    return replace(
-        later, points=np.where(inside[..., None], np.concatenate([noisy, np.full((*xy.shape[:-1], 1), 0.8)], -1), 0.0)
-    )
+    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, world, cameras.distortion_model)
+    xy = xy + np.random.default_rng(6).normal(0, 3, xy.shape)
+    inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None])).all(-1, keepdims=True)
+    return np.where(inside, np.concatenate([xy, np.full((*xy.shape[:-1], 1), confidence)], -1), 0.0)
+
+
+def crossing(folder: Path, take: Take) -> None:
+    """Somebody who passes half a metre from the person; their places in the lists are exchanged from then on."""
+    frames = take.points.shape[1]
+    path = np.column_stack([np.linspace(1.6, -1.6, frames), np.full(frames, 0.5)])
+    a, b = take.points.copy(), _beside(take, path).points
+    half = frames // 2
+    a[:, half:], b[:, half:] = b[:, half:].copy(), a[:, half:].copy()
+    write_take(folder, replace(take, points=a), replace(take, points=b))
 
 
 def ids_swap(folder: Path, take: Take) -> None:
     """Two people whose places in the lists are exchanged at random."""
-    other = _beside(take, (0.9, 0.5))
+    other = _beside(take, np.array([0.9, 0.5]))
     rng = np.random.default_rng(5)
     swap = rng.uniform(size=take.points.shape[:2]) < 0.5
     a = np.where(swap[..., None, None], other.points, take.points)
@@ -241,16 +267,11 @@ def ids_swap(folder: Path, take: Take) -> None:
 
 def mirror_behind(folder: Path, take: Take) -> None:
     """A mirror behind the person: two cameras see the image in it too, with exchanged sides."""
-    from solver_backend.cameras.projection import project
-    from solver_backend.synthesis.embedded.demo import demo_capture
-
-    world = np.asarray(demo_capture(360, 60.0).truth["keypoints3d"])[60 : 60 + take.points.shape[1]].copy()
+    frames = take.points.shape[1]
+    world = np.asarray(demo_capture(LENGTH, FPS).truth["keypoints3d"])[60 : 60 + frames].copy()
     world[..., 1] = 2 * (world[..., 1].max() + 0.8) - world[..., 1]
-    cameras = take.cameras
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, world[:, _SIDES], cameras.distortion_model)
-    image = np.concatenate([xy, np.full((*xy.shape[:-1], 1), 0.7)], -1)
+    image = _seen(take, world[:, _SIDES], 0.7)
     image[[2, 3]] = 0.0
-    image[(image[..., :2] < 0).any(-1) | (image[..., :2] >= cameras.image_size[:, None, None]).any(-1)] = 0.0
     write_take(folder, take, replace(take, points=image))
 
 
@@ -330,8 +351,6 @@ def two_cameras_one_name(folder: Path, take: Take) -> None:
 
 def four_of_eight_two_moved(folder: Path, take: Take) -> None:
     """Two of four cameras were moved after the calibration."""
-    from solver_backend.geometry.rotations import exp_so3
-
     R, t = take.cameras.R.copy(), take.cameras.t.copy()
     for c, turn in ((1, [0.0, 0.15, 0.02]), (2, [0.1, -0.1, 0.0])):
         R[c], t[c] = exp_so3(np.array(turn)) @ R[c], exp_so3(np.array(turn)) @ t[c] + [0.2, 0, 0]
@@ -344,7 +363,7 @@ FAULTS: dict[str, Callable[[Path, Take], None]] = {
         turned_and_half, one_turned_one_half, one_two_thirds, odd_size, cropped, anamorphic, one_anamorphic,
         square_letterboxed, one_mirrored, mirrored_and_half, one_upside_down, two_takes, two_takes_on, animal,
         animal_unnamed, half_body, half_body_turned, missing_files, empty_people, empty_files, from_one, from_thousand,
-        one_from_one, every_second_number, ids_swap, mirror_behind, ghosts, truncated_focal, cm_and_turned,
+        one_from_one, every_second_number, ids_swap, crossing, mirror_behind, ghosts, truncated_focal, cm_and_turned,
         apart_and_half, y_up, y_down_half, rate_doubled, wrong_joint_set, shuffled_points, two_cameras_one_name,
         four_of_eight_two_moved,
     )

@@ -1,0 +1,49 @@
+"""Frames at which a person jumps in all views at once: two takes that follow one another in the same files."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from solver_backend.people.detections import Detections
+from solver_backend.people.main_person import main_person
+from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS
+
+JUMP, CALM = 0.12, 0.25
+"""How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
+it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames a second."""
+_LEAST_VIEWS = 2
+
+
+def take_cuts(detections: Detections) -> list[int]:
+    """Return the frames that begin another take.
+
+    Args:
+        detections: everybody, in step; of each frame the largest person counts.
+    """
+    xy, confidence = main_person(detections)
+    if xy.shape[1] < 4:
+        return []
+    seen = confidence >= MIN_CONFIDENCE
+    points = np.where(seen[..., None], xy, np.nan)
+    shared = seen[:, 1:] & seen[:, :-1]
+    enough = shared.sum(-1) >= MIN_POINTS
+    moved = np.linalg.norm(np.diff(points, axis=1), axis=-1)
+    step = np.full(enough.shape, np.nan)
+    extent = np.linalg.norm(np.nanmax(points[:, 1:][enough], 1) - np.nanmin(points[:, 1:][enough], 1), axis=-1)
+    step[enough] = np.nanmedian(moved[enough], axis=-1) / extent
+    known = np.isfinite(step)
+    least, most = np.where(known, step, np.inf).min(0), np.where(known, step, 0.0).max(0)
+    around = np.maximum(np.r_[0.0, most[:-1]], np.r_[most[1:], 0.0])
+    jumps = (known.sum(0) >= _LEAST_VIEWS) & (least > JUMP) & (around < CALM * least)
+    return (np.flatnonzero(jumps) + 1).tolist()
+
+
+def cut_sentence(cuts: list[int], num_frames: int) -> tuple[str, ...]:
+    """Return what is reported of cuts: nothing where there are none."""
+    if not cuts:
+        return ()
+    at = ", ".join(str(cut) for cut in cuts[:6])
+    return (
+        f"The person jumps in all views at frame {at}: several takes may follow one another. Solve each by itself: "
+        f"--frames 0 {cuts[0] - 1}, and --frames {cuts[-1]} {num_frames - 1}.",
+    )
