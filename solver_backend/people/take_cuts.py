@@ -12,6 +12,7 @@ JUMP, CALM = 0.12, 0.25
 """How far the keypoints move from a frame to the next at a cut in every view, in the person's extent, and the share of
 it that they move at most in the frames before and after: who runs at 5 m/s moves by 0.08 at 30 frames a second."""
 _LEAST_VIEWS = 2
+"""Views that must see the person before and after a cut."""
 
 
 def take_cuts(detections: Detections) -> list[int]:

@@ -62,7 +62,7 @@ def bring_to_agreement(
         return Agreeing(calibration, InTime(detections), (False,))
     ratios, problems = np.ones(len(detections.cameras)), ()
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
-    fit, flips = None, ()
+    fit, flips, written = None, (), calibration
     if not options.as_calibrated:
         detections, fit, flips = _unflipped(calibration, detections, options)
     in_step = fit is not None and fit.written >= AGREES
@@ -74,7 +74,9 @@ def bring_to_agreement(
         if (ratios != 1).any():
             detections, problems = at_one_rate(detections, ratios.tolist()), _said(detections, ratios, fps)
     in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
-    if not options.as_calibrated:
+    if fit is not None and calibration is written and not in_time.first_rows and (ratios == 1).all():
+        calibration = as_fitted(calibration, fit)  # of the same rows
+    elif not options.as_calibrated:
         calibration = as_meant(calibration, in_time.detections, options.up_axis)
     return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), flips + problems)
 
