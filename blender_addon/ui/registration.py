@@ -11,6 +11,7 @@ from ..headless.blender_command import command
 from . import (
     adoption,
     bone_colours,
+    camera_view,
     confidence_view,
     marker_view,
     preferences,
@@ -162,6 +163,7 @@ TABLE: tuple[Registrable, ...] = (
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Registrable(marker_view.drawing.start, marker_view.drawing.stop),
+    Registrable(camera_view.drawing.start, camera_view.drawing.stop),
     Registrable(confidence_view.drawing.start, confidence_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, solver_operator.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
