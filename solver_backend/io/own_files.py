@@ -28,9 +28,9 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
     capture = read_capture(path)
     found, markers = capture.keypoints, capture.markers
     if found is not None:
-        said = {"fps": options.fps or found.fps, "joint_set": options.joint_set or found.joint_set}
-        found = replace(found, **said)
-        people = tuple(replace(p, keypoints=replace(p.keypoints, **said)) for p in capture.people)
+        given = {"fps": options.fps or found.fps, "joint_set": options.joint_set or found.joint_set}
+        found = replace(found, **given)
+        people = tuple(replace(p, keypoints=replace(p.keypoints, **given)) for p in capture.people)
         capture = replace(capture, people=people)
     if markers is not None:
         markers = replace(markers, fps=options.fps or markers.fps)

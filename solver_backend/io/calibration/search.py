@@ -113,11 +113,11 @@ def _found_by_views(
     found: Calibration, order: list[int], recorded: Sequence[str], calibrated: Sequence[str]
 ) -> Calibration:
     pairs = [f"{name} is {calibrated[i]}" for name, i in zip(recorded, order, strict=True)]
-    said = (
+    message = (
         f"The calibration has other names for its cameras; by the agreement of the views {listing(pairs)}. "
         f"Another assignment: --camera {recorded[0]}={calibrated[order[0]]} and so on."
     )
-    return replace(found, problems=(*found.problems, said))
+    return replace(found, problems=(*found.problems, message))
 
 
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
