@@ -75,7 +75,8 @@ SCENE_SETUP_ITEMS = (
 
 _LIVE_ITEMS = (
     ("FILE", "Recording", "A recording of markers, or a motion, replayed at its own rate"),
-    ("VMC", "Another Program", "Poses that another program sends by the VMC protocol, such as VSeeFace or Warudo"),
+    ("VMC", "Another Program", "Poses by the VMC protocol, or a face from Live Link Face or iFacialMocap on a phone"),
+    ("CAMERAS", "Cameras", "Two to four calibrated cameras that film a person without markers, or videos of them"),
 )
 
 
@@ -167,8 +168,17 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )  # fmt: skip
     listen: bpy.props.StringProperty(
         name="Listen At", default=str(VmcAddress()),
-        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too",
+        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too. "
+        "For a face livelink://0.0.0.0, or ifacialmocap:// with the phone's address",
     )  # fmt: skip
+    cameras: bpy.props.StringProperty(
+        name="Cameras",
+        description="Two to four with blanks between: webcam:0, oak:ID or a video's path; NAME=webcam:0 names the "
+        "calibration's camera",
+    )  # fmt: skip
+    calibration: bpy.props.StringProperty(
+        name="Calibration", subtype="FILE_PATH", options=RELATIVE, description="Calibration of the cameras"
+    )
     subject: bpy.props.StringProperty(
         name="Subject", subtype="FILE_PATH", options=RELATIVE,
         description="Calibrated person; empty to learn the shape while they move",

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import os
 import re
 import stat
@@ -61,12 +62,18 @@ def _read_all(stream: BinaryIO, most: int) -> bytes:
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:
-    """Read a text file as UTF-8 (with or without mark), or as Latin-1 where it is not UTF-8.
+    """Read a text file, see ``as_text``.
 
     Raises:
         FileMissing, FileDamaged: see ``read_bytes``.
     """
-    data = read_bytes(path, largest)
+    return as_text(read_bytes(path, largest))
+
+
+def as_text(data: bytes) -> str:
+    """Return bytes as UTF-16 with its mark (Excel's Unicode text), as UTF-8 with or without one, else as Latin-1."""
+    if data.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)):
+        return data.decode("utf-16", "replace")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError:

@@ -122,6 +122,18 @@ TARGETS: tuple[Target, ...] = (
         odd_markers.QUALISYS,
     ),
     Target(
+        "markers, table of points",
+        (
+            _text("points.csv"),
+            _text("points.csv", ("_x", " X"), ("_y", " Y"), ("_z", " Z"), (",", ";")),
+            file("a.csv", "time,marker,x,y,z\n" + "".join(f"{f},{m},{f},2,3\n" for f in range(4) for m in "ABCDE")),
+        ),
+        _read,
+        {".csv": "table", ".txt": "table"},
+        30,
+        (file("a.csv", "frame,marker,x,y,z\n"), file("a.csv", "frame,marker,x,y,z\n1e300,A,1,2,3\nnan,A,1,2,3\n")),
+    ),
+    Target(
         "markers, by their format",
         (_text("motive.csv"), _text("nexus.csv"), _text("qtm.tsv")),
         _by_format,

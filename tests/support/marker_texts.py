@@ -47,6 +47,15 @@ MARKER_NAMES\tC7\tLTOE
 1\t0.005\t1\t2\t3\t4\t5\t6
 2\t0.010\t1\t2\t3\tnull\tnull\tnull
 """,
+    "points.csv": "frame,time,C7_x,C7_y,C7_z,C7_error,"
+    + ",".join(f"{name}_{axis}" for name in ("LTOE", "LANK", "RANK", "LKNE") for axis in "xyz")
+    + """
+0,0.00,1.5,2,3,0.5,4,5,6,7,8,9,1,2,3,4,5,7
+1,0.01,1.5,2,3,0.5,,,,7,8,9,1,2,4,4,5,8
+2,0.02,1.5,2,3,0.5,,,,7,8,9,1,2,5,4,5,9
+3,0.03,1.5,2,3,0.5,,,,7,8,9,1,2,6,4,5,9
+4,0.04,1.5,2,3,0.5,,,,7,8,9,1,2,6,4,5,9
+""",
 }
 NEXUS_SECTIONS = """Devices
 1000

@@ -112,7 +112,8 @@ def _cleaned(
     again = ready(moved_points(cloud, cleaned.points))
     flags = np.where(still, MARKER_GHOST, cleaned.flags).astype(np.uint8)
     for item in found:
-        flags[:, [cloud.labels.index(label) for label in item.where.markers]] |= MARKER_SWAPPED
+        known = [cloud.labels.index(label) for label in item.where.markers if label in cloud.labels]
+        flags[:, known] |= MARKER_SWAPPED
     diagnostics = merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)])
     provenance = {**again.measurements.provenance, "diagnostics": [item.as_dict() for item in diagnostics]}
     progress("Checking the labels", 1, 1)

@@ -28,10 +28,14 @@ from solver_backend.io.markers.text_table import (
     triples,
 )
 
-_FRAME = re.compile(r'"?Frame"?\s*[,;\t]', re.IGNORECASE)
+_AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
+"""In the row above the numbers: 'Frame', 'Time (Seconds)' and what these are in other languages come before."""
+_TYPES = re.compile(r'^\W*Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
+"""The row of types, by which a file is recognised whose first line was cut away."""
+_FIRST_LINE = "format version"
 MEASURED = "marker"
 """Type of markers as measured; 'Rigid Body Marker' and 'Bone Marker' are where an asset's model expects them."""
-_KNOWN_TYPES = (MEASURED, "rigid body", "rigid body marker", "bone", "bone marker", "skeleton")
+_KNOWN_TYPES = (MEASURED, "rigid body", "bone", "skeleton")
 
 
 def read_motive_csv(
@@ -55,24 +59,25 @@ def read_motive_csv(
     """
     path = Path(path)
     lines = read_text(path).splitlines()
-    if not lines or not lines[0].lstrip('"').lower().startswith("format version"):
+    at = next((i for i, line in enumerate(lines[:30]) if _AXES.search(line)), None)
+    if not begins_as_motive("\n".join(lines[:30])):
         raise FileDamaged(
             "The file is no CSV of Motive: 'Format Version' is expected at its start.",
             where=str(path),
             hint="Export it again with its header.",
         )
-    at = next((i for i, line in enumerate(lines[:30]) if _FRAME.match(line)), None)
     if at is None:
         raise FileDamaged(
-            "The file is truncated: a row that begins with 'Frame' is expected.",
+            "The file is truncated: a row 'Frame, Time (Seconds), X, Y, Z, ...' is expected.",
             where=str(path),
             hint="Export it again.",
         )
     # Spreadsheets of many countries save with semicolons and decimal commas.
     delimiter = max(",;\t", key=lines[at].count)
-    cells = header_cells(lines[0], delimiter)
+    whole = lines[0].lstrip('" ').lower().startswith(_FIRST_LINE)
+    cells = header_cells(lines[0], delimiter) if whole else []
     meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
-    header = [header_cells(line, delimiter) for line in lines[1 : at + 1] if line.strip(f'{delimiter} "')]
+    header = [header_cells(line, delimiter) for line in lines[whole : at + 1] if line.strip(f'{delimiter} "')]
     columns, labels, notes = _markers(header, path)
     bodies, messages = motive_bodies(header, labels, meta.get("rotation type", ""))
     data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
@@ -98,6 +103,11 @@ def read_motive_csv(
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
+def begins_as_motive(head: str) -> bool:
+    """Return whether a file begins as Motive's do, or with their row of types where the first line was cut away."""
+    return head.lstrip('" ').lower().startswith(_FIRST_LINE) or bool(_TYPES.search(head))
+
+
 def _table(rows: list[list[str]], first_line: int, path: Path, *, comma: bool) -> np.ndarray:
     """Return the rows' numbers; a time code, the one cell that is none, is blanked."""
     for row in rows:
@@ -114,7 +124,7 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
         path: the file, for messages.
     """
     axes = header[-1]
-    at = next((i for i, row in enumerate(header) if any(cell.lower() in _KNOWN_TYPES for cell in row)), None)
+    at = next((i for i, row in enumerate(header) if any(_is_type(cell) for cell in row)), None)
     if at is None or at + 1 >= len(header) - 1:
         raise FileDamaged(
             "The file has no row of types ('Marker', 'Rigid Body', ...) above its columns.",
@@ -145,6 +155,10 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
     elif expected:
         notes.append("Markers are where their assets expect them, not as measured: the file holds no others.")
     return chosen, tuple(names[i] for i in chosen), tuple(notes)
+
+
+def _is_type(cell: str) -> bool:
+    return cell.lower() in _KNOWN_TYPES or cell.lower().endswith(f" {MEASURED}")
 
 
 def _filled(row: list[str], width: int) -> list[str]:

@@ -8,15 +8,17 @@ from typing import Any
 
 from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
 from solver_backend.exchange.regular_file import open_regular
+from solver_backend.io.files import as_text
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
-from solver_backend.io.markers.motive_csv import read_motive_csv
+from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
 from solver_backend.io.markers.point_array import is_point_array, read_point_array
+from solver_backend.io.markers.point_table import begins_as_points, read_point_table
 from solver_backend.io.markers.qualisys_mat import read_qualisys_mat
 from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
 from solver_backend.io.markers.take import MarkerTake
-from solver_backend.io.markers.trc import read_trc
+from solver_backend.io.markers.trc import FILE_TYPE, read_trc
 from solver_backend.io.reader import Reader, ReadOptions
 
 _HEAD_BYTES = 65536
@@ -44,7 +46,7 @@ def _head(path: Path) -> str:
     """Return how the file begins, empty where it cannot be read."""
     try:
         with open_regular(path) as stream:
-            return stream.read(_HEAD_BYTES).decode("utf-8-sig", "replace").lstrip(' "\r\n\t')
+            return as_text(stream.read(_HEAD_BYTES)).lstrip(' "\r\n\t')
     except OSError:
         return ""
 
@@ -56,11 +58,13 @@ def _read_array(path: Path, options: ReadOptions) -> MarkerTake:
 MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("C3D", (".c3d",), read_c3d),
     _row("TRC", (".trc",), read_trc),
-    _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, lambda head: head.lower().startswith("format version")),
+    _row("TRC", (".csv", ".txt", ".tsv"), read_trc, lambda head: head.lower().startswith(FILE_TYPE)),
+    _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, begins_as_motive),
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
     Reader("array of 3D points (.npy)", is_point_array, _read_array),
     _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
     _row("Qualisys MATLAB file", (".mat",), read_qualisys_mat),
+    _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),
 )
 """Asked in this order; the first that recognises a path reads it."""

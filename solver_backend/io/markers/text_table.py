@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import csv
-from collections.abc import Sequence
+import re
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -13,6 +14,9 @@ from solver_backend.exchange.errors import FileDamaged
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
 """Cells that stand for no value, beside every spelling of NaN."""
 
+_GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
+"""A number whose thousands are separated, as spreadsheets format them: ``-1,779.458``."""
+_EXCHANGED = str.maketrans(",.", ".,")
 LARGEST = 1e30
 """Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
 
@@ -72,12 +76,22 @@ def _number(cell: str, line: int, path: Path, comma: bool) -> float:
     text = cell.strip().strip('"').lower()
     if text in MISSING:
         return float("nan")
+    text = text.translate(_EXCHANGED) if comma else text
     try:
-        return float(text.replace(",", ".") if comma else text)
+        return float(text.replace(",", "") if _GROUPED.fullmatch(text) else text)
     except ValueError as error:
         raise FileDamaged(
             f"'{text[:40]}' is no number.", where=f"{path}, line {line}", hint="Export the file again."
         ) from error
+
+
+def decimal_comma(cells: Iterable[str]) -> bool:
+    """Return whether numbers are written with a decimal comma, as half of the world does, points grouping thousands.
+
+    The last of a cell's commas and points is the decimal one; where cells differ in that, a comma is damage.
+    """
+    last = {text[max(text.rfind(","), text.rfind("."))] for text in cells if "," in text or "." in text}
+    return last == {","}
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
@@ -90,10 +104,19 @@ def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:
 
 
 def rate_of(times: np.ndarray) -> float | None:
-    """Return the frames per second of a column of seconds, None where it gives none."""
-    steps = np.diff(times[np.isfinite(times)])
+    """Return the frames per second of a column of seconds, None where it gives none.
+
+    Times have few decimals: where the median step, or the mean of all beside it, gives an integer within a part in
+    10,000, it is that integer; else the mean knows more.
+    """
+    times = times[np.isfinite(times)]
+    steps = np.diff(times)
     step = float(np.median(steps)) if len(steps) else 0.0
-    return 1.0 / step if step > 0 else None
+    if not step > 0:
+        return None
+    mean = float(times[-1] - times[0]) / len(steps)
+    rates = [1.0 / s for s in (step, mean) if abs(s - step) < 0.01 * step]
+    return next((float(round(rate)) for rate in rates if abs(rate - round(rate)) < 1e-4 * rate), rates[-1])
 
 
 def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[str, ...]:

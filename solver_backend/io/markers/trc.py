@@ -18,6 +18,7 @@ from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.text_table import (
+    decimal_comma,
     frame_problems,
     is_number,
     number_in,
@@ -27,6 +28,8 @@ from solver_backend.io.markers.text_table import (
 )
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
+FILE_TYPE = "pathfiletype"
+"""How the files begin, in small letters."""
 _HEADER_LINES, _ROWS_LOOKED_AT = 20, 100
 """Lines in which the labels must come, and rows that tell how all are written."""
 
@@ -56,9 +59,7 @@ def read_trc(
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows = _without_doubled_tabs(rows, len(labels))
-    sample = "".join(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
-    # Half of the world writes decimals with a comma; where points stand as well, a comma is damage.
-    comma = "," in sample and "." not in sample
+    comma = decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
     values = number_table(rows, first + 1, path, comma=comma)
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
@@ -85,7 +86,7 @@ def _between_tabs(lines: list[str]) -> list[str]:
     """Return the lines with tabs between cells, where a spreadsheet saved them with semicolons or commas and quotes."""
     heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
     separator = next((mark for mark in ("\t", ";", ",") if heading.count(mark) > 1), "\t")
-    if separator == "\t":
+    if separator == "\t" and '"' not in heading:
         return lines
     try:
         return ["\t".join(cells) for cells in csv.reader(lines, delimiter=separator)]

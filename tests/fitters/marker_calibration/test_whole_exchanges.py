@@ -41,6 +41,17 @@ def test_two_labels_are_exchanged_throughout(worn, known):
     assert 1000 * np.linalg.norm(motion.joints - clean.joints, axis=-1).mean() < 3.0
 
 
+def test_an_exchange_of_half_a_take_leaves_neither_name_to_be_used(worn):
+    """Half of the frames say that the labels are exchanged, half that they are not: both are left out, and named."""
+    pair = ("LKNE", "RKNE")
+    points, columns = worn.cloud.positions.copy(), [LABELS.index(label) for label in pair]
+    points[12:, columns] = points[12:, columns[::-1]]
+    motion = solve(Capture("take", markers=replace(worn.cloud, positions=points)), BY_FRAME).motion
+    found = read_diagnostics(motion.provenance["diagnostics"])
+    assert [item.code for item in found] == ["markers_exchanged", "markers_off_place"]
+    assert all(item.where.markers == pair for item in found) and not set(pair) & set(motion.marker_labels)
+
+
 def test_nothing_is_exchanged_where_nothing_is(worn):
     rng = np.random.default_rng(2)
     points = worn.cloud.positions

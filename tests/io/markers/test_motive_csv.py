@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
-from solver_backend.io.markers.motive_csv import read_motive_csv
+from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
 FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
@@ -158,7 +158,7 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
     with pytest.raises(FileDamaged, match="'Format Version' is expected"):
         read_motive_csv(write(path, "0,0.0,1,2,3\n"))
     whole = csv_text(measured(), rows(numbers(FIRST)))
-    with pytest.raises(FileDamaged, match="a row that begins with 'Frame' is expected"):
+    with pytest.raises(FileDamaged, match="a row 'Frame, Time .* is expected"):
         read_motive_csv(write(path, whole.split("Frame,Time")[0]))
     with pytest.raises(FileDamaged, match="no row of types"):
         read_motive_csv(write(path, whole.replace("Marker", "Thing")))
@@ -168,6 +168,24 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read_motive_csv(write(path, csv_text(measured(), [])))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [","])))
+
+
+def test_words_of_another_language_and_a_first_line_that_was_cut(tmp_path: Path) -> None:
+    whole = csv_text(measured(), rows(numbers(FIRST)), named_rows=True)
+    found = read_motive_csv(write(tmp_path / "t.csv", whole.replace("Frame,Time (Seconds)", "Bild,Zeit (Sekunden)")))
+    assert found.cloud.labels == MARKERS and found.cloud.fps == 120.0
+    cut = write(tmp_path / "t.csv", whole.split("\n", 2)[2])
+    assert begins_as_motive(cut.read_text())
+    found = read_motive_csv(cut, unit="m")
+    np.testing.assert_allclose(found.cloud.positions[0], FIRST[:, [0, 2, 1]] * [1, -1, 1], atol=1e-9)
+    assert found.cloud.fps == 120.0 and found.report.format == "Motive CSV"
+
+
+def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_path: Path) -> None:
+    whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
+    found = read_motive_csv(write(tmp_path / "t.csv", whole))
+    assert found.cloud.labels == MARKERS
+    assert any("where their assets expect them" in note for note in found.report.notes)
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])

@@ -10,6 +10,8 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.read import read_markers
+from solver_backend.io.markers.text_table import decimal_comma
 from solver_backend.io.markers.trc import read_trc
 
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
@@ -221,3 +223,23 @@ def test_a_file_that_a_spreadsheet_saved(tmp_path: Path, separator: str, comma: 
     take = read_trc(path, unit="mm", up_axis="z")
     assert take.cloud.labels == ("LASI", "RASI") and take.cloud.fps == 50
     np.testing.assert_allclose(take.cloud.positions[0], [[0.0105, 0.90025, 0.0035], [-0.0105, 0.901, 0.004]])
+
+
+@pytest.mark.parametrize(("ending", "encoding"), [("trc", "utf-16"), ("csv", "utf-8"), ("txt", "utf-16-le")])
+def test_as_a_spreadsheet_names_and_encodes_it(tmp_path: Path, ending: str, encoding: str) -> None:
+    """Excel's Unicode text is UTF-16, quotes labels between tabs, and groups thousands."""
+    cells = "1,779.458\t-2,000.5\t900.25\t10.5\t-20\t1.5E+01"
+    text = write(tmp_path / "a.trc", rows(cells=cells)).read_text()
+    path, mark = tmp_path / f"b.{ending}", "\ufeff" if encoding == "utf-16-le" else ""
+    path.write_bytes((mark + text.replace("C7", '"C7"')).encode(encoding))
+    found = read_markers(path, unit="mm", up_axis="z").cloud
+    assert found.labels is not None and found.labels[0] == "C7"
+    np.testing.assert_allclose(found.positions[0], [[1.779458, -2.0005, 0.90025], [0.0105, -0.02, 0.015]])
+
+
+@pytest.mark.parametrize(
+    ("cells", "comma"),
+    [(["1.779,5", "3"], True), (["1,5", "1.5"], False), (["1,779.5"], False), (["12"], False), (["1.5"], False)],
+)
+def test_which_of_commas_and_points_is_the_decimal_one(cells: list[str], comma: bool) -> None:
+    assert decimal_comma(cells) is comma

@@ -1,0 +1,174 @@
+"""Tables of 3D points as scripts, spreadsheets, anipose, DeepLabCut and FreeMoCap write them: names above columns.
+
+Three forms are read. Wide with one heading row, ``frame, LASI_x, LASI_y, LASI_z, ...`` (also ``LASI.X``, ``LASI X
+(mm)``). Wide with two, the names above the first or each of the columns ``X, Y, Z``. Long, a row a point: ``frame,
+marker, x, y, z``. Columns of other quantities (anipose's ``LASI_error``, ``LASI_score``) are left out.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.files import read_text
+from solver_backend.io.markers.source import MarkerSource, as_take
+from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.text_table import (
+    decimal_comma,
+    frame_problems,
+    header_cells,
+    is_number,
+    number_table,
+    rate_of,
+    triples,
+)
+
+LEAST_POINTS = 4
+"""Points whose three columns stand side by side; a table of fewer names no person."""
+_HEADING_LINES, _ROWS_LOOKED_AT = 12, 100
+"""Lines in which the headings must come, and rows that tell how numbers are written."""
+_COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
+"""``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
+_FRAMES = ("frame", "frames", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
+_TIMES = ("time", "time (s)", "time (seconds)", "time_s", "timestamp", "timestamps", "seconds", "t")
+_NAMES = ("marker", "name", "label", "keypoint", "landmark", "joint", "bodypart", "point", "marker_name")
+"""Headings in small letters: of the frame's number, of its seconds, and in long tables of the point."""
+
+
+def begins_as_points(head: str) -> bool:
+    """Return whether a file begins with the headings of such a table."""
+    lines = head.splitlines()[:_HEADING_LINES]
+    return bool(lines) and _layout(lines) is not None
+
+
+def read_point_table(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the points of a table.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes them from a column of seconds.
+        unit: its length unit; None takes what the headings say, or estimates it from the points' spread.
+        up_axis: its axis that points up; None takes how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        FileDamaged: it is no such table, a cell is no number, or the frame rate is neither given nor in it.
+        NoDetections: no point is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    lines = [line for line in read_text(path).splitlines() if line.strip()]
+    found = _layout(lines[:_HEADING_LINES])
+    if found is None:
+        raise FileDamaged(
+            "The table names no points: columns NAME_x, NAME_y, NAME_z are expected, or marker, x, y, z.",
+            where=str(path), hint="Export it again with its headings.",
+        )  # fmt: skip
+    first, headings, columns, stated = found
+    delimiter = _delimiter(lines[first - 1])
+    try:
+        rows = list(csv.reader(lines[first:], delimiter=delimiter))
+    except csv.Error as error:
+        raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
+    comma = delimiter != "," and decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
+    if columns:
+        values = number_table(_numbers_alone(rows, headings, columns), first + 1, path, comma=comma)
+        positions, labels = triples(values, list(columns.values())), tuple(columns)
+    else:
+        values, positions, labels = _from_long(rows, headings, first, path, comma=comma)
+    numbers, times = (_column(values, headings, names) for names in (_FRAMES, _TIMES))
+    source = MarkerSource(
+        path=path, format="Table of points", positions=positions, labels=labels,
+        rate=None if times is None else rate_of(times), default_unit="mm", default_up_axis="z", unit=stated,
+        first_frame=0 if numbers is None or not np.isfinite(numbers[:1]).all() else int(numbers[0]),
+        problems=() if numbers is None else frame_problems(numbers, None),
+    )  # fmt: skip
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _layout(lines: Sequence[str]) -> tuple[int, list[str], dict[str, int], str] | None:
+    """Return the first line of numbers, the headings, the first column of each point, and the unit they state.
+
+    Points have no columns in long tables; None where the lines are no headings of a table of points.
+    """
+    for at, line in enumerate(lines):
+        cells = header_cells(line, _delimiter(line))
+        plain = [cell.lower() for cell in cells]
+        if {"x", "y", "z"} <= set(plain) and set(plain) & set(_NAMES) and set(plain) & {*_FRAMES[:-1], *_TIMES}:
+            return at + 1, plain, {}, ""
+        above = header_cells(lines[at - 1], _delimiter(lines[at - 1])) if at else []
+        for names in (cells, _spread(above, plain)):
+            columns, unit = _points(names)
+            if len(columns) >= LEAST_POINTS:
+                return at + 1, plain, columns, unit
+    return None
+
+
+def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
+    """Return ``NAME_x`` for each column of x, y and z: the name stands above it, or above the x before it."""
+    names, last = [], ""
+    for column, axis in enumerate(axes):
+        name = above[column] if column < len(above) else ""
+        last = name if name or axis not in ("y", "z") else last
+        names.append(f"{last}_{axis}" if axis in ("x", "y", "z") and last else "")
+    return names
+
+
+def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
+    """Return the column of x of every point whose y and z follow it, and the unit that the headings state."""
+    split = [_COLUMN.fullmatch(name) for name in names]
+    columns, unit = dict[str, int](), ""
+    for x in range(len(names) - 2):
+        parts = [part for part in split[x : x + 3] if part is not None and part["name"]]
+        same = len({part["name"] for part in parts}) == 1
+        if same and [part["axis"].lower() for part in parts] == ["x", "y", "z"]:
+            columns.setdefault(parts[0]["name"], x)
+            unit = unit or parts[0]["unit"] or ""
+    return columns, unit
+
+
+def _delimiter(line: str) -> str:
+    return max(",;\t", key=line.count)
+
+
+def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], columns: dict[str, int]) -> list[list[str]]:
+    """Return the rows with blanks where neither a point nor the frame's number or time stands: there may be words."""
+    kept = {x + k for x in columns.values() for k in range(3)}
+    kept |= {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
+    return [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
+
+
+def _column(values: np.ndarray, headings: Sequence[str], names: Sequence[str]) -> np.ndarray | None:
+    """Return the column under one of the headings, None where there is none or it holds no numbers."""
+    at = next((i for i, heading in enumerate(headings) if heading in names and i < values.shape[1]), None)
+    return None if at is None or not np.isfinite(values[:, at]).any() else values[:, at]
+
+
+def _from_long(
+    rows: Sequence[list[str]], headings: Sequence[str], first: int, path: Path, *, comma: bool
+) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+    """Return the numbers of each frame's first row, (F, M, 3) positions and their labels."""
+    key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
+    names = [row[key].strip() if key < len(row) else "" for row in rows]
+    blanked = [[cell if i != key and (is_number(cell) or comma) else "" for i, cell in enumerate(row)] for row in rows]
+    values = number_table(blanked, first + 1, path, comma=comma)
+    values = np.pad(values, ((0, 0), (0, max(0, len(headings) - values.shape[1]))), constant_values=np.nan)
+    moment = _column(values, headings, _FRAMES[:-1])
+    moment = _column(values, headings, _TIMES) if moment is None else moment
+    if moment is None:
+        raise FileDamaged("The table says of no row which frame it is.", where=str(path), hint="Add a column 'frame'.")
+    _, begins, frame = np.unique(moment, return_index=True, return_inverse=True)
+    labels = tuple(dict.fromkeys(name for name in names if name))
+    column = {label: i for i, label in enumerate(labels)}
+    positions = np.full((len(begins), len(labels), 3), np.nan)
+    named = [i for i, name in enumerate(names) if name]
+    axes = [headings.index(axis) for axis in "xyz"]
+    positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]
+    return values[begins], positions, labels
