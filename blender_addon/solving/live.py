@@ -102,8 +102,8 @@ class LiveRun:
             stopped_first = self.process.cancelling and self.latest is None  # nothing was recorded that could be lost
             if self.result is None and self.error is None and not stopped_first:
                 self.error = {
-                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds what it said last.",
-                    "message": f"The live solver ended without a word (exit code {code}).",
+                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds its last messages.",
+                    "message": f"The live solver ended without a message (exit code {code}).",
                 }  # fmt: skip
         if newest is None:
             return None

@@ -42,14 +42,14 @@ _PRESET_ITEMS = (
     ("CUSTOM", "Custom", "The settings below"),
 )
 _UNIT_ITEMS = (
-    (AUTO, "As the File Says", "As stated in the calibration"),
+    (AUTO, "From the File", "As stated in the calibration"),
     ("m", "Metres", "Lengths of the calibration are metres"),
     ("cm", "Centimetres", "Lengths of the calibration are centimetres"),
     ("mm", "Millimetres", "Lengths of the calibration are millimetres"),
     ("inch", "Inches", "Lengths of the calibration are inches"),
 )
 _UP_ITEMS = (
-    (AUTO, "As the File Says", "Z, unless the calibration's format has another axis"),
+    (AUTO, "From the File", "Z, unless the calibration's format has another axis"),
     *(
         (axis, axis.upper(), f"The calibration's world has {axis.upper()} up")
         for axis in ("z", "y", "-y", "x", "-z", "-x")
@@ -84,7 +84,7 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     """How a capture is read."""
 
     fps: bpy.props.FloatProperty(
-        name="Frame Rate", description="Frames per second; 0 takes what the capture says", min=0, soft_max=240
+        name="Frame Rate", description="Frames per second; 0 uses the capture's own", min=0, soft_max=240
     )
     joint_set: bpy.props.EnumProperty(name="Keypoints", description="What the keypoints are", items=_JOINT_SET_ITEMS)
     unit: bpy.props.EnumProperty(name="Unit", description="Length unit of the calibration", items=_UNIT_ITEMS)
@@ -112,7 +112,7 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     )
     footage_anywhere: bpy.props.BoolProperty(
         name="Footage Anywhere",
-        description="Look for footage wherever the capture says it is, on other machines too; without, only in the "
+        description="Look for footage wherever the capture names it, on other machines too; without, only in the "
         "folder of the capture. Tick it for captures you trust",
     )
     subject_prefix: bpy.props.StringProperty(

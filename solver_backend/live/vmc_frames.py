@@ -160,7 +160,7 @@ class FrameAssembly(NamedOnce):
             if len(self._face) < MOST_CHANNELS or channel in self._face:
                 self._face[channel] = value
                 return
-        self.name_once("face_impossible", f"A channel of the face cannot be, or is one too many: {_shown(name)}.")
+        self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
 
     def _frame(self) -> BoneFrame:
         """Return what came as a frame, and begin the next."""

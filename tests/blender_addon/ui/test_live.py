@@ -83,7 +83,7 @@ def test_a_body_that_was_taken_away_ends_the_run_with_a_sentence(started):
 def test_a_child_that_dies_is_said_to_have_died(started):
     live.run.process._process.kill()  # from outside
     until(lambda: not live.busy)
-    assert "ended without a word" in live.failure
+    assert "ended without a message" in live.failure
 
 
 def test_stopping_while_it_starts_is_no_failure(started):
