@@ -41,11 +41,11 @@ VERBS = {
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
 }
 READING = {
-    "fps": (float, "frame rate, where the capture does not say it"),
-    "joint-set": (str, "names of the keypoints, where their number fits several sets"),
-    "unit": (str, "length unit of the calibration, where it is told wrongly"),
-    "up-axis": (str, "axis of the calibration's world that points up, if not z"),
-    "subject-prefix": (str, "whose markers, where a file holds several people"),
+    "fps": (float, "frame rate, if the capture has none"),
+    "joint-set": (str, "keypoint set, when the number of keypoints fits several"),
+    "unit": (str, "length unit of the recording, such as m or mm, to override the file's"),
+    "up-axis": (str, "axis that points up in the recording, if not z"),
+    "subject-prefix": (str, "label prefix of the person, when a file holds several"),
 }
 """What ``demo`` passes on to the reading of a capture."""
 SITE = {**os.environ, "NO_MKDOCS_2_WARNING": "1"}

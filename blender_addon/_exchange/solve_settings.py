@@ -85,7 +85,7 @@ class SolveSettings:
     """Geman-McClure scale in standard deviations of the detector's noise."""
     smoothing: float = setting(
         "number", 1.0, "Smoothing",
-        "How many times as calm as recorded motion: 1 follows the detections, 3 is calm, 10 loses detail",
+        "How many times as smooth as recorded motion: 1 follows the detections, 3 is smooth, 10 loses detail",
         group=CLEAN_UP, low=0.1, high=100, soft_high=10,
     )  # fmt: skip
     """How many times as bounded accelerations are as those of recorded motion."""
@@ -120,7 +120,7 @@ class SolveSettings:
         group=RESOURCES, count=10, metavar="B0,B1,…", in_panel=False,
     )  # fmt: skip
     noise: str = setting(
-        "file", "", "Detector's Noise", "File that says how far the detector's keypoints scatter at each confidence, "
+        "file", "", "Detector's Noise", "File with the scatter of the detector's keypoints at each confidence, "
         "as the command line's detector-noise measures it; empty takes confidences as they are",
         group=RESOURCES, metavar="NOISE.json",
     )  # fmt: skip
@@ -130,7 +130,7 @@ class SolveSettings:
     )  # fmt: skip
     """Direct solving of what a network has for each frame, beside labels first."""
     layout: str = setting(
-        "file", "", "Marker Layout", "File that says which place each marker's label names, as the command line's "
+        "file", "", "Marker Layout", "File with the place that each marker's label names, as the command line's "
         "layout writes it; empty goes by the layouts that are known", group=RESOURCES, metavar="LAYOUT.json",
         in_panel=False,
     )  # fmt: skip

@@ -23,7 +23,7 @@ class TimeSettings:
     """
 
     camera: tuple[str, ...] = setting(
-        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, where names do not say it; "
+        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, if the names do not match; "
         "may be repeated", group=TIME, metavar="RECORDED=CALIBRATED", in_panel=False,
     )  # fmt: skip
     offset: tuple[str, ...] = setting(

@@ -26,7 +26,7 @@ def run_to_its_end(
         run: the process, begun.
         progress: told what it tells.
         stopped: asked again and again about the process; where it returns an error the process is ended.
-        called: who a process that ended without a word was.
+        called: who a process that ended without a message was.
 
     Raises:
         SolverStopped: it ended with an error, or without a word.

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import bpy
 import numpy as np
 from numpy.typing import ArrayLike
@@ -38,11 +36,6 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         for name in confidence:
             armature.pose.bones[name].color.palette = "DEFAULT"
         return
-    colour_bones(armature, confidence)
-
-
-def colour_bones(armature: bpy.types.Object, confidence: Mapping[str, float]) -> None:
-    """Paint bones by the confidence of their joints, those alone whose colour changes to be seen."""
     for name, colour in zip(confidence, colours(list(confidence.values())), strict=True):
         target = armature.pose.bones[name].color
         if target.palette != "CUSTOM":

@@ -42,7 +42,7 @@ class BakeSettings:
     keys_per_second: float | None = None
     """About how many of the solver's keys to keep, joined by smooth curves; None for a key on every frame."""
     tolerance_mm: float | None = None
-    """As few keys as leave every joint so near to the full take; None for no thinning by it."""
+    """As few keys as keep every joint within the tolerance; None for no thinning by it."""
     asset: bool = False
     """Mark the action as an asset."""
     floor: bool = True
@@ -126,7 +126,7 @@ def bake_take(
 def _differences(motion: MotionFile, capture: CaptureFile | None) -> list[str]:
     notes = []
     if not motion.body:
-        notes.append("The motion does not say which body it is for: its shape is read as this body's.")
+        notes.append("The motion does not name its body: its shape is read as this body's.")
     if capture is not None and capture.xy is not None:
         frames = capture.xy.shape[1]
         if frames != motion.num_frames:

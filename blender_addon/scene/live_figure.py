@@ -10,6 +10,7 @@ import numpy as np
 from ..animation.action import bone_quaternions
 from ..body.armature import rotation_from_body_axes
 from ..body.body_file import BodyFile
+from ..body.posed_body import pose_joints
 from ..body.rig import create_rig
 from ..body.shape import set_betas
 from ..conventions.collections import child_collection
@@ -23,11 +24,18 @@ from .point_player import GRADE, SEEN
 NAME = "Live"
 MOST_POINTS = 90
 """Points that are shown at most, more than the largest layout of markers has; chosen by hand."""
-_LOOK = PointLook(0.008, MARKER_COLOURS)
+_LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
 _OFF_M = (0.0, 0.03, 0.08)
 """Metres from the body from which a point has the second, third and fourth colour: near, off, and far off as the solver
 has it, from where a pose is unsure; what is none of the body's has the first."""
 """Radius in metres, and colour; chosen by hand."""
+
+
+_DOUBT_M = (0.0, 0.02, 0.05)
+"""Standard deviation from which a joint has the second, third and fourth colour; two centimetres are what cameras and
+markers leave of a joint that is seen, five what is left of one that is not, after a while."""
+_UNSURE = 2
+"""Colour that joints have at least where the pose as a whole is unsure."""
 
 
 @dataclass
@@ -37,6 +45,7 @@ class LiveFigure:
     armature: str
     mesh: str
     points: str
+    joints: str
     body: BodyFile
     betas: np.ndarray
     R_bone_body: np.ndarray
@@ -74,21 +83,46 @@ class LiveFigure:
             points: (N, 3) metres.
             off_m: (N,) metres between each of them and the body, which colours them; NaN where it is none of its.
         """
-        cloud = bpy.data.objects.get(self.points)
-        if cloud is None or cloud.type != "MESH" or len(cloud.data.vertices) != MOST_POINTS:
-            return False
-        where = np.zeros((MOST_POINTS, 3), np.float32)
-        seen = np.zeros(MOST_POINTS, np.float32)
-        count = min(len(points), MOST_POINTS)
-        where[:count], seen[:count] = points[:count], 1.0
-        cloud.data.vertices.foreach_set("co", where.ravel())
-        cloud.data.attributes[SEEN].data.foreach_set("value", seen)
-        if off_m is not None and len(off_m) == len(points):
-            grade = np.zeros(MOST_POINTS, np.float32)
-            grade[:count] = np.digitize(np.nan_to_num(off_m[:count], nan=-1.0), _OFF_M)
-            cloud.data.attributes[GRADE].data.foreach_set("value", grade)
-        cloud.data.update_tag()
-        return True
+        known = off_m is not None and len(off_m) == len(points)
+        off = np.asarray(off_m) if known else np.full(len(points), np.nan)
+        return _show(self.points, points[:MOST_POINTS], _grades(off[:MOST_POINTS], _OFF_M))
+
+    def show_doubt(
+        self, rotvec: np.ndarray, transl: np.ndarray, sigma_m: np.ndarray | None, *, unsure: bool
+    ) -> bool:  # fmt: skip
+        """Show the joints of a pose in the colours of their doubt; return whether their object is there.
+
+        Args:
+            rotvec: (24, 3) axis-angles.
+            transl: (3,) metres.
+            sigma_m: (24,) standard deviation of each joint in metres, NaN where nothing is known; None shows none.
+            unsure: whether the pose as a whole is.
+        """
+        if sigma_m is None:
+            return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
+        _, joints = pose_joints(self.body.rest_joints(self.betas), rotvec[None], transl[None])
+        grades = _grades(np.nan_to_num(sigma_m, nan=np.inf), _DOUBT_M)
+        return _show(self.joints, joints[0], np.maximum(grades, _UNSURE) if unsure else grades)
+
+
+def _grades(metres: np.ndarray, bounds: tuple[float, ...]) -> np.ndarray:
+    """Return the colour's number of each distance or deviation; 0 where there is none."""
+    return np.digitize(np.where(np.isnan(metres), -1.0, metres), bounds)
+
+
+def _show(name: str, points: np.ndarray, grades: np.ndarray) -> bool:
+    """Show (N, 3) points in their colours by an overlay of ``MOST_POINTS``; return whether it is there."""
+    cloud = bpy.data.objects.get(name)
+    if cloud is None or cloud.type != "MESH" or len(cloud.data.vertices) != MOST_POINTS:
+        return False
+    where, count = np.zeros((MOST_POINTS, 3), np.float32), len(points)
+    seen, grade = np.zeros(MOST_POINTS, np.float32), np.zeros(MOST_POINTS, np.float32)
+    where[:count], seen[:count], grade[:count] = points, 1.0, grades
+    cloud.data.vertices.foreach_set("co", where.ravel())
+    for attribute, values in ((SEEN, seen), (GRADE, grade)):
+        cloud.data.attributes[attribute].data.foreach_set("value", values)
+    cloud.data.update_tag()
+    return True
 
 
 def create_live_figure(
@@ -108,14 +142,13 @@ def create_live_figure(
         rig.armature.pose.bones[joint].rotation_mode = "QUATERNION"
     for part in (rig.armature, rig.mesh):
         part.hide_viewport = not shown
-    rig.armature.show_in_front = True  # bones have the colours of their joints' doubt
-    rig.armature.data.display_type = "STICK"
     timing = TakeTiming(scene.frame_start, scene_frame_rate(scene))
     nowhere = np.full((1, MOST_POINTS, 3), np.nan)
     points = create_point_overlay(f"{NAME} points", nowhere, 1.0, timing, collection, _LOOK)
-    fit_units(scene, (rig.armature, points))
+    joints = create_point_overlay(f"{NAME} joints", nowhere, 1.0, timing, collection, _JOINT_LOOK)
+    fit_units(scene, (rig.armature, points, joints))
     return LiveFigure(
-        rig.armature.name, rig.mesh.name, points.name, body, np.asarray(betas, dtype=np.float64),
+        rig.armature.name, rig.mesh.name, points.name, joints.name, body, np.asarray(betas, dtype=np.float64),
         rotation_from_body_axes(rig.armature),
     )  # fmt: skip
 

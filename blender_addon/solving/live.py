@@ -102,8 +102,8 @@ class LiveRun:
             stopped_first = self.process.cancelling and self.latest is None  # nothing was recorded that could be lost
             if self.result is None and self.error is None and not stopped_first:
                 self.error = {
-                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds what it said last.",
-                    "message": f"The live solver ended without a word (exit code {code}).",
+                    "event": "error", "code": "solver_died", "where": "", "hint": "The log holds its last messages.",
+                    "message": f"The live solver ended without a message (exit code {code}).",
                 }  # fmt: skip
         if newest is None:
             return None
@@ -245,6 +245,31 @@ def start_live(
     command += [] if subject is None else ["--subject", str(subject)]
     command += [] if record is None else ["--record", str(record)]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder))
+
+
+def start_cameras(
+    sources: Sequence[str], calibration: Path, python: Path | None, folder: Path, *, subject: Path | None = None,
+    record: Path | None = None, options: Sequence[str] = (),
+) -> LiveRun:  # fmt: skip
+    """Start a live run of cameras that film a person.
+
+    Args:
+        sources: cameras or videos, as the verb ``camera-live`` takes them.
+        calibration: of these.
+        python: interpreter to use; None for Blender's own.
+        folder: working folder.
+        subject: calibrated person.
+        record: where keypoints are recorded as a capture.
+        options: further arguments of the verb: the detector, and where poses are sent.
+
+    Raises:
+        BackendMissing: solver or interpreter are not there.
+    """
+    command = [*backend_command(python), "camera-live", *sources, "--calibration", str(calibration), "--with-points"]
+    command += ["--json", "--parent-pipe", *options]
+    command += [] if subject is None else ["--subject", str(subject)]
+    command += [] if record is None else ["--record", str(record)]
+    return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))
 
 
 def start_rig(options: Sequence[str], python: Path | None, folder: Path) -> LiveRun:

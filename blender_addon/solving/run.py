@@ -99,9 +99,9 @@ class Run:
         self.error = {
             "event": "error",
             "code": "solver_not_understood",
-            "message": f"The solver said something that is not understood: {wrong}.",
+            "message": f"The solver sent a message that is not understood: {wrong}.",
             "where": "",
-            "hint": "Is another version of the solver installed in the chosen Python? The log holds what it said.",
+            "hint": "Is another version of the solver installed in the chosen Python? The log holds its messages.",
         }
         self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(self.error)}")
 
@@ -144,7 +144,7 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
 
 
 def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:
-    """Return the error event of a process that ended without a word."""
+    """Return the error event of a process that ended without a message."""
     if cancelled:
         return {"event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "", "hint": ""}
     how = f"it was ended from outside or ran out of memory (signal {-code})" if code < 0 else f"exit code {code}"
@@ -153,7 +153,7 @@ def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:
         "code": "solver_died",
         "message": f"The solver ended without a result: {how}.",
         "where": "",
-        "hint": "The log holds what it said last; your scene and earlier takes are untouched.",
+        "hint": "The log holds its last messages; your scene and earlier takes are untouched.",
     }
 
 

@@ -99,7 +99,7 @@ def _record(folder: Path) -> dict[str, Any]:
     path = folder / "shot.json"
     record = read_json_file(path)
     if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict) or record.get("light") not in LIGHTS:
-        raise FileDamaged("The shot's record says nothing of colour.", where=str(path), hint="Run the studio again.")
+        raise FileDamaged("The shot's record holds no colour.", where=str(path), hint="Run the studio again.")
     return record
 
 

@@ -154,8 +154,12 @@ class MocapCapture(bpy.types.PropertyGroup):
         description="Colour markers by their distance from the solved body: green up to 10 mm, orange up to 25, or red",
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
+    show_agreement: bpy.props.BoolProperty(
+        name="Agreement", default=True,
+        description="Outline cameras in the viewport: orange where a problem names them, grey where they are not used",
+    )  # fmt: skip
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
-    checked: bpy.props.StringProperty(name="Checked", description="What a check of the calibration said, line by line")
+    checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
     doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",

@@ -17,7 +17,7 @@ MEANING_ITEMS = (
 
 
 BONE_ITEMS = (
-    ("AUTO", "By Itself", "Its label says where it is, or the solve finds the bone that it moves with"),
+    ("AUTO", "By Itself", "By its label; without a known one, the solve finds the bone that it moves with"),
     ("NONE", "Nothing", "It is left out of the solve"),
     *(
         (joint, joint.replace("_", " ").capitalize(), f"The bone of {joint}, wherever it sits on it")
@@ -45,7 +45,7 @@ class MocapToldPoint(bpy.types.PropertyGroup):
 class MocapMarker(bpy.types.PropertyGroup):
     """One marker of the capture; its name is its label."""
 
-    meaning: bpy.props.EnumProperty(name="Meaning", description="What its label says", items=MEANING_ITEMS)
+    meaning: bpy.props.EnumProperty(name="Meaning", description="Meaning of its label", items=MEANING_ITEMS)
     gaps: bpy.props.IntProperty(name="Gaps", description="Stretches of frames in which it is not seen")
     missing_percent: bpy.props.FloatProperty(
         name="Missing", description="Share of the frames in which it is not seen", subtype="PERCENTAGE"

@@ -70,7 +70,7 @@ class MOCAP_OT_test_python(bpy.types.Operator):
 
     bl_idname = "mocap.test_python"
     bl_label = "Test"
-    bl_description = "Start the chosen Python and say which versions and devices it has; nothing is installed"
+    bl_description = "Start the chosen Python and report its versions and devices; nothing is installed"
     bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
 
     def execute(self, context: bpy.types.Context) -> set[str]:

@@ -42,14 +42,14 @@ _PRESET_ITEMS = (
     ("CUSTOM", "Custom", "The settings below"),
 )
 _UNIT_ITEMS = (
-    (AUTO, "As the File Says", "As stated in the calibration"),
+    (AUTO, "From the File", "As stated in the calibration"),
     ("m", "Metres", "Lengths of the calibration are metres"),
     ("cm", "Centimetres", "Lengths of the calibration are centimetres"),
     ("mm", "Millimetres", "Lengths of the calibration are millimetres"),
     ("inch", "Inches", "Lengths of the calibration are inches"),
 )
 _UP_ITEMS = (
-    (AUTO, "As the File Says", "Z, unless the calibration's format has another axis"),
+    (AUTO, "From the File", "Z, unless the calibration's format has another axis"),
     *(
         (axis, axis.upper(), f"The calibration's world has {axis.upper()} up")
         for axis in ("z", "y", "-y", "x", "-z", "-x")
@@ -75,7 +75,8 @@ SCENE_SETUP_ITEMS = (
 
 _LIVE_ITEMS = (
     ("FILE", "Recording", "A recording of markers, or a motion, replayed at its own rate"),
-    ("VMC", "Another Program", "Poses that another program sends by the VMC protocol, such as VSeeFace or Warudo"),
+    ("VMC", "Another Program", "Poses by the VMC protocol, or a face from Live Link Face or iFacialMocap on a phone"),
+    ("CAMERAS", "Cameras", "Two to four calibrated cameras that film a person without markers, or videos of them"),
 )
 
 
@@ -83,7 +84,7 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     """How a capture is read."""
 
     fps: bpy.props.FloatProperty(
-        name="Frame Rate", description="Frames per second; 0 takes what the capture says", min=0, soft_max=240
+        name="Frame Rate", description="Frames per second; 0 uses the capture's own", min=0, soft_max=240
     )
     joint_set: bpy.props.EnumProperty(name="Keypoints", description="What the keypoints are", items=_JOINT_SET_ITEMS)
     unit: bpy.props.EnumProperty(name="Unit", description="Length unit of the calibration", items=_UNIT_ITEMS)
@@ -111,7 +112,7 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     )
     footage_anywhere: bpy.props.BoolProperty(
         name="Footage Anywhere",
-        description="Look for footage wherever the capture says it is, on other machines too; without, only in the "
+        description="Look for footage wherever the capture names it, on other machines too; without, only in the "
         "folder of the capture. Tick it for captures you trust",
     )
     subject_prefix: bpy.props.StringProperty(
@@ -167,8 +168,17 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )  # fmt: skip
     listen: bpy.props.StringProperty(
         name="Listen At", default=str(VmcAddress()),
-        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too",
+        description="Address of this machine that the other program sends to; vmc://0.0.0.0 hears the network, too. "
+        "For a face livelink://0.0.0.0, or ifacialmocap:// with the phone's address",
     )  # fmt: skip
+    cameras: bpy.props.StringProperty(
+        name="Cameras",
+        description="Two to four with blanks between: webcam:0, oak:ID or a video's path; NAME=webcam:0 names the "
+        "calibration's camera",
+    )  # fmt: skip
+    calibration: bpy.props.StringProperty(
+        name="Calibration", subtype="FILE_PATH", options=RELATIVE, description="Calibration of the cameras"
+    )
     subject: bpy.props.StringProperty(
         name="Subject", subtype="FILE_PATH", options=RELATIVE,
         description="Calibrated person; empty to learn the shape while they move",

@@ -11,6 +11,7 @@ from ..headless.blender_command import command
 from . import (
     adoption,
     bone_colours,
+    camera_view,
     confidence_view,
     marker_view,
     preferences,
@@ -63,7 +64,7 @@ from .panels import solve as solve_panels
 from .panels import studio as studio_panels
 from .panels import videos as videos_panel
 from .previews import previews
-from .translation import in_our_context
+from .translation import add_translations, in_our_context, remove_translations
 
 
 @dataclass(frozen=True)
@@ -91,6 +92,7 @@ def _pointer(owner: type, name: str, cls: type) -> Registrable:
 
 
 TABLE: tuple[Registrable, ...] = (
+    Registrable(add_translations, remove_translations),
     *map(_class, retarget_properties.CLASSES),
     *map(_class, studio_properties.CLASSES),
     *map(_class, properties.CLASSES),
@@ -161,6 +163,7 @@ TABLE: tuple[Registrable, ...] = (
     *map(_class, studio_panels.CLASSES),
     _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
     Registrable(marker_view.drawing.start, marker_view.drawing.stop),
+    Registrable(camera_view.drawing.start, camera_view.drawing.stop),
     Registrable(confidence_view.drawing.start, confidence_view.drawing.stop),
     _handler(bpy.app.handlers.load_post, solver_operator.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),

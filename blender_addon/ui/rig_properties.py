@@ -18,7 +18,7 @@ _SYNC_ITEMS = (
 )
 PARTS = {
     "WAND": ("Wave the Wand", "Show what of every picture the wand has visited and where to wave it next", "wand"),
-    "GAMMA": ("Film the Γ", "Film the three markers on the floor that say where up and the origin are", "gamma"),
+    "GAMMA": ("Film the Γ", "Film the three markers on the floor that show where up and the origin are", "gamma"),
     "TAKE": ("Start", "Show points and a moving body while sensors see them, and record them", "take"),
 }
 """Name, description and property of what a run of the sensors is for."""

@@ -7,7 +7,7 @@ from typing import Any
 import bpy
 
 from .._exchange.errors import CommandLineInvalid
-from .._exchange.vmc.address import VmcAddress, read_address
+from .._exchange.vmc.address import VMC, VmcAddress, read_address
 
 
 class SendingProperties:
@@ -36,13 +36,17 @@ def sending_options(properties: Any) -> list[str]:
     return ["--send", str(allowed_address(properties.send_to))] if properties.send else []
 
 
-def allowed_address(text: str) -> VmcAddress:
+def allowed_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     """Return the address of a text, where Blender's preferences allow it.
+
+    Args:
+        text: the address.
+        schemes: protocols that will do.
 
     Raises:
         CommandLineInvalid: it is none, or is of another machine while Blender may not go online.
     """
-    address = read_address(text)
+    address = read_address(text, schemes)
     if not address.is_local and not bpy.app.online_access:
         raise CommandLineInvalid(
             "This address is not this machine's alone, and Blender may not go online.", where=str(address),

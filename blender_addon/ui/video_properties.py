@@ -80,12 +80,18 @@ class MocapVideos(bpy.types.PropertyGroup):
     sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
 
+    def detector_arguments(self) -> list[str]:
+        """Return the options of the solver's command line that choose the detector."""
+        from ..conventions.file_paths import file_of
+
+        model = str(file_of(self.model)) if self.detector == "model" else self.detector
+        return ["--detector", model, "--people", str(self.people)]
+
     def arguments(self) -> list[str]:
         """Return the options of the solver's command line."""
         from ..conventions.file_paths import file_of
 
-        model = str(file_of(self.model)) if self.detector == "model" else self.detector
-        options = ["--detector", model, "--people", str(self.people), "--sync", self.sync, "--cameras", self.cameras]
+        options = [*self.detector_arguments(), "--sync", self.sync, "--cameras", self.cameras]
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
         options += ["--focal", self.focal] if self.focal else []

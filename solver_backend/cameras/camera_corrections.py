@@ -18,6 +18,14 @@ TURNS = (0, 1, 2, 3)
 POSES = ("world to camera", "transposed", "camera to world", "places")
 """What a file's rotation R and vector t may be: ``x_cam = R x + t`` as OpenCV has it; ``x_cam = Rᵀ x + t``, as MATLAB's
 row vectors do; ``x = R x_cam + t``; ``x_cam = R (x - t)``."""
+SHAPES = {
+    "squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3", "half as wide": "squeezed to half width",
+    "twice as wide": "of half the rows", "square": "squeezed into a square", "boxed": "in a square with bars",
+    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3",
+}  # fmt: skip
+"""What recorded pictures may be against those calibrated, and how it is reported: anamorphic lenses and pixels that are
+no squares, fields of interlaced video, square inputs of detectors, modes of a camera that use a part of its sensor."""
+_WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as wide": 2.0}
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
 
@@ -34,15 +42,17 @@ class CameraCorrection:
     """One of ``POSES``."""
     graphics: bool = False
     """Camera axes are those of OpenGL and Blender."""
+    shape: str = ""
+    """One of ``SHAPES``, before the size counts; empty: as calibrated."""
 
     @property
     def changes(self) -> int:
         """How many things it changes."""
-        return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics
+        return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics + bool(self.shape)
 
     def sentence(self) -> str:
         """Return what was meant by the calibration, for a person."""
-        parts = []
+        parts = [f"the recorded pictures are {SHAPES[self.shape]}"] if self.shape else []
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")
         if self.turn:
@@ -70,6 +80,8 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
     for c, correction in enumerate(corrections):
         if correction.pose != POSES[0] or correction.graphics:
             cameras = _reposed(cameras, c, correction)
+        if correction.shape:
+            cameras = _reshaped(cameras, c, correction.shape)
         if correction.factor != 1.0:
             width, height = np.maximum(1, np.round(cameras.image_size[c] * correction.factor)).astype(int).tolist()
             cameras = resized(cameras, c, (width, height))
@@ -93,6 +105,23 @@ def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     K[index, :2] *= scale[:, None]
     K[index, :2, 2] += (scale - 1) / 2
     sizes[index] = size
+    return replace(cameras, K=K, image_size=sizes)
+
+
+def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
+    """Return the cameras with one of them for pictures of another shape: ``u' + 0.5 = s (u + 0.5) + o`` px, so v."""
+    width, height = cameras.image_size[c].tolist()
+    scale, size = np.array([_WIDTHS.get(shape, 1.0), 1.0]), np.array([width, height], np.float64)
+    if shape == "square":
+        scale = np.array([height / width, 1.0])
+    new = {
+        "boxed": np.full(2, size.max()), "cut to 16:9": np.array([width, width * 9 / 16]),
+        "cut to 4:3": np.array([height * 4 / 3, height]),
+    }.get(shape, size * scale)  # fmt: skip
+    K, sizes = cameras.K.copy(), cameras.image_size.copy()
+    K[c, :2] *= scale[:, None]
+    K[c, :2, 2] += (scale - 1) / 2 + (new - size * scale) / 2
+    sizes[c] = np.maximum(1, np.round(new)).astype(sizes.dtype)
     return replace(cameras, K=K, image_size=sizes)
 
 

@@ -96,7 +96,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
 
     told = args.board or next((str(p) for p in _told_boards(args.footage or args.source)), None)
     if told is None:
-        raise CommandLineInvalid("Which board was filmed?", hint="Say --board, such as --board charuco:5x7:35mm.")
+        raise CommandLineInvalid("Which board was filmed?", hint="Give --board, such as --board charuco:5x7:35mm.")
     unknown = [m for m in args.lens or () if m not in LENS_MODELS]
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
@@ -169,7 +169,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
         raise CalibrationMissing(
             "Neither lenses nor the pictures' sizes are known.",
             where=str(args.source),
-            hint="Tell lenses with --lenses, or put the videos beside the detections.",
+            hint="Give lenses with --lenses, or put the videos beside the detections.",
         )
     return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
 
@@ -179,7 +179,7 @@ def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
 
     clicks = read_clicks(args.source)
     if args.lenses is None:
-        raise CommandLineInvalid("Clicked points need lenses.", hint="Tell them with --lenses CALIBRATION|LENSES.json.")
+        raise CommandLineInvalid("Clicked points need lenses.", hint="Give them with --lenses CALIBRATION|LENSES.json.")
     progress("Cameras from clicks", 0, 1)
     return calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
 
@@ -200,7 +200,7 @@ def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     from solver_backend.io.calibration import read_calibration
 
     if args.footage is None and args.take is None and args.clicks is None:
-        raise CommandLineInvalid("Together with what?", hint="Tell --footage, --take or --clicks, or several of them.")
+        raise CommandLineInvalid("Together with what?", hint="Give --footage, --take or --clicks, or several of them.")
     if args.hold is not None and not args.hold > 0:
         raise CommandLineInvalid("--hold is how good the calibration is, more than 0 mm.")
     start, sources = read_calibration(args.source).cameras, []

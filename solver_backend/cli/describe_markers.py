@@ -77,7 +77,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
     lines = [
         f"Calibrated {len(person.labels)} markers on the body {person.body}",
         f"  shape       {', '.join(f'{value:+.2f}' for value in person.betas)}",
-        f"  farthest    {far} from where their names say",
+        f"  farthest    {far} from the places of their names",
         f"  loosest     {loose} around where the body has them",
     ]
     return "\n".join(lines), data

@@ -7,16 +7,19 @@ import gc
 import os
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import numpy as np
 
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.vmc.address import SCHEME, read_address
+from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, PORTS, is_address, read_address
 
 if TYPE_CHECKING:
+    from solver_backend.live.face_recording import FaceRecorder
     from solver_backend.live.pose_recording import PoseRecorder
     from solver_backend.live.recording import LiveRecorder
     from solver_backend.live.sending import Proportions
@@ -30,9 +33,11 @@ class LiveSource:
 
     lines: Iterator[dict[str, Any]]
     proportions: Proportions
-    recorder: LiveRecorder | PoseRecorder | None = None
+    recorder: LiveRecorder | PoseRecorder | FaceRecorder | None = None
     summary: Callable[[], dict[str, Any]] = field(default=dict)
     """Returns what is known of the source at the end."""
+    beside: tuple[FaceRecorder, ...] = ()
+    """What else is recorded, and finished at the end."""
 
 
 def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
@@ -42,8 +47,10 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
         CommandLineInvalid: options do not go with it.
         MocapError: it cannot be read, or what is recorded cannot be written.
     """
-    if args.source.startswith(SCHEME):
-        return _poses(args)
+    if is_address(args.source):
+        if args.repeat or args.fast:
+            raise CommandLineInvalid("--fast and --repeat replay a file, and the source is another program.")
+        return _face(args) if read_address(args.source, tuple(PORTS)).scheme in FACES else _poses(args)
     if args.source == "-" and args.repeat:
         raise CommandLineInvalid("--repeat replays a file, and the source is standard input.", where="--repeat")
     if args.source != "-" and Path(args.source).suffix.lower() == ".bvh":
@@ -69,25 +76,54 @@ def _motion(args: argparse.Namespace) -> LiveSource:
 
 def _poses(args: argparse.Namespace) -> LiveSource:
     """Return the poses that come to a port."""
-    if args.repeat or args.fast:
-        raise CommandLineInvalid("--fast and --repeat replay a file, and the source is another program.")
     if args.record is not None and args.record.suffix.lower() != ".npz":
         raise CommandLineInvalid(
             "Poses are recorded as a motion.", where=str(args.record), hint="Name a file that ends in .npz."
         )
     from solver_backend.body.body import load_body
     from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.live.face_recording import FaceRecorder
     from solver_backend.live.pose_recording import PoseRecorder
     from solver_backend.live.vmc_frames import FrameAssembly
     from solver_backend.live.vmc_source import BonesOnBody, listen, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
-    recorder = None
+    recorder = face = None
     if args.record is not None:
         recorder = PoseRecorder(args.record, args.source, onto.person, overwrite=bool(args.overwrite))
-    lines = pose_lines(listen(address, assembly), onto, recorder)
-    return LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
+        face_path = args.record.with_name(f"{args.record.stem}_face.csv")
+        face = FaceRecorder(face_path, overwrite=bool(args.overwrite))
+    lines = pose_lines(listen(address, assembly), onto, recorder, face)
+    found = LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
+    return replace(found, beside=() if face is None else (face,))
+
+
+def _face(args: argparse.Namespace) -> LiveSource:
+    """Return the face that a phone sends."""
+    if args.send is not None or args.subject is not None:
+        option = "--send" if args.send is not None else "--subject"
+        raise CommandLineInvalid(f"{option} goes with poses, and {args.source} is a face.", where=option)
+    if args.record is not None and args.record.suffix.lower() != ".csv":
+        raise CommandLineInvalid(
+            "A face is recorded as a table.", where=str(args.record), hint="Name a file that ends in .csv."
+        )
+    from solver_backend.body.body import load_body
+    from solver_backend.live.face_recording import FaceRecorder
+    from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
+    from solver_backend.live.vmc_source import listen
+
+    address = read_address(args.source, FACES)
+    assembly, body = FaceAssembly(address.scheme), load_body()
+    there, ask = address, None
+    if address.scheme == IFACIALMOCAP and not address.is_local and address.host not in ("0.0.0.0", "::"):
+        there, ask = replace(address, host="0.0.0.0"), ask_phone(address.host, address.port)
+    recorder = None if args.record is None else FaceRecorder(args.record, overwrite=bool(args.overwrite))
+    heard = listen(there, assembly) if ask is None else listen(there, assembly, ask)
+    return LiveSource(
+        face_lines(heard, recorder), lambda: (body.layout, body.rest_joints(np.zeros(10))), recorder,
+        lambda: {"not_used": dict(assembly.counts)},
+    )  # fmt: skip
 
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:

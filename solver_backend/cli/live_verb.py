@@ -29,15 +29,16 @@ def live_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "source",
         metavar="SOURCE",
-        help="take or motion to replay at its own rate, - for lines on stdin, or vmc://:PORT for poses that come there",
+        help="take or motion to replay at its own rate, - for lines on stdin, vmc://:PORT for poses that come there, "
+        "livelink:// or ifacialmocap://PHONE for a face",
     )
     verb.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
     verb.add_argument("--repeat", action="store_true", help="replay a file again and again")
     verb.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
     verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
     verb.add_argument(
-        "--record", type=Path, metavar="TAKE.c3d|MOTION.npz",
-        help="also record the points, to be solved afterwards, or the poses that come by vmc://",
+        "--record", type=Path, metavar="TAKE.c3d|MOTION.npz|FACE.csv",
+        help="also record the points, to be solved afterwards, the poses that come by vmc://, or the face",
     )  # fmt: skip
     verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
     verb.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
@@ -60,8 +61,8 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     recorder = source.recorder
     with ExitStack() as stack:
         hold = stack.enter_context(cancelling_until_held())
-        if recorder is not None:
-            stack.enter_context(recorder)
+        for kept in (*((recorder,) if recorder is not None else ()), *source.beside):
+            stack.enter_context(kept)
         sender = open_sender(args.send, source.proportions)
         if sender is not None:
             stack.enter_context(sender)

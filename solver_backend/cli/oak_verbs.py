@@ -121,7 +121,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     told = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in told}
     if len(found) < len(told):
-        raise CommandLineInvalid("Two cameras have one name.", hint="Say --oak ID=NAME.")
+        raise CommandLineInvalid("Two cameras have one name.", hint="Give --oak ID=NAME.")
     if not ((args.seconds is None or 0 < args.seconds <= 3600) and 0 < args.fps <= 120):
         raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
     return found

@@ -102,7 +102,7 @@ def _check(args: argparse.Namespace) -> None:
     if (args.source is None) == (args.oak is None):
         raise CommandLineInvalid("Sensors are a FOLDER or cameras, --oak ID=NAME: one of both is needed.")
     if args.subject is not None and not args.poses:
-        raise CommandLineInvalid("--subject says whose poses are fitted: it goes with --poses.")
+        raise CommandLineInvalid("--subject names the person of the poses: it goes with --poses.")
     if args.send is not None:
         read_address(args.send)
         if not args.poses:

@@ -137,7 +137,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise RefinementUseless(
             f"The cameras fit the people no better when refined: {np.nanmedian(found.before_px):.1f} px before, "
             f"{np.nanmedian(found.after_px):.1f} px after.",
-            where=capture.name, hint="The calibration is as good as the detections tell; keep it.",
+            where=capture.name, hint="The calibration is as good as the detections can show; keep it.",
         )  # fmt: skip
     problems = tuple(problem for problem in capture.problems if not problem.startswith(SHIFTED))
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)

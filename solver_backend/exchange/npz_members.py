@@ -112,7 +112,7 @@ def _fill(stream: IO[bytes], values: np.ndarray, name: str) -> None:
     at = 0
     while chunk := stream.read(_CHUNK):
         if at + len(chunk) > len(room):
-            raise ValueError(f"'{name}' has more bytes than it says")
+            raise ValueError(f"'{name}' has more bytes than it states")
         room[at : at + len(chunk)] = np.frombuffer(chunk, np.uint8)
         at += len(chunk)
     if at < len(room):

@@ -107,7 +107,7 @@ def labelled_capture(
     if not (always or persistent) and share < LEAST_UNNAMED:
         raise MarkersUnknown(
             f"The points have no names, and the labelling network, which knows whole bodies, names only "
-            f"{100 * share:.0f} % of them: too few to tell one person.", where=capture.name,
+            f"{100 * share:.0f} % of them: too few to find one person.", where=capture.name,
             hint="Label the take in the program that recorded it; or name it with `label`, correct the labels in "
             "Blender or with --labels, and solve the labelled file.",
         )  # fmt: skip

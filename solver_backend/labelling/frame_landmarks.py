@@ -66,7 +66,7 @@ def require_points(seen: np.ndarray) -> None:
     """
     if not (seen.sum(1) >= FEWEST_POINTS).any():
         raise NoDetections(
-            f"In no frame are there {FEWEST_POINTS} points: too few to tell markers apart.", where="markers"
+            f"In no frame are there {FEWEST_POINTS} points: too few to distinguish markers.", where="markers"
         )
     require_at_most(MOST_POINTS, int(seen.sum(1).max()), f"points in frame {int(seen.sum(1).argmax())}")
 

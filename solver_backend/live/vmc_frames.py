@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.bones import JOINT_OF
 from solver_backend.exchange.vmc.bundle import BONE, ROOT, TIME
 from solver_backend.exchange.vmc.osc import OscMessage, PacketInvalid, decode_packet
+from solver_backend.live.named_once import NamedOnce
 
 SENDER_GONE_S = 1.0
 """Seconds of silence after which another sender is heard."""
@@ -50,16 +51,11 @@ class BoneFrame:
     """Value of each channel of the face, of a sender that has some; 0 to 1 as a rule."""
 
 
-@dataclass
-class FrameAssembly:
+class FrameAssembly(NamedOnce):
     """Gathers the bones of one sender; a frame is whole when every bone of the last one, or one of them twice, came."""
 
-    counts: dict[str, int] = field(default_factory=dict)
-    """How often something was wrong with what came, by kind."""
-    news: list[tuple[str, str]] = field(default_factory=list)
-    """Kind and sentence of what was wrong for the first time; whoever reports it takes it out."""
-
-    def __post_init__(self) -> None:
+    def __init__(self) -> None:
+        super().__init__()
         self._sender: Any = None
         self._heard = -math.inf
         self._packets: list[bytes] = []
@@ -86,11 +82,11 @@ class FrameAssembly:
             arrived: ``time.perf_counter()``.
         """
         if sender != self._sender and arrived - self._heard < SENDER_GONE_S:  # at once: it may send without end
-            return self._name("second_sender", "Another sender is not heard as long as the first one sends.")
+            return self.name_once("second_sender", "Another sender is not heard as long as the first one sends.")
         try:
             messages = decode_packet(packet)
         except PacketInvalid as error:
-            return self._name("packet_invalid", f"A packet is no Open Sound Control: {error}.")
+            return self.name_once("packet_invalid", f"A packet is no Open Sound Control: {error}.")
         if not self._is_ours(messages, sender, arrived) or not self._is_next(messages, packet):
             return
         for message in messages:
@@ -105,7 +101,7 @@ class FrameAssembly:
             elif message.address == FACE:
                 self._add_face(message)
             elif not message.address.startswith("/VMC/"):
-                self._name("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
+                self.name_once("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
         if self._whole and self._came >= self._whole:
             yield self._frame()
 
@@ -126,17 +122,17 @@ class FrameAssembly:
         if clock is None:
             return True
         if packet in self._packets:
-            return bool(self._name("packet_doubled", "A packet came twice."))
+            return bool(self.name_once("packet_doubled", "A packet came twice."))
         self._packets = [*self._packets[1 - _LATEST :], packet]
         if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
-            return bool(self._name("packet_late", "A packet came after one that was sent later."))
+            return bool(self.name_once("packet_late", "A packet came after one that was sent later."))
         self._clock = clock
         return True
 
     def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
         name = message.values[0] if message.values else None
         if not isinstance(name, str) or name not in JOINT_OF:
-            return self._name("bone_unknown", f"A bone is none of Unity's: {_shown(name)}.")
+            return self.name_once("bone_unknown", f"A bone is none of Unity's: {_shown(name)}.")
         numbers = self._numbers(message)
         return None if numbers is None else (name, *numbers)
 
@@ -147,7 +143,7 @@ class FrameAssembly:
         good = bool(np.isfinite(numbers).all()) and bool((np.abs(numbers) < FARTHEST_M).all())
         length = float(np.linalg.norm(numbers[3:])) if good else 0.0
         if not 0.5 < length < 2.0:
-            return self._name("numbers_impossible", f"The numbers of {_shown(message.values[:1])} cannot be.")
+            return self.name_once("numbers_impossible", f"The numbers of {_shown(message.values[:1])} cannot be.")
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
 
     def _add(self, bone: tuple[str, np.ndarray, np.ndarray], arrived: float) -> None:
@@ -164,7 +160,7 @@ class FrameAssembly:
             if len(self._face) < MOST_CHANNELS or channel in self._face:
                 self._face[channel] = value
                 return
-        self._name("face_impossible", f"A channel of the face cannot be, or is one too many: {_shown(name)}.")
+        self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
 
     def _frame(self) -> BoneFrame:
         """Return what came as a frame, and begin the next."""
@@ -178,12 +174,6 @@ class FrameAssembly:
         self._last, self._whole = self._begun, frozenset(self._came)
         self._came.clear()
         return BoneFrame(self._time, arrived, dict(self._quat), dict(self._place), self._root, dict(self._face))
-
-    def _name(self, kind: str, message: str) -> None:
-        """Count something that is wrong; the first of its kind is news."""
-        if kind not in self.counts:
-            self.news.append((kind, message))
-        self.counts[kind] = self.counts.get(kind, 0) + 1
 
 
 def has_fingers(frame: BoneFrame) -> bool:

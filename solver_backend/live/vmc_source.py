@@ -5,9 +5,9 @@ from __future__ import annotations
 import errno
 import socket
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator
 from contextlib import ExitStack
-from typing import Any
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 
@@ -21,14 +21,17 @@ from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import LONGEST
 from solver_backend.exchange.vmc.t_pose import turned
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
+from solver_backend.live.face_recording import FaceRecorder
 from solver_backend.live.own_proportions import own_shape
 from solver_backend.live.pose_recording import PoseRecorder
-from solver_backend.live.vmc_frames import BoneFrame, FrameAssembly, has_fingers
+from solver_backend.live.vmc_frames import BoneFrame, has_fingers
 
 SILENT_S = 2.0
 """Seconds without a packet from which a sender is reported as silent."""
 _LOOK_S = 0.2
 """Seconds after which waiting looks about itself."""
+_ASK_S = 1.0
+"""Seconds of silence from one request to the next."""
 _RETRY_S = 0.5
 _BUFFER = 1 << 20
 """Bytes that the system keeps for us: a second of the largest bundles."""
@@ -37,10 +40,29 @@ _SAME = 0.005
 """Share by which legs may differ in length without the path being scaled."""
 
 Event = dict[str, Any]
+Frame = TypeVar("Frame", covariant=True)
 
 
-def listen(address: VmcAddress, assembly: FrameAssembly) -> Iterator[BoneFrame | Event]:
+class Assembly(Protocol[Frame]):
+    """What makes frames of packets, and news of what is wrong with them."""
+
+    news: list[tuple[str, str]]
+    """Kind and sentence of what was wrong for the first time."""
+
+    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[Frame]:
+        """Yield the frames that a packet makes whole."""
+        ...
+
+
+def listen(
+    address: VmcAddress, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
+) -> Generator[Frame | Event, None, None]:
     """Yield frames as they come, and events; a port that is taken is waited for.
+
+    Args:
+        address: of this machine.
+        assembly: makes frames of packets.
+        ask: asks a sender to send, by our socket; called at the beginning and as long as nothing comes.
 
     Raises:
         CommandLineInvalid: there is no such address on this machine.
@@ -56,15 +78,22 @@ def listen(address: VmcAddress, assembly: FrameAssembly) -> Iterator[BoneFrame |
             time.sleep(_RETRY_S)
     with there:
         yield _event("listening", f"Listening at {address}.")
-        yield from _received(there, assembly)
+        yield from _received(there, assembly, ask)
 
 
-def _received(there: socket.socket, assembly: FrameAssembly) -> Iterator[BoneFrame | Event]:
+def _received(
+    there: socket.socket, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
+) -> Iterator[Frame | Event]:
     heard, silent, broken = time.perf_counter(), False, False
+    ask(there)
+    asked = heard
     while True:
         try:
             packet, sender = there.recvfrom(LONGEST + 1)
         except TimeoutError:
+            if time.perf_counter() - asked > _ASK_S:
+                asked = time.perf_counter()
+                ask(there)
             if not silent and time.perf_counter() - heard > SILENT_S:
                 silent = True
                 yield _event("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
@@ -170,14 +199,16 @@ _BODY_BONES = [bone for joint, bone in BONE_OF.items() if not joint[-1].isdigit(
 
 
 def pose_lines(
-    found: Iterable[BoneFrame | Event], onto: BonesOnBody, recorder: PoseRecorder | None = None
-) -> Iterator[Event]:
+    found: Iterable[BoneFrame | Event], onto: BonesOnBody, recorder: PoseRecorder | None = None,
+    face: FaceRecorder | None = None,
+) -> Iterator[Event]:  # fmt: skip
     """Yield the lines of a live run; frames are recorded before.
 
     Args:
         found: what ``listen`` yields.
         onto: the body.
         recorder: keeps the poses.
+        face: keeps the channels of the face.
     """
     number = 0
     for item in found:
@@ -188,6 +219,8 @@ def pose_lines(
         rotvec, transl = onto.pose(item)
         if recorder is not None:
             recorder.add(item.time, rotvec, transl)
+        if face is not None and item.face:
+            face.add(item.time, item.face)
         yield from onto.news
         onto.news.clear()
         now = time.perf_counter()

@@ -13,11 +13,10 @@ from itertools import product
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
-from solver_backend.cameras.projection import undistort
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person, well_seen_frames
-from solver_backend.people.pair_agreement import pair_agreement
-from solver_backend.people.sightings import MIN_CONFIDENCE
+from solver_backend.people.picture_shapes import with_shapes
+from solver_backend.people.reading_scores import CHANGE_COST, EACH, ReadingScores
 from solver_backend.types import Cameras
 
 AGREES = 0.85
@@ -27,16 +26,14 @@ SURE, MARGIN = 0.8, 0.2
 """What a reading must reach, and by how much it must surpass the calibration as written."""
 EVERY_CAMERA = 0.6
 """What each camera must reach with the others."""
+LEAST_FOR_LONE = 4
+"""Cameras of which one may agree with none of the others, as a mirrored one: three that agree are enough."""
 RIVAL = 0.1
 """Readings of another turn or pose that come so near leave the meaning open."""
-CHANGE_COST = 0.01
-"""Share that a reading must gain for each thing that it changes."""
 _SEARCH_FRAMES = 8
 """Frames that readings are found on; all well seen ones decide."""
 _SWEEPS = 4
-_EACH = 8
-"""Cameras up to which every pair counts and each may be read by itself. Of more, all are read alike, and each is
-compared with so many around: the search must not grow with the square of an array of hundreds."""
+"""Rounds over all cameras at most; two or three suffice."""
 
 
 @dataclass(frozen=True)
@@ -83,21 +80,31 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
     A = np.eye(3) if to_world is None else to_world
-    scores = _Scores(replace(cameras, R=cameras.R @ A), xy[:, frames], confidence[:, frames])
+    scores = ReadingScores(replace(cameras, R=cameras.R @ A), xy[:, frames], confidence[:, frames])
     unchanged = [as_written] * len(cameras)
     written = scores.of(unchanged)
     kept = CalibrationFit(cameras, tuple(unchanged), written, written)
     if len(frames) == 0 or len(cameras) < 2 or written >= AGREES:
         return kept
-    searched = np.unique(np.linspace(0, len(cameras) - 1, _EACH).astype(int)).tolist()
-    best, rivals = _best_reading(scores.on(_SEARCH_FRAMES, searched), len(searched))
+    searched = np.unique(np.linspace(0, len(cameras) - 1, EACH).astype(int)).tolist()
+    few = scores.on(_SEARCH_FRAMES, searched)
+    best, rivals = _best_reading(few, len(searched))
+    best = list(with_shapes(few, best))
     if len(searched) < len(cameras):
         best, rivals = best[:1] * len(cameras), [rival[:1] * len(cameras) for rival in rivals]
-    agreement = scores.of(best)
-    distinct = [scores.of(r) for r in rivals if _differs(r, best)]
+    lone = min(range(len(best)), key=lambda c: scores.of_camera(c, best))
+    if len(cameras) >= LEAST_FOR_LONE and scores.of_camera(lone, best) < EVERY_CAMERA:
+        # What is wrong with one camera besides, a solve finds by the others.
+        best[lone] = max(set(best), key=best.count)
+        compared = scores.without(lone)
+        written = compared.of(unchanged)
+    else:
+        compared, lone = scores, -1
+    agreement = compared.of(best)
+    distinct = [compared.of(r) for r in rivals if _differs(r, best)]
     if agreement < SURE or agreement - written < MARGIN or any(agreement - rival < RIVAL for rival in distinct):
         return kept
-    if min(scores.of_camera(c, best) for c in range(len(cameras))) < EVERY_CAMERA:
+    if min(compared.of_camera(c, best) for c in range(len(cameras)) if c != lone) < EVERY_CAMERA:
         return kept
     meant = corrected(scores.cameras, best)
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
@@ -113,10 +120,10 @@ def views_agreement(cameras: Cameras, detections: Detections) -> float:
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
     frames = frames[np.unique(np.linspace(0, len(frames) - 1, _SEARCH_FRAMES).astype(int))] if len(frames) else frames
-    return _Scores(cameras, xy[:, frames], confidence[:, frames]).of([CameraCorrection()] * len(cameras))
+    return ReadingScores(cameras, xy[:, frames], confidence[:, frames]).of([CameraCorrection()] * len(cameras))
 
 
-def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], list[list[CameraCorrection]]]:
+def _best_reading(scores: ReadingScores, count: int) -> tuple[list[CameraCorrection], list[list[CameraCorrection]]]:
     """Return the reading with the highest score, and the best of each turn and pose of all cameras alike."""
     pictures = [(factor, turn) for factor, turn in product(FACTORS, TURNS)]
     ways: list[list[CameraCorrection]] = []
@@ -132,7 +139,7 @@ def _best_reading(scores: _Scores, count: int) -> tuple[list[CameraCorrection], 
 
 
 def _improved(
-    scores: _Scores, start: list[CameraCorrection], pictures: list[tuple[float, int]]
+    scores: ReadingScores, start: list[CameraCorrection], pictures: list[tuple[float, int]]
 ) -> list[CameraCorrection]:
     """Return a reading in which no camera's pictures are better read in another way, the others staying."""
     reading = list(start)
@@ -150,68 +157,3 @@ def _improved(
 def _differs(one: list[CameraCorrection], other: list[CameraCorrection]) -> bool:
     """Whether two readings turn pictures or poses differently: neighbouring sizes of pictures always score alike."""
     return any((a.turn, a.pose, a.graphics) != (b.turn, b.pose, b.graphics) for a, b in zip(one, other, strict=True))
-
-
-class _Scores:
-    """Agreement of readings; that of two cameras is computed once for each way to read them."""
-
-    def __init__(self, cameras: Cameras, xy: np.ndarray, confidence: np.ndarray) -> None:
-        self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
-        self._poses: dict[CameraCorrection, tuple[np.ndarray, np.ndarray]] = {}
-        self._normalised: dict[CameraCorrection, np.ndarray] = {}
-        count = len(cameras)
-        others = range(1, count if count <= _EACH else _EACH)
-        self._compared = sorted(
-            {(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c}
-        )
-        self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
-
-    def on(self, count: int, cameras: list[int]) -> _Scores:
-        """Return scores by fewer frames, and of these cameras."""
-        rows = np.unique(np.linspace(0, self._xy.shape[1] - 1, count).astype(int))
-        xy, seen = self._xy[cameras][:, rows], self._seen[cameras][:, rows]
-        return _Scores(self.cameras.subset(cameras), xy, np.where(seen, 1.0, 0.0))
-
-    def of(self, reading: list[CameraCorrection]) -> float:
-        """Return the mean share over the pairs of views that see the person together."""
-        return self._mean(self._compared, reading)
-
-    def penalised(self, reading: list[CameraCorrection]) -> float:
-        """Return the same, less what its changes must be worth."""
-        return self.of(reading) - CHANGE_COST * max(correction.changes for correction in reading)
-
-    def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
-        """Return the mean share of the pairs that one camera is part of."""
-        return self._mean([pair for pair in self._compared if c in pair], reading)
-
-    def _mean(self, pairs: list[tuple[int, int]], reading: list[CameraCorrection]) -> float:
-        known = [share for a, b in pairs if np.isfinite(share := self._pair(a, b, reading))]
-        return float(np.mean(known)) if known else 0.0
-
-    def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:
-        key = (a, reading[a], b, reading[b])
-        if key not in self._pairs:
-            self._pairs[key] = pair_agreement(*self._camera(a, reading[a]), *self._camera(b, reading[b]))
-        return self._pairs[key]
-
-    def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
-        points = self._points(CameraCorrection(correction.factor, correction.turn))
-        R, t = self._turned(replace(correction, factor=1.0))
-        return points[c], R[c], t[c]
-
-    def _turned(self, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray]:
-        """Return (C, 3, 3) rotations and (C, 3) translations of all cameras so read; sizes of pictures change none."""
-        if correction not in self._poses:
-            all_alike = corrected(self.cameras, [correction] * len(self.cameras))
-            self._poses[correction] = all_alike.R, all_alike.t
-        return self._poses[correction]
-
-    def _points(self, picture: CameraCorrection) -> np.ndarray:
-        """Return (C, F, J, 2) normalised points of all cameras if their pictures are so read."""
-        if picture not in self._normalised:
-            all_alike = corrected(self.cameras, [picture] * len(self.cameras))
-            xy = np.where(self._seen[..., None], self._xy, np.nan)
-            lens = all_alike.K, all_alike.distortion
-            self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
-        return self._normalised[picture]

@@ -15,6 +15,9 @@ from solver_backend.types import Cameras, Keypoints2D
 AGREEING_SHARE = 0.65
 """Fewer agreeing views than this share of those that see somebody are a problem."""
 
+ELSEWHERE = "sees one person, but never where the other cameras do"
+"""What is said of a camera that the solve may still explain."""
+
 
 @dataclass(frozen=True)
 class SelectedPerson:
@@ -66,8 +69,7 @@ def select_people(
     first: np.ndarray = people[0].accepted | (_alone(detections) & ~others)
     notes, problems = _report(cameras, detections, followed, people, first)
     problems += tuple(
-        f"Camera {cameras.names[c]} sees one person, but never where the other cameras do: it may be turned, mirrored, "
-        "late or named like another."
+        f"Camera {cameras.names[c]} {ELSEWHERE}: it may be turned, mirrored, late or named like another."
         for c in doubtful_views(detections, people[0].accepted | others)
     )
     selected: list[SelectedPerson] = []

@@ -62,7 +62,7 @@ def load_vae(name: VaeName, path: Path | str | None = None) -> GaussianVAE:
     encoder = read_stack(weights, "encoder", 3 * NUM_BODY_JOINTS, 2 * LATENT_DIM)
     active = weights.metadata.get("activate_last")
     if not isinstance(active, bool):
-        raise WeightsInvalid(f"The weights of {name} do not say whether the decoder's last layer has an activation.")
+        raise WeightsInvalid(f"The weights of {name} do not state whether the decoder's last layer has an activation.")
     decoder = read_stack(weights, "decoder", LATENT_DIM, 6 * NUM_BODY_JOINTS, activate_last=active)
     sigma = weights.array("residual_sigma", (NUM_BODY_JOINTS, 3))
     return GaussianVAE(encoder, decoder, sigma, {**weights.metadata, "sha256": weights.sha256})

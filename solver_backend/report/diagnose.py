@@ -10,6 +10,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_dia
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.recognition.motion_checks import check_motion
+from solver_backend.report.explained import without_explained
 from solver_backend.report.plausibility import plausibility
 from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
@@ -38,7 +39,7 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
     found += [*_flagged(motion, capture.is_one_view), *plausibility(capture, motion, residuals)]
     if residuals is not None:
         found += [*_cameras(capture, residuals), *_keypoints(capture, residuals)]
-    return by_gravity(found)
+    return by_gravity(without_explained(found, motion.num_frames))
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:

@@ -21,7 +21,7 @@ def residual_over_time(motion: Motion, shades: list[Shade], key: str) -> str:
     ]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, "mm", shades=shades, marks=marks, from_zero=True, size=(WIDTH, 190))
-    lead = "Distance between the solved body's markers and the recorded ones. A hump is where to scrub to first."
+    lead = "Distance between the solved body's markers and the recorded ones. Look at the peaks first."
     legend = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the markers are below</p>'
     return section("Residual over time", plot + legend + key, lead, "residual")
 
@@ -44,7 +44,7 @@ def marker_section(motion: Motion) -> str:
     right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
     lead = (
         "How far the solved body's markers are from the recorded ones; each marker's place on the body was learned. "
-        "A marker that stands out may be named wrongly, lie elsewhere than its name says, or be loose."
+        "A marker that stands out may be named wrongly, lie elsewhere than its name states, or be loose."
     )
     body = (
         f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'

@@ -95,7 +95,7 @@ def rest_pose_section(motion: Motion) -> str:
     figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
     lead = (
         "The person's body with every marker where the solve learned that it sits; a line leads to it from where its "
-        "name says it would. Larger and redder is farther from the recording (median). The person's left is on the "
+        "name puts it. Larger and redder is farther from the recording (median). The person's left is on the "
         "right from the front."
     )
     return section("Where the markers sit", f'<div class="pair">{"".join(figures)}</div>', lead, "places")

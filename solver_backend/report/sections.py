@@ -129,7 +129,7 @@ def residual_section(motion: Motion, residuals: KeypointResiduals | None) -> str
     ]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
     plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
-    lead = "Distance between the solved body and the detections of all cameras. A hump is where to scrub to first."
+    lead = "Distance between the solved body and the detections of all cameras. Look at the peaks first."
     key = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the detections are below</p>'
     return section("Residual over time", plot + key + shades_key(motion), lead, "residual")
 
@@ -191,7 +191,7 @@ def truth_section(capture: Capture, motion: Motion, figures: list[str]) -> str:
     body = f"{summary}<h3>Error of the {len(names)} joints over time, mm</h3>{plot}{joints}"
     lead = "The capture is synthetic: its motion is known."
     if capture.keypoints is not None:
-        lead += " The yardstick is triangulation and a 6 Hz Butterworth filter."
+        lead += " The baseline is triangulation and a 6 Hz Butterworth filter."
     return section("Against the truth", body, lead, "truth")
 
 

@@ -15,8 +15,8 @@ KEPT = {path for path in PAGES if path.parent.name in ("research-log", "decision
 """Dated records: they stay as they were written."""
 FOR_USERS = [README, *(path for path in PAGES if path.parent.name in ("tutorials", "how-to"))]
 NOT_THE_FIELDS_WORDS = (
-    r"\btold\b", r"\btells\b", r"\bjudged\b", r"\bput right\b", r"\bput back\b", r"\berrs\b", r"\bwhom\b",
-    r"\bby the clock\b", r"\bnot kept\b", r"\bwas tried\b", r"\bused to\b",
+    r"\btold\b", r"\btells?\b", r"\bsays?\b", r"\bsaid\b", r"\bjudge[sd]?\b", r"\bput right\b", r"\bput back\b",
+    r"\berrs\b", r"\bwhom\b", r"\bby the clock\b", r"\bnot kept\b", r"\bwas tried\b", r"\bused to\b",
 )  # fmt: skip
 """Words that the style of the project replaces, and those that begin history."""
 

@@ -65,7 +65,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
         ({"trans": np.full((60, 3), np.nan)}, MotionInvalid, "transl holds NaN or infinite values"),
         ({"mocap_framerate": np.array(0.0)}, MotionInvalid, "frame rate must be 0.01 to 30000, not 0.0"),
-        ({"mocap_framerate": None}, MotionInvalid, "does not say its frame rate"),
+        ({"mocap_framerate": None}, MotionInvalid, "states no frame rate"),
         ({"keypoints3d": np.zeros((3, 17, 3))}, MotionInvalid, r"keypoints3d has shape .*\(60, keypoints, 3\)"),
         ({"poses": None}, FileDamaged, "lacks poses; it holds betas, body, format"),
         ({"format": np.array("manifold_mocap_capture")}, FileDamaged, "is a 'manifold_mocap_capture'"),

@@ -91,16 +91,16 @@ def drawing_time(user: Any) -> Any:
 
 
 def in_german(user: Any) -> Any:
-    """Change Blender's language: words of ours are not taken for Blender's own."""
+    """Change Blender's language: words of ours are our own German ones, not those of Blender."""
     translate = bpy.app.translations.pgettext_iface
     view = bpy.context.preferences.view
     view.language = "de_DE"
     view.use_translate_interface = view.use_translate_tooltips = True
     yield 1.0
     assert translate("File") != "File", "Blender speaks German"
-    context = extension("ui.translation").CONTEXT
+    words = extension("ui.translation")
     ours = [item.name for item in mocap().solve.bl_rna.properties["preset"].enum_items]
-    assert [translate(word, context) for word in ours] == ours
+    assert [translate(word, words.CONTEXT) for word in ours] == [words.german()[word] for word in ours]
     user.note(f"'Fast' would be '{translate('Fast')}' without a context of our own")
     yield from every_page(user, "german", _DEFAULT_PX)
     view.language = "en_US"

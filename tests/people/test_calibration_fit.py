@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people import calibration_fit
+from solver_backend.people import reading_scores
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -63,6 +63,43 @@ def test_pictures_of_another_size_or_turned(
     again = corrected(CAMERAS, expected)
     np.testing.assert_allclose(fit.cameras.K, again.K)
     np.testing.assert_allclose(fit.cameras.R, again.R)
+
+
+def scaled(xy: np.ndarray, x: float, y: float, bars: float = 0.0, chosen: tuple[int, ...] = (0, 1, 2, 3)) -> np.ndarray:
+    for c in chosen:
+        xy[c] = (xy[c] + 0.5) * [x, y] - 0.5 + [0, bars]
+    return xy
+
+
+@pytest.mark.parametrize(
+    ("spoil", "expected"),
+    [
+        (lambda xy: scaled(xy, 0.75, 1.0), [CameraCorrection(shape="squeezed")] * 4),
+        (lambda xy: scaled(xy, 1 / 3, 1 / 3, 140), [CameraCorrection(1 / 3, shape="boxed")] * 4),
+        (
+            lambda xy: scaled(xy, 0.75, 1.0, 0, (1,)),
+            [CameraCorrection(shape="squeezed" if c == 1 else "") for c in range(4)],
+        ),
+    ],
+    ids=["anamorphic", "a square with bars", "one anamorphic"],
+)  # fmt: skip
+def test_pictures_of_another_shape(spoil: Callable[[np.ndarray], np.ndarray], expected: list[CameraCorrection]) -> None:
+    fit = fit_calibration(CAMERAS, detections(spoil(filmed())))
+    assert list(fit.corrections) == expected
+    shape = next(c.shape for c in expected if c.shape)
+    assert SHAPES[shape] in fit.sentence() and "1 times" not in fit.sentence()
+
+
+def test_a_size_that_is_no_standard() -> None:
+    fit = fit_calibration(CAMERAS, detections(scaled(filmed(), 0.4375, 0.4375)))
+    assert fit.corrections[0].factor == pytest.approx(0.4375, rel=0.01) and len(set(fit.corrections)) == 1
+
+
+def test_one_camera_with_another_fault_does_not_hide_what_all_have() -> None:
+    xy = filmed()
+    xy[2, ..., 0] = CAMERAS.image_size[2, 0] - 1 - xy[2, ..., 0]
+    fit = fit_calibration(CAMERAS, detections(half(xy)))
+    assert list(fit.corrections) == [CameraCorrection(factor=0.5)] * 4
 
 
 AXES = np.diag([1.0, -1.0, -1.0])
@@ -130,7 +167,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
 
 
 def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    count, calls, scored = 40, [], calibration_fit.pair_agreement
+    count, calls, scored = 40, [], reading_scores.pair_agreement
     kind = np.arange(count) % len(CAMERAS)
     turned_about = np.stack([exp_so3(np.array([0.0, 0.0, 0.1 * i])) for i in range(count)])
     cameras = Cameras(
@@ -142,7 +179,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
         cameras.names, half(xy, tuple(range(count)))[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])),
         KEYPOINTS.joint_set,
     )  # fmt: skip
-    monkeypatch.setattr(calibration_fit, "pair_agreement", lambda *views: calls.append(1) or scored(*views))
+    monkeypatch.setattr(reading_scores, "pair_agreement", lambda *views: calls.append(1) or scored(*views))
     fit = fit_calibration(cameras, seen)
     assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
     assert len(calls) < 30_000

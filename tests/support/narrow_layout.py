@@ -21,6 +21,9 @@ _SPLIT = 0.4
 _NUMBER, _SLIDER, _MENU = 48.0, 60.0, 28.0
 """What a value of three digits needs beside its name, and in a slider; what a menu has around its text."""
 
+spoken: dict[str, str] = {}
+"""The language's label of each English one; empty for English."""
+
 
 @dataclass(frozen=True)
 class _Item:
@@ -34,9 +37,9 @@ class _Item:
 
 
 def text_width(text: str) -> float:
-    """Return the pixels of a text in the sidebar."""
+    """Return the pixels of a text in the sidebar, in the language that is spoken."""
     blf.size(0, _TEXT_PT)
-    return float(blf.dimensions(0, text)[0])
+    return float(blf.dimensions(0, spoken.get(text, text))[0])
 
 
 class NarrowLayout:

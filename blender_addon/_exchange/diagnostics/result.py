@@ -33,7 +33,7 @@ RESULT: dict[str, DiagnosticEntry] = {
     ),
     "person_glides": warning(
         "The person moves by up to {size:.1f} m without a step",
-        "The camera zooms or moves, or the person rides on something: one camera cannot tell these apart.",
+        "The camera zooms or moves, or the person rides on something: one camera cannot distinguish these.",
         "Film with a camera that stands still and does not zoom.",
     ),
     "feet_never_stand": note(
@@ -130,7 +130,7 @@ RESULT: dict[str, DiagnosticEntry] = {
     ),
     "marker_far": warning(
         "The marker {marker} is {size:.0f} mm (median) from where the body has it",
-        "It is labelled wrongly, sits elsewhere than its name says, or the body is wrong there.",
+        "It is labelled wrongly, sits elsewhere than its name states, or the body is wrong there.",
         "Look at the marker; correct its label or place (`layout`), or leave it out.",
     ),
     "marker_far_for_a_while": warning(

@@ -94,7 +94,7 @@ def _shape(take: ExportTake) -> tuple[np.ndarray, np.ndarray]:
     """Return the (10,) betas that the body shows, and the (3,) pelvis of that shape at rest in the body's frame."""
     if "betas" not in take.armature:
         raise NothingToExport(
-            "The armature does not say which body and shape it has.",
+            "The armature does not state its body and shape.",
             where=take.name,
             hint="AMASS describes a body's shape: export an armature that this add-on baked.",
         )

@@ -28,11 +28,11 @@ class TakeLimits:
         """Make sure that the limits can be held here.
 
         Raises:
-            BatchInvalid: this system does not say how much memory a process has.
+            BatchInvalid: this system does not report a process's memory a process has.
         """
         if self.memory_mb is not None and not _PROCESSES.is_dir():
             raise BatchInvalid(
-                "This system does not say how much memory a process has.",
+                "This system does not report a process's memory.",
                 hint="Leave out --take-memory, or run the batch on Linux.",
             )
 

@@ -59,4 +59,4 @@ def calibrated(result: dict[str, Any]) -> str:
     markers = result["markers"]
     label, far = max(markers.items(), key=lambda item: item[1]["offset_mm"])
     name = label.rpartition(":")[2]
-    return f"{len(markers)} markers; {name} is farthest from where its name says, {far['offset_mm']:.0f} mm"
+    return f"{len(markers)} markers; {name} is farthest from the place of its name, {far['offset_mm']:.0f} mm"

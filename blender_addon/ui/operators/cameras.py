@@ -90,7 +90,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
     bl_idname = "mocap.refine_cameras"
     bl_label = "Refine Calibration"
     bl_description = (
-        "Correct where the cameras stand by the people they film; the panel says how far detections lie off before and "
+        "Correct where the cameras stand by the people they film; the panel shows the detections' distance before and "
         "after. Solve again afterwards"
     )
 

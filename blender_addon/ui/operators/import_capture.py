@@ -25,7 +25,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
     bl_idname = "mocap.import_capture"
     bl_label = "Import Capture"
     bl_description = (
-        "Read a capture, say what was recognised, and add its cameras, footage, detections and floor. "
+        "Read a capture, report what was recognised, and add its cameras, footage, detections and floor. "
         "Choose a folder (a Pose2Sim trial, a session of trials, folders of OpenPose JSON with a calibration), any "
         "file in it, "
         "or a recording of optical markers (C3D, TRC, CSV, TSV)"

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
+from shlex import split
 from typing import TYPE_CHECKING
 
 import bpy
 
 from ..._exchange.errors import FileMissing, MocapError
+from ..._exchange.vmc.address import FACES, PORTS
 from ...conventions.file_paths import absolute, stored
 from ...conventions.numbered import next_path
-from ...review.live_doubt import show_doubt
 from ..locations import files_folder, usable
-from ..preferences import chosen_python
+from ..preferences import chosen_python, detector_python, named_detector
 from ..sending_properties import allowed_address, sending_options
 from .base import MocapOperator
 
@@ -24,6 +26,10 @@ if TYPE_CHECKING:
 _INTERVAL_S = 1 / 60
 """Seconds from one look to the next: with the time that a look takes, more than 30 a second."""
 """Seconds from one look at new poses to the next: thirty a second are drawn."""
+
+
+_PANELS_S = 0.25
+"""Seconds from one time that panels are drawn to the next: nobody reads figures that change faster."""
 
 
 class CurrentLive:
@@ -38,6 +44,7 @@ class CurrentLive:
         """What the face of another program moves."""
         self.of_sensors = False
         """Whether the run, or the last one, is of the Rig panel's sensors; else it is of the Live panel."""
+        self._panels_drawn = 0.0
         self.failure = ""
         self.recorded = ""
         """The take that the last run recorded, as the scene stores paths."""
@@ -88,15 +95,17 @@ class CurrentLive:
             there = figure.show_points(pose.points, pose.off_m)
             if pose.rotvec is not None and pose.transl is not None:
                 there = figure.pose(pose.rotvec, pose.transl) and there
-                if there and pose.sigma_m is not None:
-                    show_doubt(bpy.data.objects[figure.armature], pose.sigma_m, unsure=pose.state == "unsure")
+                figure.show_doubt(pose.rotvec, pose.transl, pose.sigma_m, unsure=pose.state == "unsure")
             if not there and not run.process.cancelling:
                 self.failure = "The live body was taken away (by undo, or deleted): the run was stopped."
                 run.stop()
         if run.finished:
             self._ended(run)
         if pose is not None or run.finished:
-            _redraw()
+            now = time.monotonic()
+            panels = run.finished or now - self._panels_drawn > _PANELS_S
+            self._panels_drawn = now if panels else self._panels_drawn
+            _redraw(panels=panels)
         return None if self.run is None else _INTERVAL_S
 
     def _ended(self, run: LiveRun) -> None:
@@ -139,36 +148,88 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """One run at a time, in object mode, and something to replay or to listen at."""
         settings = context.scene.mocap.live
-        source = settings.listen if settings.kind == "VMC" else source_of(context.scene)
-        return may_begin(cls, context, source, "Choose a recording of markers or a motion, or import one")
+        source, without = source_of(context.scene), "Choose a recording of markers or a motion, or import one"
+        if settings.kind == "VMC":
+            source = settings.listen
+        elif settings.kind == "CAMERAS":
+            source = settings.cameras and settings.calibration
+            without = "Name the cameras, such as webcam:0 webcam:1, and their calibration"
+        return may_begin(cls, context, source, without)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the solver's process and make what shows it."""
-        from ..._exchange.motion_file import is_motion
         from ...scene.live_face import LiveFace, read_face_table
-        from ...solving.live import start_live
 
         scene, settings = context.scene, context.scene.mocap.live
-        options, subject, face = sending_options(settings), settings.subject, None
+        require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")
+        face, body = None, True
         if settings.kind == "VMC":
-            source, suffix = str(allowed_address(settings.listen)), ".npz"
-            require_there(subject, settings.face_table)
+            body = allowed_address(settings.listen, tuple(PORTS)).scheme not in FACES
             if settings.face_mesh:
                 table = read_face_table(absolute(settings.face_table)) if settings.face_table else {}
                 face = LiveFace(settings.face_mesh, table)
-        else:
-            require_there(source_of(scene), subject)
-            source = absolute(source_of(scene))
-            suffix = "" if is_motion(source) else ".c3d"  # a motion that is replayed is there already
-            subject = subject if suffix else ""
-        folder = usable(files_folder(scene))
-        record = next_path(folder, "live", suffix) if settings.record and suffix else None
-        run = start_live(
-            source, chosen_python(context), folder, subject=absolute(subject) if subject else None, record=record,
-            options=options,
-        )  # fmt: skip
-        live.begin(run, scene, face=face)
+        run = _cameras(context) if settings.kind == "CAMERAS" else _file_or_program(context)
+        live.begin(run, scene, face=face, body=body)
         return {"FINISHED"}
+
+
+def _file_or_program(context: bpy.types.Context) -> LiveRun:
+    """Start a run of a recording, a motion, or another program's poses or face.
+
+    Raises:
+        MocapError: a file is not there, or an address is none.
+    """
+    from ..._exchange.motion_file import is_motion
+    from ...solving.live import start_live
+
+    scene, settings = context.scene, context.scene.mocap.live
+    options, subject = sending_options(settings), settings.subject
+    if settings.kind == "VMC":
+        address = allowed_address(settings.listen, tuple(PORTS))
+        source, suffix = str(address), ".csv" if address.scheme in FACES else ".npz"
+        if address.scheme in FACES:
+            options, subject = [], ""  # a face is not sent on, and is nobody's body
+    else:
+        require_there(source_of(scene))
+        source = absolute(source_of(scene))
+        suffix = "" if is_motion(source) else ".c3d"  # a motion that is replayed is there already
+        subject = subject if suffix else ""
+    folder = usable(files_folder(scene))
+    record = next_path(folder, "live", suffix) if settings.record and suffix else None
+    return start_live(
+        source, chosen_python(context), folder, subject=absolute(subject) if subject else None, record=record,
+        options=options,
+    )  # fmt: skip
+
+
+def _cameras(context: bpy.types.Context) -> LiveRun:
+    """Start a run of cameras.
+
+    Raises:
+        MocapError: a file is not there.
+    """
+    from ...solving.live import start_cameras
+
+    scene, settings, videos = context.scene, context.scene.mocap.live, context.scene.mocap.videos
+    require_there(settings.calibration)
+    sources = [
+        text if ":" in text and not absolute(text).exists() else _video(text) for text in split(settings.cameras)
+    ]
+    python = (detector_python if videos.detector == "mediapipe" else named_detector)(context)
+    options = [*videos.detector_arguments(), *sending_options(settings)]
+    options += ["--python", str(python)] if python is not None else []
+    folder = usable(files_folder(scene))
+    return start_cameras(
+        sources, absolute(settings.calibration), chosen_python(context), folder,
+        subject=absolute(settings.subject) if settings.subject else None,
+        record=next_path(folder, "live", ".npz") if settings.record else None, options=options,
+    )  # fmt: skip
+
+
+def _video(text: str) -> str:
+    """Return ``[NAME=]VIDEO`` with the video's whole path, which may be relative to the .blend file."""
+    name, equals, path = text.rpartition("=") if not absolute(text).exists() else ("", "", text)
+    return f"{name}{equals}{absolute(path)}"
 
 
 class MOCAP_OT_live_stop(bpy.types.Operator):
@@ -214,12 +275,13 @@ def source_of(scene: bpy.types.Scene) -> str:
     return scene.mocap.live.source or (capture.source if len(capture.marker_items) else "")
 
 
-def _redraw() -> None:
-    """Let panels and viewports show what is new."""
+def _redraw(*, panels: bool) -> None:
+    """Let viewports show what is new, and the panels beside them, which take far longer to draw, if asked for."""
     for window in bpy.context.window_manager.windows if bpy.context.window_manager else ():
         for area in window.screen.areas:
-            if area.type == "VIEW_3D":
-                area.tag_redraw()
+            for region in area.regions if area.type == "VIEW_3D" else ():
+                if panels or region.type == "WINDOW":
+                    region.tag_redraw()
 
 
 CLASSES = (MOCAP_OT_live_start, MOCAP_OT_live_stop)

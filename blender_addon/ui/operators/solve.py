@@ -168,7 +168,7 @@ class MOCAP_OT_show_log(bpy.types.Operator):
 
     bl_idname = "mocap.show_log"
     bl_label = "Show Log"
-    bl_description = "Show what the solver said, as a text in a window of its own"
+    bl_description = "Show the solver's log as a text in a window of its own"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

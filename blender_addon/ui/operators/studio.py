@@ -71,7 +71,7 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
 
     bl_idname = "mocap.check_data_set"
     bl_label = "Check"
-    bl_description = "Check the settings and say how many pictures they make and how much room they need"
+    bl_description = "Check the settings, and report the number of pictures and the disk space"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""

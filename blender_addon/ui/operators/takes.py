@@ -98,8 +98,8 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
         name="Keep by",
         default="TOLERANCE",
         items=(
-            ("RATE", "Keys a Second", "So many keys, wherever that leads"),
-            ("TOLERANCE", "Tolerance", "As few keys as leave every joint so near to the full take"),
+            ("RATE", "Keys a Second", "This many keys, whatever the distance"),
+            ("TOLERANCE", "Tolerance", "As few keys as keep every joint within the tolerance"),
         ),
     )
     tolerance_mm: bpy.props.FloatProperty(

@@ -79,7 +79,7 @@ class MOCAP_OT_tell_point(_OfMarkers, bpy.types.Operator):
 
     bl_idname = "mocap.tell_point"
     bl_label = "Name Point"
-    bl_description = "Say what the chosen point is on the current frame; Solve then labels the recording around it"
+    bl_description = "Name the chosen point on the current frame; Solve then labels the recording around it"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Keep the name."""

@@ -63,6 +63,7 @@ class VIEW3D_PT_mocap_cameras(StagePanel, bpy.types.Panel):
             row.prop(item, "last", text="")
             if not narrow:
                 row.operator(MOCAP_OT_use_range.bl_idname, text="", icon="X", emboss=False).index = index
+        layout.prop(scene.mocap.capture, "show_agreement", icon="VIEW_CAMERA")
         _draw_refinement(layout, context)
         if in_camera_view(context):
             layout.operator(MOCAP_OT_leave_camera.bl_idname, icon="LOOP_BACK")

@@ -44,6 +44,9 @@ class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
             column.prop_search(settings, "face_mesh", context.scene, "objects", text="", icon="SHAPEKEY_DATA")
             if settings.face_mesh:
                 column.prop(settings, "face_table", text="", icon="FILE", placeholder="Face Table")
+        elif settings.kind == "CAMERAS":
+            column.prop(settings, "cameras", text="", icon="CAMERA_DATA", placeholder="webcam:0 webcam:1")
+            column.prop(settings, "calibration", text="", icon="FILE", placeholder="Calibration")
         else:
             column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
@@ -55,8 +58,10 @@ class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
         if live.recorded:
             row = layout.row()
             row.label(text=live.recorded.replace("\\", "/").rpartition("/")[2], icon="FILE_TICK", translate=False)
-            imports = MOCAP_OT_import_motion if live.recorded.endswith(".npz") else MOCAP_OT_import_capture
-            row.operator(imports.bl_idname, text="Import").filepath = live.recorded
+            is_motion = live.recorded.endswith(".npz") and settings.kind != "CAMERAS"
+            imports = MOCAP_OT_import_motion if is_motion else MOCAP_OT_import_capture
+            if not live.recorded.endswith(".csv"):
+                row.operator(imports.bl_idname, text="Import").filepath = live.recorded
         draw_playing(layout, context)
 
 
@@ -100,7 +105,9 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def timing_lines(pose: LivePose) -> list[str]:
-    """Return what is shown of a pose's timing: rate and latency, lag, and frames that were dropped."""
+    """Return what is shown of a pose's timing: rate and latency, lag, frames that were dropped, views left out."""
     lines = [] if math.isnan(pose.rate_hz) else [f"{pose.rate_hz:.0f} poses/s, {pose.latency_ms:.0f} ms each"]
     lines += [] if math.isnan(pose.lag_ms) else [f"{max(pose.lag_ms, 0.0):.0f} ms behind"]
-    return [*lines, *([f"{pose.dropped} frames dropped"] if pose.dropped else [])]
+    lines += [f"{pose.dropped} frames dropped"] if pose.dropped else []
+    left_out = f", {pose.views_left_out} left out" if pose.views_left_out else ""
+    return [*lines, *([f"{pose.views} views{left_out}"] if pose.views else [])]

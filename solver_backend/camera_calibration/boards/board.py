@@ -44,7 +44,9 @@ class Board:
 
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
-            raise JobInvalid(f"There is no board '{self.kind}'; there are {', '.join(KINDS)}.", hint=f"Say {EXAMPLE}.")
+            raise JobInvalid(
+                f"There is no board '{self.kind}'; there are {', '.join(KINDS)}.", hint=f"Write {EXAMPLE}."
+            )
         if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
             raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
@@ -111,9 +113,9 @@ def board_named(text: str) -> Board:
         elif field.lower() == "inverted":
             other["inverted"] = True
         else:
-            raise JobInvalid(f"'{field}' means nothing of a board.", where=text, hint=f"Say {EXAMPLE}.")
+            raise JobInvalid(f"'{field}' means nothing of a board.", where=text, hint=f"Write {EXAMPLE}.")
     if counts is None or not lengths:
-        raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Say {EXAMPLE}.")
+        raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Write {EXAMPLE}.")
     marker = lengths[1] if len(lengths) > 1 else round(MARKER_SHARE * lengths[0], 9)
     return Board(kind.lower(), *counts, lengths[0], marker if kind.lower() == "charuco" else 0.0, **other)
 
@@ -131,7 +133,7 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
         return replace(board, dictionary=charuco["dictionary"], inverted=bool(charuco["inverted"]))
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise JobInvalid(
-            f"The file does not tell a whole board ({error}).", where=where, hint=f"Say {EXAMPLE}."
+            f"The file does not describe a whole board ({error}).", where=where, hint=f"Write {EXAMPLE}."
         ) from error
 
 

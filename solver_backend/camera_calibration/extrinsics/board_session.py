@@ -243,7 +243,7 @@ def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, s
     x = x / max(float(np.linalg.norm(x)), 1e-9)
     R = np.stack([x, np.cross(z, x), z])
     centre = np.median(bodies.t, axis=0)
-    return R, -R @ centre, "Up is what the cameras' own upright says; lay the board on the floor to know it (--origin)."
+    return R, -R @ centre, "Up is the cameras' own upright; lay the board on the floor to know it (--origin)."
 
 
 def _list(value: object) -> list[str]:

@@ -81,8 +81,8 @@ def calibrate_by_person(
         )
     if upright.walked_m < WALKED_M:
         words.append(
-            f"The person stayed within {upright.walked_m:.1f} m, which holds cameras badly; let them walk through all "
-            "of the space that takes will use."
+            f"The person stayed within {upright.walked_m:.1f} m, which constrains cameras poorly; let them walk "
+            "through all of the space that takes will use."
         )
     if rig.inlier_share < 0.8:
         words.append(

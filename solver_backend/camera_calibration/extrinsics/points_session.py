@@ -90,7 +90,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> RigCalibr
     poses = []
     for name in names:
         if name not in lenses:
-            raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Tell it with --lenses.")
+            raise CalibrationInvalid("The camera has no lens.", where=f"camera {name}", hint="Give it with --lenses.")
         poses.append(_pose(name, clicks, lenses[name], rng))
     chosen = [lenses[name] for name in names]
     cameras = Cameras(

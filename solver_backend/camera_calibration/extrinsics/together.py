@@ -54,7 +54,7 @@ def calibrate_together(
     Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
     if not sources:
-        raise CalibrationInvalid("There is nothing to calibrate by.", hint="Tell a board, a take or clicks.")
+        raise CalibrationInvalid("There is nothing to calibrate by.", hint="Name a board, a take or clicked points.")
     unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
@@ -179,7 +179,7 @@ def _in_world(
                     f"Origin, axes and floor are the board's at frame {origin}."
                 )
             first += len(e.bodies.t)
-        raise CalibrationInvalid("Only a board gives an origin.", hint="Tell its footage, or leave --origin out.")
+        raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
     if held:
         return result, "The world is that of the calibration that is held."
     metric, cameras = any(e.metric for e in sources), result.cameras

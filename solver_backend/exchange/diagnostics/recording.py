@@ -79,7 +79,7 @@ RECORDING: dict[str, DiagnosticEntry] = {
     ),
     "picture_cuts": warning(
         "Camera {camera}: the picture cuts, or the person jumps from place to place",
-        "The video is edited, or the detector went over to somebody else.",
+        "The video is edited, or the detector switched to somebody else.",
         "Split the video there: what lies before and after the cut is solved as one motion.",
     ),
     "frames_skipped": warning(
@@ -125,10 +125,10 @@ RECORDING: dict[str, DiagnosticEntry] = {
     "prop_hidden": note(
         "The pose of the prop '{prop}' is hardly known",
         "Fewer than three of its markers are seen, or those that are lie on one line.",
-        "Look at the prop there; its standard deviations say how far it may be off.",
+        "Look at the prop there; its standard deviations show how far it may be off.",
     ),
     "prop_turn_open": note(
-        "The markers of the prop '{prop}' lie on one line: its turn about that line is not known, and is kept calm",
+        "The markers of the prop '{prop}' lie on one line: its turn about that line is not known, and is kept smooth",
         "A stick with markers along it.",
         "Add a marker beside the line if the turn matters.",
     ),

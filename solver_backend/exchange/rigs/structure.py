@@ -156,7 +156,7 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
     shown = float(np.cross(up, ahead) @ apart)
     clear = abs(shown) > 0.02 * np.linalg.norm(apart) * skeleton.size
     if clear and unanimous and (shown > 0) != (said > 0):
-        return True, ["The names say left where the toes say right: correct the table."]
+        return True, ["The names and the toes disagree about left and right: correct the table."]
     if clear:
         return shown > 0, []
     return said > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
@@ -228,7 +228,7 @@ def _add_trunk(roles: dict[str, int], skeleton: Skeleton, limbs: _Limbs, up: np.
     leg = sum(skeleton.distance(*limbs.legs[0].joints[k : k + 2]) for k in (0, 1))
     hips = _middle(skeleton, limbs.legs, 0)
     if np.linalg.norm(skeleton.heads[common] - hips) > 0.5 * leg:
-        return ["Pelvis and trunk hang side by side on a root: say in the table which bone is the pelvis."]
+        return ["Pelvis and trunk hang side by side on a root: choose the pelvis in the table."]
     roles["pelvis"] = common
     if (root := skeleton.above(common)[-1]) != common:
         roles["root"] = root

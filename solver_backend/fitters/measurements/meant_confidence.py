@@ -25,7 +25,7 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
     noise = read_noise_map(path)
     if capture.keypoints is None:
         raise JobInvalid(
-            "A noise map says what a detector's confidence means, and the capture has no keypoints.",
+            "A noise map is for a detector's confidences, and the capture has no keypoints.",
             where=capture.name, hint="Leave out --noise for recordings of markers.",
         )  # fmt: skip
     if is_applied(capture.notes):

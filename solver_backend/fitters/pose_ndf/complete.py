@@ -60,7 +60,7 @@ def missing_joints(names: Sequence[str]) -> tuple[int, ...]:
     unknown = [name for name in names if name not in LIMBS and name not in known]
     if unknown or not names:
         raise JobInvalid(
-            f"There is no joint or limb {', '.join(unknown)}." if unknown else "No joint is said to be missing.",
+            f"There is no joint or limb {', '.join(unknown)}." if unknown else "No joint is named as missing.",
             where="missing", hint=f"Limbs: {', '.join(LIMBS)}; joints: {', '.join(known)}.",
         )  # fmt: skip
     joints = {joint for name in names for joint in LIMBS.get(name, (name,))}

@@ -104,7 +104,7 @@ def find_calibration(
         f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
         f"{listing(others[0].cameras.names)}.",
         where=str(others[0].source),
-        hint=f"Say which is which: --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
+        hint=f"Assign them with --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
         "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
     )
 

@@ -143,7 +143,7 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
         asked = "-".join(str(n) for n in config.frame_range)
         problem = f"Config.toml restricts the frames to {asked}, which the take lacks; all are read."
         return replace(capture, problems=(*capture.problems, problem))
-    note = f"Frames {first} to {stop - 1} of {capture.num_frames}, as Config.toml says; others: --frames FIRST LAST."
+    note = f"Frames {first} to {stop - 1} of {capture.num_frames}, from Config.toml; others: --frames FIRST LAST."
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
 
 
@@ -161,7 +161,7 @@ def _frame_rate(
         return given, (f"{given:g} frames a second, as given.",), tuple(problems)
     if config.fps is not None:
         if video is not None and abs(video - config.fps) > 0.02 * config.fps:
-            problems.append(f"Config.toml says {config.fps:g} fps, the videos {video:g}; {config.fps:g} is used.")
+            problems.append(f"Config.toml states {config.fps:g} fps, the videos {video:g}; {config.fps:g} is used.")
         return config.fps, (f"{config.fps:g} frames a second, from Config.toml.",), tuple(problems)
     if video is not None:
         return video, (f"{video:g} frames a second, from the videos.",), tuple(problems)

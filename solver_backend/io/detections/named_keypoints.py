@@ -90,7 +90,7 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     if known[best] < LEAST_KNOWN:
         raise KeypointCountMismatch(
             f"Of the {len(names)} named keypoints only {known[best]} are known: {', '.join(names[:12])}.", where=where,
-            hint="Say what they are in a file keypoints.json beside the recording, such as "
+            hint="Name them in a file keypoints.json beside the recording, such as "
             f'{{"landmarks": {{"{names[0]}": "left_knee"}}}}. Landmarks: {", ".join(JointSet.COCO_17.keypoints)}, ...',
         )  # fmt: skip
     return _in_set(names, best)

@@ -77,7 +77,7 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
     order = content.get("order", []) if isinstance(content, dict) else None
     if not isinstance(landmarks, dict) or not _are_texts(order) or not (landmarks or order):
         raise FileDamaged(
-            "The file does not say what keypoints are.", where=str(path),
+            "The file does not define the keypoints.", where=str(path),
             hint='Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}}; "order" lists column names.',
         )  # fmt: skip
     known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints})

@@ -211,7 +211,7 @@ def _points(
     missing = fourth < 0
     problems: tuple[str, ...] = ()
     if missing.all() and positions.any():
-        missing, problems = np.zeros_like(missing), ("Every residual says that the point was not seen.",)
+        missing, problems = np.zeros_like(missing), ("Every residual marks the point as not seen.",)
     positions[missing] = np.nan
     residual = (fourth.clip(0, 32767).astype(np.int64) & 255) * scale
     residual[missing] = np.nan

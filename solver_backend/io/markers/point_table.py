@@ -163,7 +163,7 @@ def _from_long(
     moment = _column(values, headings, _FRAMES[:-1])
     moment = _column(values, headings, _TIMES) if moment is None else moment
     if moment is None:
-        raise FileDamaged("The table says of no row which frame it is.", where=str(path), hint="Add a column 'frame'.")
+        raise FileDamaged("The table names the frame of no row.", where=str(path), hint="Add a column 'frame'.")
     _, begins, frame = np.unique(moment, return_index=True, return_inverse=True)
     labels = tuple(dict.fromkeys(name for name in names if name))
     column = {label: i for i, label in enumerate(labels)}

@@ -25,7 +25,7 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[str, ...], 
     seen = confidence[confidence > 0]
     if len(seen) >= _FEWEST and largest < _LOW and float(seen.min()) >= (1 - _FLAT) * largest:
         sentence = (
-            f"Every keypoint that is seen has the same confidence, {largest:.3g}; it says nothing about which to "
+            f"Every keypoint that is seen has the same confidence, {largest:.3g}; it does not show which to "
             f"trust. It is taken as 1, and keypoints are weighed by their agreement alone."
         )
         return np.where(confidence > 0, 1.0, 0.0), (), (sentence,)

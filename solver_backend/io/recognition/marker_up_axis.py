@@ -72,7 +72,7 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
     if not stated and (feet_at_zero or body.lstrip("-") != expected.lstrip("-")):
         return UpAxis(body, "as the body stands")
-    states = "The file states that" if stated else "Files of this kind mostly say that"
+    states = "The file states that" if stated else "Files of this kind mostly state that"
     problem = f"{states} {expected.upper()} points up, but the body stands along {body.upper()}"
     if feet_at_zero:
         return UpAxis(body, "as the body stands, against the file's statement", f"{problem}, which is used.")

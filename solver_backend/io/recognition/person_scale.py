@@ -61,11 +61,11 @@ def scale_from_stature(
         JobInvalid: the points hold no bones, or the stature is impossible.
     """
     if stature_m is not None and not 0.5 < stature_m < 2.6:
-        raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Say it in metres, such as 1.78.")
+        raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Give it in metres, such as 1.78.")
     body = body or load_body()
     measured = bone_lengths(points, joint_set)
     if len(measured) < 3:
-        raise JobInvalid(f"{joint_set.value} holds too few bones to tell a scale.", hint="Tell a known length.")
+        raise JobInvalid(f"{joint_set.value} holds too few bones for a scale.", hint="Give a known length.")
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
     apart = np.array(list(measured.values()))

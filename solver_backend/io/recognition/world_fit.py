@@ -52,7 +52,7 @@ def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSetting
         JobInvalid: both are given, the stature is impossible, or too little of the person is seen.
     """
     if settings.stature and len(cameras) > 1 and settings.scale != 1.0:
-        raise JobInvalid("Stature and scale both say how large the world is.", hint="Give one of them.")
+        raise JobInvalid("Stature and scale both set the size of the world.", hint="Give one of them.")
     if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
         return cameras, ()
     if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own

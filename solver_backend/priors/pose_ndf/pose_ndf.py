@@ -190,7 +190,7 @@ def load_pose_ndf(path: Path | str = ASSETS / "pose_ndf.npz") -> PoseNDF:
         features, hidden = int(size["features"]), int(size["encoder_hidden"])
         widths = (NUM_BODY_JOINTS * features, *(int(n) for n in size["field_hidden"]), 1)
     except (KeyError, TypeError, ValueError) as error:
-        raise WeightsInvalid("The weights of pose_ndf do not say how large the network is.") from error
+        raise WeightsInvalid("The weights of pose_ndf do not state the network's size.") from error
     shapes = {
         "w0": (NUM_BODY_JOINTS, hidden, 4 + features), "b0": (NUM_BODY_JOINTS, hidden),
         "w1": (NUM_BODY_JOINTS, features, hidden), "b1": (NUM_BODY_JOINTS, features),

@@ -26,7 +26,7 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
     if kind.lower() not in KINDS:
         raise SensorUnknown(
             f"There is no kind of sensor '{kind}'.", where=text,
-            hint=f"There are {', '.join(KINDS)}: say oak:IDENTIFIER=NAME, see the verb oaks.",
+            hint=f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks.",
         )  # fmt: skip
     if not identifier:
         raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="The verb oaks lists them.")

@@ -47,7 +47,7 @@ def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
     except RuntimeError as error:
         raise CalibrationMissing(
             f"The device has no calibration of its own: {error}.", where=f"sensor {oak.name}",
-            hint="Film a board in infrared, and tell --calibration.",
+            hint="Film a board in infrared, and give --calibration.",
         ) from error  # fmt: skip
     finally:
         device.close()

@@ -102,7 +102,7 @@ def ground_from_gamma(
         raise GammaNotFound(
             f"Three markers {gamma.long_m:.3f} and {gamma.short_m:.3f} m from a corner are found at "
             f"{int(found.sum())} of {len(clouds)} moments; the moments have up to {most} points.",
-            hint="Lay the Γ where two sensors see all three, measure its edges, tell them: --gamma-lengths 0.6 0.4",
+            hint="Lay the Γ where two sensors see all three, measure its edges, and give them: --gamma-lengths 0.6 0.4",
         )  # fmt: skip
     places, covariance = _averaged(triples[found])
     corner, u, v = places[0], places[1] - places[0], places[2] - places[0]

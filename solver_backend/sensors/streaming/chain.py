@@ -195,7 +195,7 @@ class MarkerChain:
         if task.device.name in task.cameras.names:
             self._gatherer.ended(task.cameras.names.index(task.device.name))
         if task.device.name not in self.ends:
-            self._tell("sensor_failed", task.device.name, "its process ended without a word; the others go on")
+            self._tell("sensor_failed", task.device.name, "its process ended without a message; the others go on")
 
     def _tell(self, kind: str, name: str, said: str) -> None:
         index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1

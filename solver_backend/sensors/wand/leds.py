@@ -36,8 +36,8 @@ class Wand:
             )  # fmt: skip
         if self.short_share > SURE_SHARE - 0.03:
             raise WandInvalid(
-                f"The wand's parts of {self.first_m:.3f} and {self.second_m:.3f} m are too alike to tell its "
-                "ends apart.",
+                f"The wand's parts of {self.first_m:.3f} and {self.second_m:.3f} m are too alike to "
+                "distinguish its ends.",
                 hint="Put the middle light at a third of the wand, as 0.13 and 0.26 m.",
             )
 

@@ -67,7 +67,7 @@ def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
     if beside is None:
         raise CalibrationMissing(
             "The sensor has no lens.", where=f"sensor {name}",
-            hint=f"Put it beside the table as {name}.yaml, or tell --lenses FILE.",
+            hint=f"Put it beside the table as {name}.yaml, or give --lenses FILE.",
         )  # fmt: skip
     return lens_of(read_calibration(beside).cameras, 0)
 

@@ -53,6 +53,6 @@ def wand_views(
     if not lights and views[0].depth_m is None:
         raise CommandLineInvalid(
             "The tables are of a wand with three lights and no depth.", where=str(folder),
-            hint="Tell its lengths in metres: --wand 0.13 0.26",
+            hint="Give its lengths in metres: --wand 0.13 0.26",
         )  # fmt: skip
     return views

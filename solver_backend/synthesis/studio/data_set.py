@@ -158,7 +158,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     shots = {shot.name: shot for shot in list_shots(spec)}
     if unknown := [name for name in names if name not in shots]:
         raise FileMissing(
-            f"The description has no shot {', '.join(unknown)}.", where=str(out), hint="See what --plan says of it."
+            f"The description has no shot {', '.join(unknown)}.", where=str(out), hint="See the output of --plan."
         )
     return tuple(shots[name] for name in names)
 

@@ -31,7 +31,7 @@ limits of joints (`body/joint_limits.py`), mirrored too. Unlike the paper, q and
 gradient is taken in the metric of the distance, features have 8 numbers, and **distances are to the poses of other
 people than the one a pose came from**, recorded poses included: these lie 0.4 rad (median) from everybody else's, and
 so do those of somebody unseen. With zero for recorded poses, and negatives labelled by their own neighbours, a field
-says 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse.""",
+is 0.0 where the true distance of an unseen person's pose is 0.4, and negatives nearer and nearer make that worse.""",
     """Measured with the weights as they ship, on poses of the validation subjects within the limits of joints,
 turned by 1° to 60° about every axis at one sigma (half of them in some joints only). `near`: half of the poses turned
 by less than 8°. True distance: mean over the 5 nearest training poses. `lowered`: poses whose distance, predicted or

@@ -105,7 +105,7 @@ class DetectorProcess:
                 where = str(self._choice.options.get("model", self._choice.python))
                 raise _ERRORS.get(code, DetectorFailed)(plain(message), where=where, hint=plain(hint))
             if not isinstance(head["ready"], dict):
-                raise TypeError("nothing is said of the detector")
+                raise TypeError("the detector does not describe itself")
             return head["ready"]
         except (ValueError, KeyError, TypeError) as error:
             raise self._broken() from error

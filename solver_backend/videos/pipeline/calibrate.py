@@ -107,7 +107,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
     if known.source == "board" and not places:
         raise CalibrationMissing(
             "No footage of a board that several cameras saw is here.", where=str(request.found.root),
-            hint="Put it into a folder 'extrinsics' beside the takes, or let the person tell the cameras.",
+            hint="Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person.",
         )  # fmt: skip
     words: tuple[str, ...] = ()
     if places and known.source != "person":
@@ -119,7 +119,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
     else:
         if lens and not lenses:
             if known.source == "person" and known.board is None and _told_board(request) is None:
-                words = ("The footage for lenses is not used, as nobody says of which board it is.",)
+                words = ("The footage for lenses is not used, as its board is not named.",)
             else:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
@@ -204,6 +204,6 @@ def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     if told is None:
         raise CommandLineInvalid(
             "Which board was filmed?", where=str(request.found.footage[0].folder),
-            hint="Say --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
+            hint="Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
         )  # fmt: skip
     return board_named(str(told))

@@ -268,7 +268,7 @@ def _refuse(output: Path, settings: RoadSettings) -> None:
     """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
     if not settings.overwrite:
         raise OutputExists(
-            "There is a file that this road did not make.",
+            "There is a file that from-videos did not write.",
             where=str(output),
             hint="Choose another --out, or --overwrite.",
         )

@@ -33,7 +33,7 @@ class ReplayedVideo:
         """
         info = probe(self.path)
         self.size, self.fps, self._first_s = info.size, info.fps, float(info.times_s[0])
-        self._length_s = info.duration_s + 1.0 / max(info.fps, 1.0)
+        self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
 
     def pictures(self, start: float) -> Iterator[LivePicture]:
         """Yield each picture when it is due; one that is decoded late comes late."""

@@ -81,7 +81,7 @@ def clocks_by_geometry(filmed: FilmedTracks, start: Clocks | None, reach_s: floa
     xy = _whole_grid(filmed, alike)
     if xy.shape[1] < LEAST_FRAMES or not _moving(xy, usual).all():
         raise SyncUnknown(
-            "The person moves too little, or is seen too little, to tell the cameras' clocks by.",
+            "The person moves too little, or is seen too little, to synchronise the cameras.",
             where=", ".join(names), hint="Wave both arms in sight of all cameras, or use sound: --sync sound.",
         )  # fmt: skip
     candidates = [alike, _by_whole_lags(filmed, alike, reach_s, usual)]

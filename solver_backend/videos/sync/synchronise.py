@@ -34,7 +34,7 @@ REACH_S = 6.5
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
 """Cameras none of which is off by more than this, or by more than so many deviations, are in step: nobody starts four
 by hand within a frame; what is left is the solve's own check to tell."""
-ROLLING_SHUTTER = "Rolling shutters are not allowed for: rows of a picture may differ by up to a frame."
+ROLLING_SHUTTER = "Rolling shutter is not modelled: rows of a picture may differ by up to a frame."
 
 
 def synchronise(

@@ -174,7 +174,7 @@ def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path:
     with pytest.raises(NothingToExport, match="There is no format 'obj'.*Known formats: bvh"):
         export_take(take_of(scene, take.armature), "obj", tmp_path / "walk.obj")
     del take.armature["betas"]
-    with pytest.raises(NothingToExport, match="does not say which body and shape"):
+    with pytest.raises(NothingToExport, match="does not state its body and shape"):
         export_take(take_of(scene, take.armature), "amass", tmp_path / "walk.npz")
     bpy.data.objects.remove(take.mesh)
     with pytest.raises(NothingToExport, match="deforms no mesh"):

@@ -74,7 +74,7 @@ def test_names_against_toes_are_asked_about() -> None:
     foreign = draw(NAMINGS["unreal_5"])
     swapped = {b: b[:-1] + {"l": "r", "r": "l"}[b[-1]] if b.endswith(("_l", "_r")) else b for b in foreign.heads}
     guess = recognise(skeleton_of(foreign.renamed(swapped)))
-    assert not guess.roles and "names say left where the toes say right" in guess.doubts[0]
+    assert not guess.roles and "names and the toes disagree" in guess.doubts[0]
 
 
 def test_a_quadruped_is_named() -> None:

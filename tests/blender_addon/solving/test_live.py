@@ -59,7 +59,7 @@ def test_lines_that_are_no_poses_are_ignored(line, tmp_path):
     assert read_pose_line(line) is None
     run = run_of([json.dumps(POSE), line], tmp_path)
     finished(run)
-    assert run.finished and "without a word" in run.failure
+    assert run.finished and "without a message" in run.failure
 
 
 def test_a_run_that_was_stopped_before_it_began_has_not_failed(tmp_path):

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.takes import takes_of
+from blender_addon.ui import camera_view
 from blender_addon.ui.scene_job import prepare_job
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -87,3 +88,29 @@ def test_the_calibration_is_refined_and_restored(mocap, tmp_path: Path) -> None:
     assert (camera.matrix_world.translation - where.translation).length < 1e-6
     beside = sorted(path.name for path in Path(bpy.path.abspath(files)).parent.glob("capture*.npz"))
     assert beside == ["capture.npz", "capture_refined_01.npz"]
+
+
+def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> None:
+    capture = mocap.capture
+    first, second, third, fourth = capture.cameras
+    scene.camera = fourth.object
+    third.use = False
+    message = capture.messages.add()
+    message.text, message.is_problem = f"Camera {second.name}: the image is mirrored.", True
+    shades = [shade for _, shade in camera_view.shaded_cameras(bpy.context)]
+    assert shades == [camera_view.SURE, camera_view.DOUBTFUL, camera_view.UNUSED]
+    message.is_problem = False
+    capture.doubts = f"{first.name}1 was moved.\n{first.name} was moved."
+    assert camera_view.shade_of(capture, first) == camera_view.DOUBTFUL
+    assert camera_view.shade_of(capture, second) == camera_view.SURE
+    capture.show_agreement = False
+    assert list(camera_view.shaded_cameras(bpy.context)) == []
+
+
+def test_an_outline_is_the_picture_and_its_edges_from_the_camera(solved_take, mocap, scene) -> None:
+    camera = mocap.capture.cameras[0].object
+    ends = np.array(camera_view.outline(camera, scene))
+    place, forward = np.array(camera.matrix_world.translation), -np.array(camera.matrix_world)[:3, 2]
+    assert ends.shape == (16, 3)
+    np.testing.assert_allclose(ends[8::2], np.tile(place, (4, 1)), atol=1e-6)
+    assert ((ends[:8] - place) @ forward > 0).all()

@@ -9,10 +9,12 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.errors import MocapError
 from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
+from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.scene.live_figure import MOST_POINTS, create_live_figure
-from blender_addon.scene.point_player import SEEN
+from blender_addon.scene.point_player import GRADE, SEEN
 from blender_addon.ui.operators.live import live
 from solver_backend.io.load import load_capture
 from solver_backend.priors.weights import ASSETS
@@ -81,7 +83,7 @@ def test_a_body_that_was_taken_away_ends_the_run_with_a_sentence(started):
 def test_a_child_that_dies_is_said_to_have_died(started):
     live.run.process._process.kill()  # from outside
     until(lambda: not live.busy)
-    assert "ended without a word" in live.failure
+    assert "ended without a message" in live.failure
 
 
 def test_stopping_while_it_starts_is_no_failure(started):
@@ -121,3 +123,79 @@ def test_the_figure_stands_where_it_is_told_in_a_scene_of_centimetres(scene):
     assert figure.show_points(np.ones((500, 3)))
     bpy.data.objects.remove(bpy.data.objects[figure.armature])
     assert not figure.pose(rotvec, np.zeros(3))
+
+
+def grades_of(name: str, count: int) -> list[int]:
+    """Return the colours' numbers of the first points of an overlay."""
+    cloud, grade = bpy.data.objects[name].data, np.zeros(MOST_POINTS, np.float32)
+    cloud.attributes[GRADE].data.foreach_get("value", grade)
+    return grade[:count].astype(int).tolist()
+
+
+def test_points_and_joints_have_the_colours_of_their_doubt(scene):
+    figure = create_live_figure(scene, read_body(default_body_path()), np.zeros(10))
+    assert figure.show_points(np.zeros((5, 3)), np.array([0.01, 0.05, 0.2, np.nan, 0.0]))
+    assert grades_of(figure.points, 5) == [1, 2, 3, 0, 1]
+    assert figure.show_points(np.zeros((5, 3)))
+    assert grades_of(figure.points, 5) == [0] * 5
+    rotvec, transl, sigma = np.zeros((24, 3)), np.array([0.0, 0.0, 0.9]), np.full(24, 0.01)
+    sigma[:3] = 0.03, 0.2, np.nan
+    assert figure.show_doubt(rotvec, transl, sigma, unsure=False)
+    assert grades_of(figure.joints, 5) == [2, 3, 3, 1, 1]
+    assert figure.pose(rotvec, transl)
+    bpy.context.view_layer.update()
+    places = np.array([v.co for v in bpy.data.objects[figure.joints].data.vertices[:24]])
+    heads = np.array([bpy.data.objects[figure.armature].pose.bones[name].head for name in JOINTS])
+    assert np.abs(places - heads).max() < 1e-4
+    assert figure.show_doubt(rotvec, transl, sigma, unsure=True)
+    assert grades_of(figure.joints, 5) == [2, 3, 3, 2, 2]
+    bpy.data.objects.remove(bpy.data.objects[figure.joints])
+    assert not figure.show_doubt(rotvec, transl, sigma, unsure=True)
+
+
+class Refused(MocapError):
+    """Ends a start before a process is made."""
+
+
+@pytest.fixture
+def asked(monkeypatch) -> list:
+    """Return what live runs are asked for; none is started."""
+    calls: list = []
+
+    def start(*arguments, **options):
+        calls.append((arguments, options))
+        raise Refused("not started")
+
+    for name in ("start_live", "start_cameras"):
+        monkeypatch.setattr(f"blender_addon.solving.live.{name}", start)
+    return calls
+
+
+def test_cameras_and_videos_are_passed_on_with_calibration_detector_and_recording(mocap, asked, tmp_path):
+    settings = mocap.live
+    settings.kind = "CAMERAS"
+    with pytest.raises(RuntimeError, match="Name the cameras"):
+        bpy.ops.mocap.live_start()
+    video, calibration = tmp_path / "a film.mp4", tmp_path / "calibration.toml"
+    for path in (video, calibration):
+        path.write_bytes(b"")
+    settings.cameras, settings.calibration = f"left=webcam:0 oak:14442C right='{video}'", str(calibration)
+    with pytest.raises(RuntimeError, match="not started"):
+        bpy.ops.mocap.live_start()
+    [(arguments, options)] = asked
+    assert arguments[0] == ["left=webcam:0", "oak:14442C", f"right={video}"]
+    assert arguments[1] == calibration
+    assert options["options"][:2] == ["--detector", "mediapipe"]
+    assert options["record"].suffix == ".npz"
+
+
+def test_a_face_is_recorded_as_a_table_and_shows_no_body(mocap, asked):
+    mocap.live.kind, mocap.live.listen = "VMC", "livelink://"
+    with pytest.raises(RuntimeError, match="not started"):
+        bpy.ops.mocap.live_start()
+    [(arguments, options)] = asked
+    assert arguments[0] == "livelink://127.0.0.1:11111"
+    assert options["record"].suffix == ".csv" and options["options"] == []
+    mocap.live.listen = "nonsense://"
+    with pytest.raises(RuntimeError, match="no address"):
+        bpy.ops.mocap.live_start()

@@ -1,4 +1,4 @@
-"""Nothing is cut off in a sidebar of 200 pixels, nor in wider ones, where more stands side by side."""
+"""Nothing is cut off in a sidebar of 200 pixels, nor in wider ones with more side by side, in English and German."""
 
 from __future__ import annotations
 
@@ -8,12 +8,20 @@ import bpy
 import pytest
 
 from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.translation import german
+from tests.support import narrow_layout
 from tests.support.narrow_layout import draw_panel, text_width
 from tests.support.shown_panels import panels_of_all_stages
 
 _NARROW, _DEFAULT = 200, 283
 """Pixels; the default is Blender's."""
 _WIDTHS = (_NARROW, 265, _DEFAULT)
+
+
+@pytest.fixture(autouse=True, params=("English", "German"))
+def language(request, monkeypatch) -> None:
+    """Draw every panel in either language."""
+    monkeypatch.setattr(narrow_layout, "spoken", german() if request.param == "German" else {})
 
 
 def cut_off() -> list[str]:
@@ -36,8 +44,8 @@ def taken_for_blenders() -> list[str]:
 
 
 def test_the_measure_finds_what_is_too_long(mocap) -> None:
-    assert 40 < text_width("Read Again") < 90
-    assert text_width("Read Again" * 3) == pytest.approx(3 * text_width("Read Again"), rel=0.1)
+    assert 40 < text_width("Some Words") < 90
+    assert text_width("Some Words" * 3) == pytest.approx(3 * text_width("Some Words"), rel=0.1)
 
 
 def test_an_empty_scene(mocap) -> None:

@@ -99,9 +99,9 @@ def test_columns_without_names_are_named_by_their_order(tmp_path, demo):
     ("content", "message"),
     [
         ({"landmarks": {"knee": "rigth_knee"}}, "no such landmark: 'knee' is 'rigth_knee'"),
-        ({"landmarks": ["knee"]}, "does not say what keypoints are"),
-        ([1], "does not say what keypoints are"),
-        ({}, "does not say what keypoints are"),
+        ({"landmarks": ["knee"]}, "does not define the keypoints"),
+        ([1], "does not define the keypoints"),
+        ({}, "does not define the keypoints"),
     ],
 )
 def test_a_bad_file_is_named(tmp_path, demo, content: Any, message: str):

@@ -68,7 +68,7 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     points = standing()
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    assert "Every residual says that the point was not seen." in found.report.problems
+    assert "Every residual marks the point as not seen." in found.report.problems
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("METERS", 1.0), ("mete", 1.0)])
@@ -112,7 +112,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     handstand = standing() * [1, 1, -1] + [0, 0, 1900]
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
-    assert found.report.problems[0].startswith("Files of this kind mostly say that Z points up, but the body stands")
+    assert found.report.problems[0].startswith("Files of this kind mostly state that Z points up, but the body stands")
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"

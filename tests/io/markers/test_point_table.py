@@ -115,5 +115,5 @@ def test_damage_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileDamaged, match="names no points"):
         read_point_table(path)
     path.write_text(table([["time", "marker", "x", "y", "z"]], [["a", "LASI", "1", "2", "3"]]))
-    with pytest.raises(FileDamaged, match="says of no row which frame"):
+    with pytest.raises(FileDamaged, match="names the frame of no row"):
         read_point_table(path, fps=30.0)

@@ -146,7 +146,7 @@ def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
     found, out = look_through(session), tmp_path / "out"
     touched(out / "sync.json")
     [plan] = planned(found, out)
-    with pytest.raises(OutputExists, match="did not make"):
+    with pytest.raises(OutputExists, match="did not write"):
         go(found, plan, settings(tmp_path))
     assert (out / "sync.json").read_bytes() == b""
 

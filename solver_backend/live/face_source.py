@@ -1,0 +1,129 @@
+"""A port that faces come to from a phone: whatever comes is named once and ridden out."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any
+
+from solver_backend.exchange.plain_text import plain
+from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
+from solver_backend.live.face_packets import FacePacket, FacePacketInvalid, decode_ifacialmocap, decode_live_link
+from solver_backend.live.face_recording import FaceRecorder
+from solver_backend.live.named_once import NamedOnce
+
+REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
+"""What asks the app to send (ifacialmocap.com/for-developer)."""
+SENDER_GONE_S = 1.0
+"""Seconds of silence after which another phone is heard."""
+JUMP_S = 1.0
+"""Seconds by which a packet's clock may run back and it be a late packet; beyond it was set anew."""
+_LATEST = 8
+"""Packets that are remembered, to know doubled ones."""
+_DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
+
+
+@dataclass(frozen=True)
+class FaceFrame:
+    """A face at a moment."""
+
+    time: float
+    """Seconds since the first."""
+    arrived: float
+    """``time.perf_counter()`` when it came."""
+    channels: dict[str, float]
+    """Value of each channel; {} where no face is seen."""
+
+
+class FaceAssembly(NamedOnce):
+    """Frames of one phone; packets of others, late, doubled and hostile ones are left out."""
+
+    def __init__(self, scheme: str) -> None:
+        """Take which app sends, by the scheme of its address."""
+        super().__init__()
+        self._decode, self._has_clock = _DECODERS[scheme], scheme == LIVE_LINK
+        self._sender: Any = None
+        self._heard = float("-inf")
+        self._packets: list[bytes] = []
+        self._clock: float | None = None
+        self._before: tuple[float | None, float] | None = None
+        self._time = 0.0
+
+    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[FaceFrame]:
+        """Yield the frame of a packet, if it is one.
+
+        Args:
+            packet: a datagram.
+            sender: whose it is.
+            arrived: ``time.perf_counter()``.
+        """
+        if sender != self._sender and arrived - self._heard < SENDER_GONE_S:
+            return self.name_once("second_sender", "Another phone is not heard as long as the first one sends.")
+        try:
+            found = self._decode(packet)
+        except FacePacketInvalid as error:
+            return self.name_once("packet_invalid", f"A packet is none of this app's: {plain(str(error))}.")
+        if sender != self._sender:
+            self._sender, self._packets, self._clock, self._before = sender, [], None, None
+        self._heard = arrived
+        if not self._is_next(packet, found.time):
+            return
+        if self._before is not None:
+            clock, came = self._before
+            passed = arrived - came
+            if clock is not None and found.time is not None and 0.0 < found.time - clock < JUMP_S:
+                passed = found.time - clock
+            self._time += max(passed, 0.0)
+        self._before = (found.time, arrived)
+        yield FaceFrame(self._time, arrived, found.channels)
+
+    def _is_next(self, packet: bytes, clock: float | None) -> bool:
+        """Return whether a packet comes after those before it; where packets have no clock, alike ones are a face."""
+        if not self._has_clock:
+            return True
+        if packet in self._packets:
+            return bool(self.name_once("packet_doubled", "A packet came twice."))
+        self._packets = [*self._packets[1 - _LATEST :], packet]
+        if clock is not None:
+            if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
+                return bool(self.name_once("packet_late", "A packet came after one that was sent later."))
+            self._clock = clock
+        return True
+
+
+def ask_phone(host: str, port: int) -> Callable[[Any], None]:
+    """Return what asks iFacialMocap on a phone, by a socket, to send; a phone that is away is asked again later."""
+
+    def ask(there: Any) -> None:
+        with suppress(OSError):
+            there.sendto(REQUEST, (host, port))
+
+    return ask
+
+
+def face_lines(
+    found: Iterable[FaceFrame | dict[str, Any]], recorder: FaceRecorder | None = None
+) -> Iterator[dict[str, Any]]:
+    """Yield the lines of a live run of a face; frames are recorded before.
+
+    Args:
+        found: what ``listen`` yields.
+        recorder: keeps the channels.
+    """
+    number = 0
+    for item in found:
+        if isinstance(item, dict):
+            yield item
+            continue
+        if recorder is not None and item.channels:
+            recorder.add(item.time, item.channels)
+        lag = round(1e3 * (time.perf_counter() - item.arrived), 3)
+        face = {"face": {name: round(value, 4) for name, value in item.channels.items()}}
+        yield {
+            "frame": number, "t": round(item.time, 6), "state": "tracking" if item.channels else "no_person",
+            "points": 0, "latency_ms": lag, "lag_ms": lag,
+            **(face if item.channels else {"why": "the phone sees no face"}),
+        }  # fmt: skip
+        number += 1

@@ -1,0 +1,82 @@
+"""Pictures of another shape than those calibrated, or of a size that no standard has, by the agreement of views."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.cameras.camera_corrections import FACTORS, SHAPES, CameraCorrection
+from solver_backend.people.reading_scores import ReadingScores
+
+LEAST_CAMERAS = 3
+"""One pair of views alone can be brought to agree in too many ways."""
+NEARER, CLEARLY = 0.02, 0.08
+"""Distance from epipolar lines, in the person's extent, within which shapes are compared, and how much more must lie
+there: the demo squeezed to 3/4 reaches 0.84 when read so, and 0.67 as pictures of 3/4 of the size."""
+NEAR_ENOUGH = 0.8
+"""Share within ``NEARER`` from which no other shape is looked for."""
+COARSE, COARSE_FRAMES = 0.12, 3
+"""The same distance, and frames, on which sizes and shapes are found."""
+_SIZES = np.geomspace(0.15, 4.0, 38).tolist()
+_FINER = np.geomspace(0.95, 1.05, 11).tolist()
+"""Sizes of pictures in steps of 9 %, and shares by which the one that is found may be off."""
+OTHERS_AGREE = 0.8
+"""Share of the keypoints that must agree between the others where one camera alone is tried."""
+_STANDARD, _AS_WELL = 0.015, 0.03
+"""Logarithm of a size, and share of the keypoints, by which a standard size may be off."""
+_OF_ONE = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed")
+"""Shapes of a single camera: a cut looks as a turn of the camera does."""
+
+
+def with_shapes(scores: ReadingScores, best: list[CameraCorrection]) -> list[CameraCorrection]:
+    """Return a reading in which pictures have another shape or any size, where that is clearly better than ``best``.
+
+    All cameras alike are tried, and the one that agrees least.
+
+    Args:
+        scores: of C cameras on few frames.
+        best: (C,) the best reading with the shape that was calibrated.
+    """
+    if len(best) < LEAST_CAMERAS:
+        return best
+    near = scores.within(NEARER)
+    if near.of(best) >= NEAR_ENOUGH:
+        return best
+    coarse = scores.on(COARSE_FRAMES, list(range(len(best)))).within(COARSE)
+    alike = max(set(best), key=best.count)
+    worst = min(range(len(best)), key=lambda c: scores.of_camera(c, best))
+    found = [
+        _nearest(near, max(([replace(alike, factor=f, shape=s)] * len(best) for f in _SIZES), key=coarse.of))
+        for s in ("", *SHAPES)
+    ]
+    if scores.without(worst).of(best) >= OTHERS_AGREE:
+        of_one = [[_with(best, worst, replace(alike, factor=f, shape=s)) for f in _SIZES] for s in _OF_ONE]
+        found += [_nearest(near, max(sizes, key=coarse.of), (worst,)) for sizes in of_one]
+    chosen = max(found, key=near.of)
+    return chosen if near.of(chosen) >= near.of(best) + CLEARLY else best
+
+
+def _nearest(
+    near: ReadingScores, reading: list[CameraCorrection], cameras: tuple[int, ...] | None = None
+) -> list[CameraCorrection]:
+    """Return the reading with the size of these cameras' pictures, or of all, that fits best to a few per mille.
+
+    A standard size is taken where it fits about as well.
+    """
+    chosen = range(len(reading)) if cameras is None else cameras
+    found = reading[chosen[0]].factor
+
+    def of_size(factor: float) -> list[CameraCorrection]:
+        return [replace(r, factor=factor) if c in chosen else r for c, r in enumerate(reading)]
+
+    best = max((of_size(found * f) for f in _FINER), key=near.of)
+    size = best[chosen[0]].factor
+    standard = min(FACTORS, key=lambda factor: abs(np.log(factor / size)))
+    if abs(np.log(standard / size)) < _STANDARD and near.of(of_size(standard)) > near.of(best) - _AS_WELL:
+        return of_size(standard)
+    return best
+
+
+def _with(reading: list[CameraCorrection], c: int, way: CameraCorrection) -> list[CameraCorrection]:
+    return [*reading[:c], way, *reading[c + 1 :]]

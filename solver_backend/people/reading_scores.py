@@ -1,0 +1,98 @@
+"""How well views agree if their calibration is read in one way or another, each pair of cameras computed once."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.projection import undistort
+from solver_backend.people.pair_agreement import OFF_LINE, pair_agreement
+from solver_backend.people.sightings import MIN_CONFIDENCE
+from solver_backend.types import Cameras
+
+CHANGE_COST = 0.01
+"""Share that a reading must gain for each thing that it changes."""
+EACH = 8
+"""Cameras up to which every pair counts and each may be read by itself. Of more, all are read alike, and each is
+compared with so many around: the search must not grow with the square of an array of hundreds."""
+
+
+class ReadingScores:
+    """Agreement of readings; that of two cameras is computed once for each way to read them."""
+
+    def __init__(self, cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, off_line: float = OFF_LINE) -> None:
+        self._off_line = off_line
+        self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
+        self._poses: dict[CameraCorrection, tuple[np.ndarray, np.ndarray]] = {}
+        self._normalised: dict[CameraCorrection, np.ndarray] = {}
+        count = len(cameras)
+        others = range(1, count if count <= EACH else EACH)
+        self._compared = sorted(
+            {(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c}
+        )
+        self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
+
+    def on(self, count: int, cameras: list[int]) -> ReadingScores:
+        """Return scores by fewer frames, and of these cameras."""
+        rows = np.unique(np.linspace(0, self._xy.shape[1] - 1, count).astype(int))
+        xy, seen = self._xy[cameras][:, rows], self._seen[cameras][:, rows]
+        return ReadingScores(self.cameras.subset(cameras), xy, np.where(seen, 1.0, 0.0), self._off_line)
+
+    def without(self, camera: int) -> ReadingScores:
+        """Return scores by the pairs that a camera is no part of."""
+        others = copy(self)
+        others._compared = [pair for pair in self._compared if camera not in pair]
+        return others
+
+    def within(self, off_line: float) -> ReadingScores:
+        """Return scores of keypoints that are so near their lines."""
+        return ReadingScores(self.cameras, self._xy, np.where(self._seen, 1.0, 0.0), off_line)
+
+    def of(self, reading: list[CameraCorrection]) -> float:
+        """Return the mean share over the pairs of views that see the person together."""
+        return self._mean(self._compared, reading)
+
+    def penalised(self, reading: list[CameraCorrection]) -> float:
+        """Return the same, less what its changes must be worth."""
+        return self.of(reading) - CHANGE_COST * max(correction.changes for correction in reading)
+
+    def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
+        """Return the mean share of the pairs that one camera is part of."""
+        return self._mean([pair for pair in self._compared if c in pair], reading)
+
+    def _mean(self, pairs: list[tuple[int, int]], reading: list[CameraCorrection]) -> float:
+        known = [share for a, b in pairs if np.isfinite(share := self._pair(a, b, reading))]
+        return float(np.mean(known)) if known else 0.0
+
+    def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:
+        key = (a, reading[a], b, reading[b])
+        if key not in self._pairs:
+            self._pairs[key] = pair_agreement(
+                *self._camera(a, reading[a]), *self._camera(b, reading[b]), self._off_line
+            )
+        return self._pairs[key]
+
+    def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
+        points = self._points(CameraCorrection(correction.factor, correction.turn, shape=correction.shape))
+        R, t = self._turned(replace(correction, factor=1.0, shape=""))
+        return points[c], R[c], t[c]
+
+    def _turned(self, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray]:
+        """Return (C, 3, 3) rotations and (C, 3) translations of all cameras so read; sizes of pictures change none."""
+        if correction not in self._poses:
+            all_alike = corrected(self.cameras, [correction] * len(self.cameras))
+            self._poses[correction] = all_alike.R, all_alike.t
+        return self._poses[correction]
+
+    def _points(self, picture: CameraCorrection) -> np.ndarray:
+        """Return (C, F, J, 2) normalised points of all cameras if their pictures are so read."""
+        if picture not in self._normalised:
+            all_alike = corrected(self.cameras, [picture] * len(self.cameras))
+            xy = np.where(self._seen[..., None], self._xy, np.nan)
+            lens = all_alike.K, all_alike.distortion
+            self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
+        return self._normalised[picture]
