@@ -63,8 +63,8 @@ CHARTS = (
 TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
     "From several views": (
         ("Joints, unseen people, noise as measured on a real detector, four views", "bundle", "mpjpe_mm", "mm"),
-        ("The same with three views", "bundle", "views_3_ours_mpjpe_mm", "mm"),
-        ("The same with two views", "bundle", "views_2_ours_mpjpe_mm", "mm"),
+        ("Three views, two takes", "bundle", "views_3_ours_mpjpe_mm", "mm"),
+        ("Two views, two takes", "bundle", "views_2_ours_mpjpe_mm", "mm"),
         ("Four views, against BundleMoCap++ as published", "bundle", "mpjpe_ratio", "times its error"),
         ("Solve time against BundleMoCap++ as published", "bundle", "seconds_ratio", "times its time"),
         ("Points, exact detections", "floor", "exact_points_mm", "mm"),

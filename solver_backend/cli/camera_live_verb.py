@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
 
 MOST_CAMERAS = 4
 """More are no help to one person, and a load."""
+_SWITCH_S = 5e-4
+"""Seconds after which one thread lets another one on."""
 _SOURCE_HELP = (
     "a video to replay at its rate, webcam:NUMBER or oak:ID, two to four; NAME=SOURCE names the calibration's camera"
 )
@@ -80,6 +83,8 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         session = ViewsSession(cameras, joint_set_of(live.about), betas, world, args.up_axis)
         session.warm_up()
         settle_memory()
+        # Threads that hand pictures to detectors wait so long for a fit that computes: Python's own 5 ms, six times.
+        sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:
             recorder = ViewsRecorder(args.record, session, live.about["name"], overwrite=bool(args.overwrite))
             stack.enter_context(recorder)

@@ -18,6 +18,7 @@ from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.recipes.live_views import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
 from solver_backend.live.doubts import doubts_of, keypoint_limbs
+from solver_backend.live.exchanged_sides import ExchangedSides
 from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, event, pose_of, rounded
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
@@ -25,6 +26,8 @@ WORLD_MOMENTS = 12
 """Moments with a person by which up and floor of the cameras' world are checked, before the first pose."""
 BAD_M = 0.12
 """Keypoints this far from the body in the median are no good pose; detectors and bodies differ by 3 cm."""
+STARTS_WITH = 0.8
+"""Share of the keypoints of two views on which they must agree at a start: later the pose says whose limb is whose."""
 _TRIAL_MOMENTS = 6
 """Moments of a start, so that all of its parts were run once."""
 SAME_PERSON = 0.5
@@ -67,6 +70,9 @@ class ViewsSession:
         self._clock, self._good = SourceClock(), float("-inf")
         self._number, self._shape_reported, self._world_known = 0, False, False
         self._expected: np.ndarray | None = None
+        self._sides = ExchangedSides(self.joint_set.keypoints)
+        self.sides_put_back = 0
+        """Pairs of limbs of one view whose sides were exchanged."""
         self.shown: np.ndarray | None = None
         """(N, 3) located keypoints of the last moment, metres, Z up."""
         self.shown_off_m = np.zeros(0)
@@ -125,6 +131,13 @@ class ViewsSession:
             why = f"two views agree on {int(seen.sum())} keypoints: too few for a person"
             yield self._nothing(moment, why, "no_person")
             return
+        if self.fit.pose is None:
+            self._good = moment.time  # a start has as long to be good as a pose to be lost
+            share = seen.sum() / max(int(((confidence > 0).sum(0) >= 2).sum()), 1)
+            if share < STARTS_WITH:
+                why = f"the views agree on {share:.0%} of what both see: sides may be exchanged in one of them"
+                yield self._nothing(moment, why, "no_person")
+                return
         if not self._world_known:
             self._first.append((xy, confidence))
             if len(self._first) < WORLD_MOMENTS:
@@ -155,40 +168,33 @@ class ViewsSession:
         }  # fmt: skip
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
-        """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them."""
-        K = self.joint_set.num_keypoints
-        xy, confidence = np.full((len(self.cameras.names), K, 2), np.nan), np.zeros((len(self.cameras.names), K))
-        for c, people in enumerate(moment.people):
-            if people is None or not len(people):
-                continue
-            sure = np.isfinite(people[:, :K]).all(-1) & (people[:, :K, 2] > 0)
-            chosen = self._nearest(c, people[:, :K], sure)
-            if chosen is not None:
-                xy[c, sure[chosen]] = people[chosen, :K][sure[chosen], :2]
-                confidence[c, sure[chosen]] = np.minimum(people[chosen, :K][sure[chosen], 2], 1.0)
-        return xy, confidence
+        """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them.
 
-    def _nearest(self, view: int, people: np.ndarray, sure: np.ndarray) -> int | None:
-        """Return which detection is the person: the one where they are expected, at a start the largest and surest."""
-        known = sure.any(axis=1)
-        if not known.any():
-            return None
-        span = np.where(sure[..., None], people[..., :2], -np.inf).max(1) - np.where(
-            sure[..., None], people[..., :2], np.inf
-        ).min(1)
-        size = np.where(known, np.hypot(*span.T), 0.0)
-        if self._expected is None:
-            return int(np.argmax(size * np.where(sure, people[..., 2], 0.0).mean(1)))
-        k = slice(view, view + 1)
-        cameras = self.cameras
-        px = project(
-            cameras.K[k], cameras.distortion[k], cameras.R[k], cameras.t[k], self._expected[None],
-            cameras.distortion_model,
-        )[0, 0]  # fmt: skip
-        far = np.where(sure, np.linalg.norm(people[..., :2] - px, axis=-1), np.nan)
-        off = np.array([np.nanmedian(row) if there else np.inf for row, there in zip(far, known, strict=True)])
-        best = int(np.argmin(off))
-        return best if off[best] < SAME_PERSON * size[best] else None
+        Limbs whose sides a detector exchanged in one view are put back where the views then agree on more: where it is
+        the pose that has them wrong, they agree as they are.
+        """
+        K, count = self.joint_set.num_keypoints, len(self.cameras.names)
+        seen = np.full((count, K, 3), np.nan)
+        expected = None if self._expected is None else self._project(self._expected)
+        for c, people in enumerate(moment.people):
+            if people is not None and len(people):
+                found = _nearest(people[:, :K], None if expected is None else expected[c])
+                seen[c] = seen[c] if found is None else found
+        for c, places in enumerate(() if expected is None else expected):
+            put_back, pairs = self._sides.put_back(seen[c], places)
+            other = np.concatenate([seen[:c], put_back[None], seen[c + 1 :]])
+            if pairs and self._agreement(other) > self._agreement(seen):
+                seen, self.sides_put_back = other, self.sides_put_back + pairs
+        return _split(seen)
+
+    def _agreement(self, seen: np.ndarray) -> int:
+        """Return the number of (C, K, 3) keypoints on which two views agree."""
+        return int(np.isfinite(np.asarray(self.fit.locate(*_split(seen)).points)).all(-1).sum())
+
+    def _project(self, points: np.ndarray) -> np.ndarray:
+        """Return (C, K, 2) px of (K, 3) points."""
+        c = self.cameras
+        return project(c.K, c.distortion, c.R, c.t, points[None], c.distortion_model)[:, 0]
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
         """Take the world in which the person of the first moments stands upright on the floor."""
@@ -210,6 +216,27 @@ class ViewsSession:
             "frame": self._number - 1, "t": round(moment.time, 6), "state": state, "why": why,
             "points": 0 if self.shown is None else len(self.shown), "views": _views(moment), **_delays(moment),
         }  # fmt: skip
+
+
+def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return px and confidence of (..., 3) keypoints, missing where a number is or the confidence is 0."""
+    there = np.isfinite(seen).all(-1) & (seen[..., 2] > 0)
+    return np.where(there[..., None], seen[..., :2], np.nan), np.where(there, np.minimum(seen[..., 2], 1.0), 0.0)
+
+
+def _nearest(people: np.ndarray, expected: np.ndarray | None) -> np.ndarray | None:
+    """Return which of (P, K, 3) detections is the person: where (K, 2) px expect them, at a start the largest one."""
+    shown, confidence = _split(people)
+    known = np.isfinite(shown).all(-1).any(axis=1)
+    if not known.any():
+        return None
+    people, shown, confidence = people[known], shown[known], confidence[known]
+    size = np.hypot(*(np.nanmax(shown, axis=1) - np.nanmin(shown, axis=1)).T)
+    if expected is None:
+        return people[np.argmax(size * confidence.mean(1))]
+    off = np.nanmedian(np.linalg.norm(shown - expected, axis=-1), axis=1)
+    best = int(np.argmin(off))
+    return people[best] if off[best] < SAME_PERSON * size[best] else None
 
 
 def _middle(cameras: Cameras) -> np.ndarray:

@@ -134,6 +134,39 @@ def test_bystanders_empty_pictures_and_nonsense_do_not_end_it(filmed):
     assert {line["state"] for line in lines if "frame" in line} <= {"tracking", "unsure", "no_person", "waiting"}
 
 
+def test_arms_that_a_detector_exchanges_in_one_view_stay_where_they_are(filmed, monkeypatch):
+    names = filmed.keypoints.joint_set.keypoints
+    pairs = [[names.index(f"{side}_{part}") for side in ("left", "right")] for part in ("shoulder", "elbow", "wrist")]
+    moments = moments_of(filmed)
+    for moment in moments[40:70]:
+        view = moment.people[1]
+        assert view is not None
+        for pair in pairs:
+            view[0, pair] = view[0, pair[::-1]]
+    with_it, without = session_of(filmed), session_of(filmed)
+    monkeypatch.setattr(without._sides, "put_back", lambda seen, expected: (seen, 0))
+    off = []
+    for session in (with_it, without):
+        lines = [line for line in session.run(moments) if "pose" in line and 2.0 <= line["t"] < 3.5]
+        off.append(off_mm(filmed, lines, session.fit.subject.betas))
+    assert with_it.sides_put_back >= 10
+    assert off[0] < 4.0 * solved_mm(filmed) and off[0] < 0.8 * off[1]
+
+
+def test_a_start_with_exchanged_sides_is_mended_when_the_detector_is(filmed):
+    names = filmed.keypoints.joint_set.keypoints
+    left, right = ([row for row, name in enumerate(names) if name.startswith(side)] for side in ("left_", "right_"))
+    moments = moments_of(filmed)
+    for moment in moments[:30]:
+        view = moment.people[1]
+        assert view is not None
+        view[0, [*left, *right]] = view[0, [*right, *left]]
+    session = session_of(filmed)
+    lines = [line for line in session.run(moments) if "pose" in line and line["t"] > 2.5]
+    assert len(lines) > 60
+    assert off_mm(filmed, lines, session.fit.subject.betas) < 3.0 * solved_mm(filmed)
+
+
 def test_time_that_runs_back_and_silences_start_anew(filmed):
     session, moments = session_of(filmed), moments_of(filmed)
     lines = list(session.run([*moments, *moments[:30]]))
