@@ -6,16 +6,19 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.build import BODY_FILE, BuiltBody
-from assets_procedural.hand.correctives import fit_hand_correctives
-from assets_procedural.hand.flat import flat_rotations
-from assets_procedural.hand.joints import place_hand_joints
+from assets_procedural.hand.correctives import fit_hand_correctives, left_skeleton
+from assets_procedural.hand.joints import HandJoints, place_hand_joints
 from assets_procedural.hand.tree import FIRST, LEFT, MIRROR, PARENTS, WRIST
 from assets_procedural.hand.weights import hand_weights
 from assets_procedural.skeleton.regressor import fit_regressor
+from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_on_body import COLUMNS
 from solver_backend.body.hands import hand_size_directions
 
 HANDS_FILE = BODY_FILE.with_name("hands_neutral.npz")
 """Beside the body file."""
+_THUMB_SPREAD_DEG = 25.0
+"""A flat hand's thumb lies beside the palm, a little below it."""
 
 
 def build_hands(built: BuiltBody) -> dict[str, Array]:
@@ -49,3 +52,20 @@ def build_hands(built: BuiltBody) -> dict[str, Array]:
         "flat": flat_rotations(hands).astype(np.float32),
         "tips": hands.tips.astype(np.float32),
     }
+
+
+def flat_rotations(hands: HandJoints) -> Array:
+    """Return (30, 3, 3) rotations from rest to a flat hand, of each finger bone as a whole, in SMPL-H's order.
+
+    Args:
+        hands: rest joints and fingertips.
+    """
+    skeleton = left_skeleton(hands)
+    angles = skeleton.rest_angles.copy()
+    angles[[name.endswith("flexion") for name in ANGLES]] = 0.0
+    angles[ANGLES.index("thumb_cmc_spread")] = np.radians(_THUMB_SPREAD_DEG)
+    turned = (skeleton.pose(angles[None]).frames[0, :, 1:] @ np.swapaxes(skeleton.rest, -1, -2)).reshape(-1, 3, 3)
+    left = np.zeros_like(turned)
+    left[np.array(COLUMNS).ravel()] = turned
+    flip = np.array([-1.0, 1.0, 1.0])
+    return np.concatenate([left, left * flip[:, None] * flip])

@@ -26,8 +26,8 @@ def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) ->
     """
     bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
     if "pelvis" not in bones:
-        said = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
-        raise ActorMissing("The actor's pelvis was not found.", where=armature.name, hint=said)
+        message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
+        raise ActorMissing("The actor's pelvis was not found.", where=armature.name, hint=message)
     roles = tuple(role for role in bones if role != "root" and not role.endswith(("_ik", "_pole")))
     names = tuple(bones[role] for role in roles)
     matrices = np.array([armature.data.bones[name].matrix_local for name in names], np.float64)

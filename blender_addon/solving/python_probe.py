@@ -71,8 +71,8 @@ def probe_python(python: Path | None) -> PythonFound:
     except (OSError, ValueError, subprocess.TimeoutExpired) as error:
         raise _unsuitable(f"It does not answer as a Python does: {error}", executable) from error
     if values is None:
-        said = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise _unsuitable(f"This Python cannot run the solver: {said}", executable)
+        message = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+        raise _unsuitable(f"This Python cannot run the solver: {message}", executable)
     if tuple(int(part) for part in values["python"].split(".")[:2]) < _LEAST:
         raise _unsuitable(f"This is Python {values['python']}; 3.11 or later is needed.", executable)
     if not values["numpy"]:

@@ -82,10 +82,10 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
     _write(args.out, labelled, overwrite=overwrite)
-    said = said_of(take)
+    messages = said_of(take)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
     problems = [problem for problem in labelled.problems if problem not in capture.problems]
-    return Outcome("\n  ".join([*said, f"written     {args.out}"]), {**data, "problems": problems})
+    return Outcome("\n  ".join([*messages, f"written     {args.out}"]), {**data, "problems": problems})
 
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:

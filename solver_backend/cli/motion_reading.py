@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.files.choices import load_chosen_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.amass import AmassClip, motion_of
@@ -39,6 +40,8 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
 
     def joints_of(betas: np.ndarray, root: np.ndarray, pose: np.ndarray, transl: np.ndarray) -> np.ndarray:
         local = exp_so3(pose.reshape(len(pose), -1, 3))
-        return forward_kinematics(body, betas, exp_so3(root), local[:, : len(body.parents) - 1], transl).joints[:, :24]
+        return forward_kinematics(body, betas, exp_so3(root), local[:, : len(body.parents) - 1], transl).joints[
+            :, :NUM_JOINTS
+        ]
 
     return motion_of(motion, body.id, joints_of)

@@ -79,7 +79,7 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
                 break
     counts = {name: end.written for name, end in chain.ends.items()}
     lines = [f"  {name:<11} {end.written} frames, {end.dropped} dropped" for name, end in chain.ends.items()]
-    lines += [f"  finding     {said}" for said in findings]
+    lines += [f"  finding     {message}" for message in findings]
     mean = sum(points) / max(len(points), 1)
     text = f"Infrared and depth of {len(oaks)} OAKs in {args.folder}, {mean:.1f} points a frame"
     return Outcome("\n".join([text, *lines]), {"recording": str(args.folder), "frames": counts, "findings": findings})

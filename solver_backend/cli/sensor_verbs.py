@@ -78,7 +78,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     lines = [
         f"{len(seen)} frames, {seen.sum(1).mean():.1f} points a frame, ± {sigma_mm:.1f} mm in the median",
         *(f"  sensor      {name}: {count} frames" for name, count in take.frames.items()),
-        *(f"  finding     {said}" for said in take.findings), f"  written     {args.out}",
+        *(f"  finding     {message}" for message in take.findings), f"  written     {args.out}",
     ]  # fmt: skip
     return Outcome("\n".join(lines), data)
 
@@ -96,7 +96,7 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
                 findings.append(moment.said)
     data = {"recording": str(args.out), **chain_summary(chain), "findings": findings}
     lines = [f"{n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
-    lines += [f"finding     {said}" for said in findings]
+    lines += [f"finding     {message}" for message in findings]
     return Outcome("\n  ".join([f"recorded {args.out}", *lines]), data)
 
 

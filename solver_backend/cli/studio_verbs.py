@@ -59,14 +59,16 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec = read_spec(args.description)
     begin = open_data_set if args.claim else check_data_set
     found = begin(spec, args.out) if args.plan or args.claim else plan(spec)
-    said = f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
+    message = (
+        f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
+    )
     data = {
         "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
         "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
         "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
     }  # fmt: skip
     if args.plan or args.claim:
-        return Outcome(f"would make at most {said}", data)
+        return Outcome(f"would make at most {message}", data)
     records = make_data_set(spec, args.out, progress, args.shot)
     data["frames"] = sum(record["frames"] for record in records)
     made = f"made {len(records)} of {len(found.shots)} shots, {data['frames']} frames"
@@ -117,15 +119,15 @@ def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
-        replace(place_errors(rig, given, seed=spec.seed, progress=progress), rig=f"{rig.name}{said}")
-        for rig in spec.rigs for said, given in faults.items()
+        replace(place_errors(rig, given, seed=spec.seed, progress=progress), rig=f"{rig.name}{suffix}")
+        for rig in spec.rigs for suffix, given in faults.items()
     ]  # fmt: skip
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
     medians = {p.rig: p.median_mm for p in places}
-    said = "\n".join(
+    message = "\n".join(
         f"{name:<32} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
     )
-    return Outcome(f"{said}\n  written     {args.out}", {"page": str(args.out), "median_mm": medians})
+    return Outcome(f"{message}\n  written     {args.out}", {"page": str(args.out), "median_mm": medians})
 
 
 def _settings(path: Path) -> SolveSettings:

@@ -84,14 +84,14 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     failed: dict[str, MocapError] = {}
     for plan in plans:
         try:
-            said = go(found, plan, settings, progress)
+            record = go(found, plan, settings, progress)
         except MocapError as error:
             if len(plans) == 1 or error.code == "cancelled":
                 raise
             failed[plan.take.name] = error
             continue
-        data["takes"][plan.take.name] = _took(plan, said)
-        words = said.lines()
+        data["takes"][plan.take.name] = _took(plan, record)
+        words = record.lines()
         lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
     if failed and not data["takes"]:
         raise next(iter(failed.values()))
@@ -100,12 +100,12 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome("\n".join(lines), data)
 
 
-def _took(plan: Any, said: Any) -> dict[str, Any]:
+def _took(plan: Any, record: Any) -> dict[str, Any]:
     """Return what is to be told of a take that went the road, with its capture as ``convert`` tells it."""
     from solver_backend.io.native.capture_file import read_capture
 
     told = {
-        **said.lines(), "steps": said.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
+        **record.lines(), "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
         "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
     }  # fmt: skip
     if "capture" in told:

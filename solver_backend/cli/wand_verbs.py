@@ -82,10 +82,8 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _outcome(found: Any, path: Path, kind: str, report: Path | None) -> Outcome:
-    from solver_backend.sensors.wand.told import told_lines, told_values
-
-    lines = [*told_lines(found), f"  written     {path} ({kind})"]
-    data = {"calibration": str(path), "format": kind, **told_values(found)}
+    lines = [*found.lines(), f"  written     {path} ({kind})"]
+    data = {"calibration": str(path), "format": kind, **found.as_dict()}
     if report is not None:
         lines.append(f"  report      {report}")
         data["report"] = str(report)

@@ -5,15 +5,18 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from solver_backend.exchange.world_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.marker_world import marker_problems
+from solver_backend.io.recognition.marker_unit import find_unit, spread
+from solver_backend.io.recognition.marker_up_axis import find_up_axis
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_check import without_world
 from solver_backend.io.recognition.world_fit import fit_world, scale_world
-from solver_backend.types import Capture
+from solver_backend.types import Capture, MarkerCloud
 
 
 def _is_npz(path: Path) -> bool:
@@ -28,9 +31,9 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
     capture = read_capture(path)
     found, markers = capture.keypoints, capture.markers
     if found is not None:
-        said = {"fps": options.fps or found.fps, "joint_set": options.joint_set or found.joint_set}
-        found = replace(found, **said)
-        people = tuple(replace(p, keypoints=replace(p.keypoints, **said)) for p in capture.people)
+        given = {"fps": options.fps or found.fps, "joint_set": options.joint_set or found.joint_set}
+        found = replace(found, **given)
+        people = tuple(replace(p, keypoints=replace(p.keypoints, **given)) for p in capture.people)
         capture = replace(capture, people=people)
     if markers is not None:
         markers = replace(markers, fps=options.fps or markers.fps)
@@ -64,3 +67,19 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
 
 CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)
 MOTION = Reader("our own motion .npz", _is_npz, lambda path, options: read_motion(path))
+
+
+def marker_problems(cloud: MarkerCloud) -> tuple[str, ...]:
+    """Return a sentence each on markers of another size than a person's, and on a body that does not stand along Z."""
+    if not np.isfinite(cloud.positions).any():
+        return ()
+    found: list[str] = []
+    unit = find_unit(cloud.positions, "m", None, "m")
+    if unit.problem:
+        hint = f" They look like {unit.name}." if unit.name != "m" else ""
+        found.append(f"The markers spread over {spread(cloud.positions):.3g} m, which is no person.{hint}")
+    axis = find_up_axis(cloud.positions * unit.metres, cloud.labels or ("",) * cloud.positions.shape[1], "z", None, "z")
+    if axis.problem:
+        stands = axis.problem.partition("the body stands along ")[2][:2].strip(",;. ")
+        found.append(f"The markers' body stands along {stands}, not along Z: is Z up in the capture?")
+    return tuple(found)

@@ -46,9 +46,9 @@ class PoseSender:
         for line in lines:
             if line.get("event") == "shape":
                 self._bundle = None
-            elif "pose" in line and (said := self._send(line)):
-                back = said.endswith("is back.")
-                yield {"event": "receiver_back" if back else "receiver_away", "t": line["t"], "message": said}
+            elif "pose" in line and (message := self._send(line)):
+                back = message.endswith("is back.")
+                yield {"event": "receiver_back" if back else "receiver_away", "t": line["t"], "message": message}
             yield line
 
     def _send(self, line: dict[str, Any]) -> str:

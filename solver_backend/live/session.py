@@ -99,8 +99,8 @@ class LiveSession:
             yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
             return
         if self._turn is None:
-            if (said := self._found_world(points)) is not None:
-                yield event("world", said, frame.time)
+            if (message := self._found_world(points)) is not None:
+                yield event("world", message, frame.time)
             if self._turn is None:
                 yield self._nothing(frame, "looking for unit and up-axis", "waiting")
                 return

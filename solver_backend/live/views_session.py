@@ -203,8 +203,8 @@ class ViewsSession:
         keypoints = Keypoints2D(xy, confidence, self.joint_set, 1.0 / 0.1)
         fitted = fit_world(self.cameras, keypoints, self.world, self.up_axis)
         self.cameras = self.fit.cameras = fitted.cameras
-        for said in (*fitted.notes, *fitted.problems):
-            yield event("world", said, moment.time)
+        for message in (*fitted.notes, *fitted.problems):
+            yield event("world", message, moment.time)
 
     def _reset(self) -> None:
         self.fit.restart()

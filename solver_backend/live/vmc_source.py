@@ -14,6 +14,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF
@@ -235,8 +236,8 @@ def pose_lines(
 
 def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
     """Return (24, 3) joints of the sender's T-pose from its places, NaN where it has none."""
-    layout, joints = body.layout, np.full((24, 3), np.nan)
-    for j, name in enumerate(layout.joints[:24]):
+    layout, joints = body.layout, np.full((NUM_JOINTS, 3), np.nan)
+    for j, name in enumerate(layout.joints[:NUM_JOINTS]):
         p, place = layout.parents[j], frame.place.get(BONE_OF.get(name, ""))
         if j == 0:
             joints[0] = 0.0

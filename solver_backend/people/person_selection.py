@@ -76,8 +76,8 @@ def select_people(
     for person in people:
         xy, confidence, hands, detection = _merged(detections, first if not selected else person.accepted, person.fit)
         keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
-        said = ((), ()) if selected else (notes, problems)
-        selected.append(SelectedPerson(person.name, keypoints, detection, *said))
+        messages = ((), ()) if selected else (notes, problems)
+        selected.append(SelectedPerson(person.name, keypoints, detection, *messages))
     return tuple(selected)
 
 

@@ -123,8 +123,8 @@ def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dic
         for row, (axes, name) in enumerate(zip(sides[column], ("from the camera", "from the side"), strict=True)):
             top = CAPTION + row * (ROW + CAPTION)
             view = _View(axes, column * width, top, scale, (low + high) / 2, width)
-            said = f"frame {frame} · {frame / motion.fps:.2f} s, {name}"
-            parts.append(f'<text class="x" x="{view.left + width / 2:.0f}" y="{top - 6:.0f}">{said}</text>')
+            message = f"frame {frame} · {frame / motion.fps:.2f} s, {name}"
+            parts.append(f'<text class="x" x="{view.left + width / 2:.0f}" y="{top - 6:.0f}">{message}</text>')
             open_now = {part for part, flags in is_open.items() if flags[frame]}
             floor = -motion.joints[frame, root, 2] if row == 1 else None
             parts += _person(view, about[column], covariances[column], motion, open_now, floor)

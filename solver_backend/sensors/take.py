@@ -92,8 +92,8 @@ def said_of(findings: list[Finding]) -> list[str]:
     count = Counter((finding.kind, finding.said) for finding in findings)
     first = {(f.kind, f.said): f.time for f in reversed(findings)}
     return [
-        f"{said} (at {first[kind, said]:.2f} s{f', {number} times' if number > 1 else ''})"
-        for (kind, said), number in count.items()
+        f"{message} (at {first[kind, message]:.2f} s{f', {number} times' if number > 1 else ''})"
+        for (kind, message), number in count.items()
     ]
 
 

@@ -13,8 +13,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CalibrationMismatch
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration import read_calibration
-from solver_backend.sensors.gravity.errors import GammaInvalid, GammaNotFound
-from solver_backend.sensors.gravity.gamma import Gamma, ground_from_gamma
+from solver_backend.sensors.gravity.gamma import Gamma, GammaInvalid, GammaNotFound, ground_from_gamma
 from solver_backend.sensors.gravity.gamma_clouds import gamma_clouds
 from tests.support.waved_wand import SIZE, Waving, as_tables, sensors, waved
 

@@ -43,8 +43,8 @@ def _by_names(skeleton: Skeleton, chains: list[list[int]]) -> dict[str, list[int
     """Return the chains whose bones all bear the name of one finger, each finger once."""
     found: dict[str, list[int]] = {}
     for chain in chains:
-        said = {_WORDS[word] for bone in chain for word in words_of(skeleton.names[bone]) if word in _WORDS}
-        if len(said) == 1 and (finger := said.pop()) not in found:
+        named = {_WORDS[word] for bone in chain for word in words_of(skeleton.names[bone]) if word in _WORDS}
+        if len(named) == 1 and (finger := named.pop()) not in found:
             found[finger] = chain
     return found
 

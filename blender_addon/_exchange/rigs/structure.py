@@ -151,15 +151,15 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
         if toe is not None:
             ahead += skeleton.heads[toe] - skeleton.heads[fit.joints[2]]
     votes = [_side_votes(skeleton, pair[0].path[0], pair[1].path[0]) for pair in (limbs.legs, limbs.arms)]
-    said = sum(vote[0] for vote in votes) - sum(vote[1] for vote in votes)
-    unanimous = abs(said) >= 0.9 * sum(map(sum, votes)) and abs(said) >= 4
+    votes_left = sum(vote[0] for vote in votes) - sum(vote[1] for vote in votes)
+    unanimous = abs(votes_left) >= 0.9 * sum(map(sum, votes)) and abs(votes_left) >= 4
     shown = float(np.cross(up, ahead) @ apart)
     clear = abs(shown) > 0.02 * np.linalg.norm(apart) * skeleton.size
-    if clear and unanimous and (shown > 0) != (said > 0):
+    if clear and unanimous and (shown > 0) != (votes_left > 0):
         return True, ["The names and the toes disagree about left and right: correct the table."]
     if clear:
         return shown > 0, []
-    return said > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
+    return votes_left > 0, [] if unanimous else ["Neither toes nor names show which side of the figure is left."]
 
 
 def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:

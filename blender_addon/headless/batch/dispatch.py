@@ -126,8 +126,10 @@ def _record_of(work: Work, one: Ended, engine: Engine) -> dict[str, Any]:
 def _write_log(folder: Path, record: dict[str, Any]) -> None:
     lines = [f"{record['take']} was set aside: {record['error']['message']}", f"capture: {record['capture']}", ""]
     for number, attempt in enumerate(record.get("attempts", ()), 1):
-        said = attempt.get("message", "")
-        lines.append(f"{number}. {attempt['step']} on {attempt['worker'] or 'this machine'}: {attempt['how']} {said}")
+        message = attempt.get("message", "")
+        lines.append(
+            f"{number}. {attempt['step']} on {attempt['worker'] or 'this machine'}: {attempt['how']} {message}"
+        )
     if folder.is_dir():
         text = "\n".join(plain(line) for line in lines) + "\n"
         write_text(folder / "take.log", text, overwrite=True)

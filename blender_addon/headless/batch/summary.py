@@ -33,8 +33,8 @@ def cells(take: dict[str, Any]) -> tuple[str, ...]:
     frames, unsure, bridged = (_text(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
     residual = f"{_residual(take):.2f} {unit}" if unit else "-"
-    said = take["error"]["message"] if take.get("error") else ""
-    return (take["take"], take["status"], frames, residual, unsure, bridged, _text(take.get("seconds")), said)
+    message = take["error"]["message"] if take.get("error") else ""
+    return (take["take"], take["status"], frames, residual, unsure, bridged, _text(take.get("seconds")), message)
 
 
 def _padded(cell: str, width: int, column: int) -> str:

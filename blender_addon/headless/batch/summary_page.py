@@ -41,7 +41,7 @@ svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: r
 
 
 def summary_page(
-    takes: Sequence[dict[str, Any]], out: Path, said: str, picture: Callable[[Path], str] = thumbnail
+    takes: Sequence[dict[str, Any]], out: Path, message: str, picture: Callable[[Path], str] = thumbnail
 ) -> str:
     """Return the page.
 
@@ -65,7 +65,7 @@ def summary_page(
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">{MARK}'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>Batch of {len(takes)} takes</title><style>{_STYLE}</style></head><body><main>"
-        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_linked(said)}.</p>'
+        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_linked(message)}.</p>'
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{more}'
         "</main></body></html>\n"
     )
@@ -104,9 +104,9 @@ def _link(path: Path) -> str:
     return "".join(chr(b) if chr(b) in _PLAIN else f"%{b:02X}" for b in path.as_posix().encode())
 
 
-def _linked(said: str) -> str:
+def _linked(message: str) -> str:
     """Return a text in which the addresses of pages can be followed."""
-    return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(said))
+    return re.sub(r"https?://[\w.:/\[\]-]+", r'<a href="\g<0>">\g<0></a>', _text(message))
 
 
 def _text(value: object) -> str:

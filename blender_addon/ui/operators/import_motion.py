@@ -54,8 +54,8 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
         current.last = None
         for note in take.notes:
             self.report({"WARNING"}, note)
-        said = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
-        self.report({"INFO"}, f"{said}; {set_up_said(context.scene, take_over=take_over)}")
+        message = f"Baked '{take.action.name}' with {counted(len(take.cameras), 'camera')}"
+        self.report({"INFO"}, f"{message}; {set_up_said(context.scene, take_over=take_over)}")
         return {"FINISHED"}
 
 

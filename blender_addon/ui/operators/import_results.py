@@ -82,10 +82,10 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
-    for camera, said in zip(stage.cameras, result["cameras"], strict=True):
+    for camera, row in zip(stage.cameras, result["cameras"], strict=True):
         item = capture.cameras.add()
-        item.name, item.object, item.detections = said["name"], camera, views.get(camera)
-        item.seen_percent, item.use = said["seen_percent"] or 0.0, item.name not in unused
+        item.name, item.object, item.detections = row["name"], camera, views.get(camera)
+        item.seen_percent, item.use = row["seen_percent"] or 0.0, item.name not in unused
         item.has_footage = bool(camera.data.background_images)
     take_people(capture, result["people"])
     for review in capture.reviews:
@@ -147,9 +147,9 @@ def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) 
     names = {person.key: person.name for person in capture.people}
     while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
         capture.people.remove(len(capture.people) - 1)
-    for index, said in enumerate(people if len(people) > 1 else ()):
+    for index, person in enumerate(people if len(people) > 1 else ()):
         item = capture.people[index] if index < len(capture.people) else capture.people.add()
-        item.key, item.frames, item.views = said["name"], said["frames"], said["views"]
+        item.key, item.frames, item.views = person["name"], person["frames"], person["views"]
         item.name = names.get(item.key) or plain(item.key)
 
 

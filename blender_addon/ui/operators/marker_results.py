@@ -20,16 +20,16 @@ def take_markers(capture: bpy.types.PropertyGroup, result: dict[str, Any], stage
         result: result event of the verb ``convert``.
         stage: the capture's objects.
     """
-    said = result.get("marker_names") or {}
+    names = result.get("marker_names") or {}
     capture.markers = result["markers"] or 0
-    capture.subjects = ", ".join(said.get("subjects", ()))
+    capture.subjects = ", ".join(names.get("subjects", ()))
     capture.cloud = next((overlay for overlay in stage.overlays if LABELS in overlay), None)
     bones = {item.name: item.bone for item in capture.marker_items}
     capture.marker_items.clear()
     if capture.cloud is None:
         return
-    meaning = {label: kind for kind in _NAMED for label in said.get(kind, ())}
-    gaps = {gap["marker"]: gap for gap in said.get("gaps", ())}
+    meaning = {label: kind for kind in _NAMED for label in names.get(kind, ())}
+    gaps = {gap["marker"]: gap for gap in names.get("gaps", ())}
     labels = labels_of(capture.cloud)
     for index in reversed(range(len(capture.told))):
         item = capture.told[index]

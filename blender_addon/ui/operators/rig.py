@@ -38,8 +38,8 @@ class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
         rig, found = context.scene.mocap.rig, list(result["oaks"])
         known = {oak.partition("=")[0] for oak in rig.oaks.split()}
         rig.oaks = " ".join([*rig.oaks.split(), *(oak for oak in found if oak not in known)])
-        said = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera was found"
-        self.report({"INFO"} if found else {"WARNING"}, said)
+        message = f"{counted(len(found), 'camera')}: {', '.join(found)}" if found else "No OAK camera was found"
+        self.report({"INFO"} if found else {"WARNING"}, message)
         return {"FINISHED"}
 
 

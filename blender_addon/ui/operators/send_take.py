@@ -25,21 +25,21 @@ class CurrentSending:
         """Whether a take is sent while it plays."""
         return self.sender is not None
 
-    def begin(self, sender: TakeSender, said: str) -> None:
+    def begin(self, sender: TakeSender, message: str) -> None:
         """Send from now on."""
         self.stop()
-        self.sender, self.said = sender, said
+        self.sender, self.said = sender, message
 
     def on_frame(self, scene: bpy.types.Scene) -> None:
         """Send the pose of a frame; end where the body is gone."""
         if self.sender is None:
             return
-        said = self.sender.send(scene)
-        if said is None:
+        message = self.sender.send(scene)
+        if message is None:
             self.stop()
             self.said = "The body was taken away: nothing is sent any more."
-        elif said:
-            self.said = said
+        elif message:
+            self.said = message
 
     def stop(self) -> None:
         """Send no more."""

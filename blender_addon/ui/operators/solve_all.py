@@ -62,8 +62,8 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
             self._bake(context, Path(take["motion"]), take)
         failed = result.get("failed", [])
         if failed:
-            said = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
-            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {said}")
+            message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
+            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {message}")
         else:
             self.report({"INFO"}, f"Solved {counted(len(takes), 'take')}")
         return {"FINISHED"}

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
 from solver_backend.exchange.rigs.roles import JOINT_OF, LIMBS, SIDES, chain_roles
 from solver_backend.geometry.rotations import exp_so3, log_so3
@@ -14,7 +15,7 @@ from solver_backend.types import SkeletonMotion
 
 R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
-NUM_TURNED = 22
+NUM_TURNED = 1 + NUM_BODY_JOINTS
 """Joints that are measured: all but SMPL's two hand joints."""
 _SPINE, _NECK, _HEAD = (3, 6, 9), 12, 15
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
@@ -25,11 +26,11 @@ class Measured:
     """What is known of our joints; world, metres."""
 
     places: np.ndarray
-    """(F, 24, 3), NaN where the skeleton has no such joint."""
+    """(F, NUM_JOINTS, 3), NaN where the skeleton has no such joint."""
     turns: np.ndarray
     """(F, 22, 3, 3) rotations from our body's rest axes to the world."""
     rest: np.ndarray
-    """(24, 3) the skeleton's joints at rest, NaN where it has none."""
+    """(NUM_JOINTS, 3) the skeleton's joints at rest, NaN where it has none."""
 
 
 def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray) -> Measured:
@@ -41,7 +42,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
     Args:
         motion: the skeleton's motion.
         roles: its joint by role.
-        own_rest: (24, 3) joints of our body at rest, Y up.
+        own_rest: (NUM_JOINTS, 3) joints of our body at rest, Y up.
 
     Raises:
         MotionInvalid: left and right are not known.
@@ -51,7 +52,7 @@ def measure(motion: SkeletonMotion, roles: dict[str, str], own_rest: np.ndarray)
     if R is None:
         hint = "Both thighs or both upper arms must be there."
         raise MotionInvalid("The skeleton's left and right are not known.", where=motion.name, hint=hint)
-    places, rest = np.full((motion.num_frames, 24, 3), np.nan), np.full((24, 3), np.nan)
+    places, rest = np.full((motion.num_frames, NUM_JOINTS, 3), np.nan), np.full((NUM_JOINTS, 3), np.nan)
     for role, joint in JOINT_OF.items():
         if role in index and role != "pelvis" and not role.endswith("clavicle"):
             places[:, joint], rest[joint] = motion.joints[:, index[role]], motion.rest[index[role]]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 
 _FEET = ((7, 10), (8, 11))
 """Ankle and ball of each foot."""
@@ -41,4 +42,4 @@ def standing_feet(body: Body, betas: np.ndarray, joints: np.ndarray, fps: float)
 
 def _rest_heights(body: Body, betas: np.ndarray) -> np.ndarray:
     vertices = body.v_template + body.shapedirs @ betas
-    return body.rest_joints(betas)[:24, 1] - vertices[:, 1].min()
+    return body.rest_joints(betas)[:NUM_JOINTS, 1] - vertices[:, 1].min()

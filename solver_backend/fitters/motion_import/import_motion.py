@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.rigs.roles import JOINT_OF
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, measure
 from solver_backend.fitters.motion_import.floor import floor_height, standing_feet
@@ -43,16 +43,16 @@ def import_motion(
     Raises:
         MotionInvalid: left and right are not known.
     """
-    measured = measure(source, roles, body.rest_joints(np.zeros(10))[:24])
+    measured = measure(source, roles, body.rest_joints(np.zeros(10))[:NUM_JOINTS])
     betas = shape_from_lengths(body, measured.rest)
-    rest = body.rest_joints(betas)[:24]
+    rest = body.rest_joints(betas)[:NUM_JOINTS]
     G, joints = fit_poses(rest, measured)
     off = 1000.0 * np.sqrt(((joints - measured.places) ** 2).sum(-1).mean(0))
     raised = 0.0 if keep_height else -floor_height(body, betas, joints)
     joints = joints + [0.0, 0.0, raised]
     parents = list(SMPL_PARENTS[1:NUM_TURNED])
     local = np.swapaxes(G[:, parents], -1, -2) @ G[:, 1:]
-    pose = np.zeros((source.num_frames, 23, 3))
+    pose = np.zeros((source.num_frames, NUM_JOINTS - 1, 3))
     pose[:, : NUM_TURNED - 1] = log_so3(local)
     motion = Motion(
         betas=betas, global_orient=log_so3(G[:, 0]), body_pose=pose.reshape(len(pose), -1),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, Measured
 from solver_backend.geometry.rotations import exp_so3, log_so3
 
@@ -20,7 +20,7 @@ _LONGEST_STEP = 0.4
 """Radians that a joint turns in a round at most: farther off, the equations are not linear."""
 _CONVERGED = 1e-3
 """Radians of a step from which the poses stay."""
-_ABOVE = np.zeros((24, NUM_TURNED), dtype=bool)
+_ABOVE = np.zeros((NUM_JOINTS, NUM_TURNED), dtype=bool)
 """Which turned joints each joint hangs from, itself included."""
 for _joint, _parent in enumerate(SMPL_PARENTS):
     if _parent >= 0:
@@ -75,9 +75,9 @@ def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:
     """Return the joints (F, 24, 3) of global rotations (F, 22, 3, 3) and the root's place (F, 3)."""
-    joints = np.empty((len(G), 24, 3))
+    joints = np.empty((len(G), NUM_JOINTS, 3))
     joints[:, 0] = root
-    for j in range(1, 24):
+    for j in range(1, NUM_JOINTS):
         parent = SMPL_PARENTS[j]
         joints[:, j] = joints[:, parent] + G[:, parent] @ (rest[j] - rest[parent])
     return joints

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 
 _PAIRS = (
     ((1,), (4,)), ((2,), (5,)), ((4,), (7,)), ((5,), (8,)), ((16,), (18,)), ((17,), (19,)), ((18,), (20,)),
@@ -30,7 +31,7 @@ def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
     wanted = _lengths(rest)
     known = np.isfinite(wanted)
     exact = _nearest(body, wanted, known, _EXACT)
-    apart = np.abs(wanted - _lengths(body.rest_joints(exact)[:24]))[known]
+    apart = np.abs(wanted - _lengths(body.rest_joints(exact)[:NUM_JOINTS]))[known]
     if known.all() and apart.max() < _SAME_M and np.abs(exact).max() < _PLAUSIBLE:
         return exact
     return _nearest(body, wanted, known, 1.0)
@@ -40,8 +41,11 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
     betas = np.zeros(body.joints_shapedirs.shape[-1])
     weight = certainty / _SIGMA_M[known]
     for _ in range(_ROUNDS):
-        joints = body.rest_joints(betas)[:24]
-        J = np.stack([_slope(joints, body.joints_shapedirs[:24], pair) for pair in _PAIRS])[known] * weight[:, None]
+        joints = body.rest_joints(betas)[:NUM_JOINTS]
+        J = (
+            np.stack([_slope(joints, body.joints_shapedirs[:NUM_JOINTS], pair) for pair in _PAIRS])[known]
+            * weight[:, None]
+        )
         r = (wanted - _lengths(joints))[known] * weight
         betas = betas + np.linalg.solve(J.T @ J + np.eye(len(betas)), J.T @ r - betas)
     return betas

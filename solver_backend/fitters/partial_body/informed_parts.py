@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -24,16 +25,32 @@ acromion 34 about the shoulder, the elbow's 31 about the elbow, and the tibia's 
 HOLD_S, FADE_S = 0.5, 0.5
 """So long after it was last informed (and before it is again) a part follows the fit; then it comes to rest in the
 time that follows. Gaps of up to a second are bridged as ever."""
+UNKNOWN_S = 0.5
+"""So long before the first and after the last frame that informs a part, its deviation rises to that of one at rest:
+nothing leads back from there, and the fit says 15 to 26 mm of arms that are 29 to 242 mm off 0.25 to 0.5 s after their
+last markers (CMU 02_01 and 135_02, UI-PRMD m01, m03, m06, m09). Its pose follows the fit, which is nearer than a rest:
+38 to 90 mm against 197 to 293 after 0.5 s of UI-PRMD's exercises."""
+
+
+@dataclass(frozen=True)
+class PartShares:
+    """What is at rest, and what is as little known as if it were: (F,) from 0 to 1 of each part that is anywhere."""
+
+    rest: dict[str, np.ndarray]
+    """How far a part is at rest."""
+    spread: dict[str, np.ndarray]
+    """Share of the resting variance that its own has: at least as much."""
 
 
 def resting_shares(
     body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray, seen: np.ndarray, fps: float,
     pinned: Sequence[int] = (),
-) -> dict[str, np.ndarray]:  # fmt: skip
-    """Return how far each part that is not informed throughout is at rest: (F,) from 0, as fitted, to 1.
+) -> PartShares:  # fmt: skip
+    """Return how far each part that is not informed throughout is at rest, and how little is known of it.
 
-    A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The share rises as
-    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1.
+    A landmark informs a part where it moves by ``LEADS``' lever when the part's first joint turns. The rest rises as
+    ``3 u² - 2 u³`` while u, the time since ``HOLD_S`` after the part was informed over ``FADE_S``, rises from 0 to 1;
+    before the first and after the last informed frame the variance rises with the time over ``UNKNOWN_S``, squared.
 
     Args:
         body: whose tree and rest skeleton.
@@ -45,9 +62,9 @@ def resting_shares(
         pinned: frames whose poses somebody set, which informs every part.
     """
     known = np.isin(np.arange(len(seen)), list(pinned))
-    frames, shares = np.flatnonzero(seen | known), {}
+    frames, every, found = np.flatnonzero(seen | known), np.arange(len(seen)), PartShares({}, {})
     if not len(frames):
-        return {}
+        return found
     lever = levers(body, landmarks, offsets)
     for part, (joint, least) in LEADS.items():
         if not {joint, ANCHORS[part]} <= set(body.layout.joints):
@@ -55,18 +72,22 @@ def resting_shares(
         informed = (
             located[np.ix_(frames, lever[:, body.layout.joints.index(joint)] >= least)].any(axis=1) | known[frames]
         )
-        away = _distance(frames, frames[informed]) / fps
-        u = np.clip((away - HOLD_S) / FADE_S, 0.0, 1.0)
-        if u.any():
-            shares[part] = np.interp(np.arange(len(seen)), frames, u * u * (3.0 - 2.0 * u))
-    return shares
+        away, between = _distance(frames, frames[informed])
+        u = np.clip((away / fps - HOLD_S) / FADE_S, 0.0, 1.0)
+        rest, unknown = u * u * (3.0 - 2.0 * u), np.where(between, 0.0, np.minimum(away / fps / UNKNOWN_S, 1.0) ** 2)
+        if rest.any():
+            found.rest[part] = np.interp(every, frames, rest)
+        if rest.any() or unknown.any():
+            found.spread[part] = np.interp(every, frames, np.maximum(rest, unknown))
+    return found
 
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
     """Return the parts that are informed in no frame, by landmarks without offsets."""
     landmarks, once = measurements.landmarks, np.ones(1, dtype=bool)
     located = measurements.located.any(axis=0)[None]
-    return tuple(resting_shares(body, landmarks, np.zeros((len(landmarks), 3)), located, once, measurements.fps))
+    offsets = np.zeros((len(landmarks), 3))
+    return tuple(resting_shares(body, landmarks, offsets, located, once, measurements.fps).rest)
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
@@ -77,10 +98,11 @@ def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:
     return np.linalg.norm(places - share[..., None] * body.joints_template, axis=-1)
 
 
-def _distance(frames: np.ndarray, informed: np.ndarray) -> np.ndarray:
-    """Return how many frames each is from the nearest informed one; infinite where there is none."""
+def _distance(frames: np.ndarray, informed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many frames each is from the nearest informed one, infinite without any, and if it is between two."""
     if not len(informed):
-        return np.full(len(frames), np.inf)
+        return np.full(len(frames), np.inf), np.zeros(len(frames), dtype=bool)
     after = np.searchsorted(informed, frames)
     left, right = informed[np.maximum(after - 1, 0)], informed[np.minimum(after, len(informed) - 1)]
-    return np.minimum(np.abs(frames - left), np.abs(frames - right)).astype(np.float64)
+    away = np.minimum(np.abs(frames - left), np.abs(frames - right)).astype(np.float64)
+    return away, (frames >= informed[0]) & (frames <= informed[-1])

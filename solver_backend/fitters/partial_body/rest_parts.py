@@ -42,13 +42,16 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     subject, frames = solved.subject, solved.frames
     body, layout = subject.body, subject.body.layout.recorded
     offsets, seen = to_numpy(subject.offsets), measurements.seen
-    shares = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
-    if not shares:
+    found = resting_shares(body, subject.landmarks, offsets, measurements.located, seen, measurements.fps, pinned)
+    shares = found.rest
+    if not found.spread:
         return solved
     assumed = () if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
-    local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
-    fitted, frames = frames, replace(frames, local=constant(local, frames.local))
-    below = {part: _below(layout, part) for part in shares}
+    fitted, local = frames, to_numpy(frames.local)
+    if shares:
+        local = _rested(body, to_numpy(frames.root), local, shares)
+        frames = replace(frames, local=constant(local, frames.local))
+    below = {part: _below(layout, part) for part in found.spread}
     resting = np.zeros((len(local), layout.num_joints))
     for part, share in shares.items():
         columns = [layout.joints.index(name) for name in below[part]]
@@ -57,7 +60,9 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     covariance, contacts = solved.covariance, solved.contacts
     if covariance is not None:
         G = to_numpy(forward_kinematics(body, subject.betas, frames.root, frames.local, frames.transl).G)
-        spread = with_resting_spread(to_numpy(covariance), G[:, list(body.recorded_joints)], layout, below, shares)
+        spread = with_resting_spread(
+            to_numpy(covariance), G[:, list(body.recorded_joints)], layout, below, found.spread
+        )
         covariance = constant(with_assumed_spread(spread, layout, assumed), covariance)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]

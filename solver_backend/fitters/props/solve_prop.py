@@ -13,7 +13,7 @@ from solver_backend.fitters.props.prop_start import LEAST_SIGMA_M, MOST_SIGMA_M,
 from solver_backend.fitters.props.prop_state import PropState
 from solver_backend.fitters.props.rigid_groups import LEAST_MARKERS
 from solver_backend.fitters.props.unrest import unrest_of
-from solver_backend.fitters.props.wrong_points import without_wrong_points
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma, packed
 from solver_backend.residuals.robust import graduated_scales
@@ -22,6 +22,9 @@ from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marq
 FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
 """Standard deviations from which on markers are doubted, first and last, and how many steps lead there: frames of one
 or two markers begin decimetres off."""
+FAR_M = 0.018
+"""A distance is wrong from so far off its median on: three times what distances of a rigid body stray by; of smaller
+errors the solve's robust penalty takes care."""
 STEPS = LMSettings(6, 1e-5)
 """Gauss-Newton steps at most, and the relative change of the cost at which they end; chosen by hand."""
 LEAST_FRAMES = 4
@@ -39,7 +42,7 @@ def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float)
     """
     if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
         return None
-    points = without_wrong_points(points)
+    points = _without_wrong_points(points)
     start = start_prop(points)
     known = np.flatnonzero(np.isfinite(start.rest).all(-1))
     if len(known) < len(labels):
@@ -100,3 +103,24 @@ def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: Pro
     sigma = np.stack([mean_sigma(packed(place[:, None]))[:, 0], np.minimum(widest, np.pi / np.sqrt(3.0))], axis=1)
     seen = np.isfinite(equations.points).all(-1).sum(axis=1)
     return Prop(name, tuple(labels), equations.rest, log_so3(state.R), state.t, sigma, seen.astype(np.uint8))
+
+
+def _without_wrong_points(points: np.ndarray) -> np.ndarray:
+    """Return the points without those that contradict the largest group of a frame's markers that agree.
+
+    Where there are several such groups, two labels are exchanged perhaps, and all that contradict any are left out.
+
+    Args:
+        points: (F, M, 3) metres, NaN where missing.
+    """
+    away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+    off = np.abs(away - quantile(away, 0.5, axis=0))
+    seen, others = np.isfinite(points).all(-1), ~np.eye(points.shape[1], dtype=bool)
+    compared = seen[:, :, None] & seen[:, None] & others & np.isfinite(off)
+    votes = (compared & (np.nan_to_num(off) < FAR_M)).sum(axis=-1)
+    contradicted = votes < compared.sum(axis=-1)
+    most = np.where(seen, votes, 0).max(axis=1, keepdims=True)
+    largest = seen & (votes == most)
+    one_group = largest.sum(axis=1, keepdims=True) == most + 1
+    wrong = contradicted & ~(largest & one_group)
+    return np.where(wrong[..., None], np.nan, points)

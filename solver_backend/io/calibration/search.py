@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,7 +16,6 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
-from solver_backend.io.calibration.unsupported import name_unsupported
 from solver_backend.io.recognition.camera_names import counted_order, listing, match_names, name_key
 from solver_backend.types import Cameras
 
@@ -25,6 +24,14 @@ MOST_LEVELS = 5
 """Folders above and below that are searched; chosen by hand."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
+_UNSUPPORTED = {
+    ".xcp": ("Vicon's cameras", "Convert it by Pose2Sim's calibration (convert, vicon), which writes a .toml."),
+    ".mat": ("a MATLAB file", "Write K, R and t of each camera as JSON, with MATLAB's jsonencode."),
+    ".pkl": ("a Python pickle, which runs code when it is read", "Write its arrays with numpy.savez or as JSON."),
+    ".pickle": ("a Python pickle, which runs code when it is read", "Write its arrays with numpy.savez or as JSON."),
+    ".cal": ("a binary calibration", "Export it as text: OpenCV's YAML, or a projection matrix a camera."),
+}
+"""What files of each ending are, and the way out."""
 
 
 def levels_above(root: Path) -> list[Path]:
@@ -113,11 +120,11 @@ def _found_by_views(
     found: Calibration, order: list[int], recorded: Sequence[str], calibrated: Sequence[str]
 ) -> Calibration:
     pairs = [f"{name} is {calibrated[i]}" for name, i in zip(recorded, order, strict=True)]
-    said = (
+    message = (
         f"The calibration has other names for its cameras; by the agreement of the views {listing(pairs)}. "
         f"Another assignment: --camera {recorded[0]}={calibrated[order[0]]} and so on."
     )
-    return replace(found, problems=(*found.problems, said))
+    return replace(found, problems=(*found.problems, message))
 
 
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
@@ -158,3 +165,12 @@ def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) 
         size_known=tuple(found.size_known[i] for i in order),
         notes=(*found.notes, *notes),
     )
+
+
+def name_unsupported(folders: Iterable[Path]) -> tuple[str, str] | None:
+    """Return a sentence on the first such file in the folders, and how to convert it; None where there is none."""
+    for folder in folders:
+        for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+            if (known := _UNSUPPORTED.get(path.suffix.lower())) is not None:
+                return f"{path.name} is {known[0]}, which is not read.", known[1]
+    return None

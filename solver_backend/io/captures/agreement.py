@@ -107,12 +107,12 @@ def _unexchanged(calibration: Calibration, detections: Detections, options: Read
     pairs = [
         f"{name} is the calibration's {names[i]}" for i, name in zip(order, names, strict=True) if names[i] != name
     ]
-    said = f"Cameras bear each other's names: by the agreement of the views {', '.join(pairs)}. {KEEP}"
+    message = f"Cameras bear each other's names: by the agreement of the views {', '.join(pairs)}. {KEEP}"
     changed = replace(
         calibration,
         cameras=replace(swapped, names=names),
         size_known=tuple(calibration.size_known[i] for i in order),
-        problems=(*calibration.problems, said),
+        problems=(*calibration.problems, message),
     )
     return changed, True
 
@@ -135,10 +135,10 @@ def _explained(
     readings = explain_unlike(in_file, detections)
     if readings is None:
         return calibration, ratios
-    if (said := _corrected(detections.cameras, readings)) is not None:
+    if (message := _corrected(detections.cameras, readings)) is not None:
         cameras = corrected(in_file, [reading.correction for reading in readings])
         cameras = replace(cameras, R=cameras.R @ to_world.T)
-        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, said))
+        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, message))
     return calibration, np.array([reading.rate for reading in readings])
 
 

@@ -55,16 +55,18 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
         return []
     attached = names.unknown
     shared = ((names.affixes.prefix, "begins"), (names.affixes.suffix, "ends"))
-    said = [
+    messages = [
         f"'{text}' {does} nearly all labels and is read as no part of their names." for text, does in shared if text
     ]
     if names.ambiguous:
         either = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
-        said.append(f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}.")
+        messages.append(
+            f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}."
+        )
     joints = any(is_joint_centre(place) for place in names.known.values())
     if joints:
-        said.append(f"The labels are joint centres of a skeleton: {len(names.known)} of them are solved as such.")
-    said += [] if not attached else [
+        messages.append(f"The labels are joint centres of a skeleton: {len(names.known)} of them are solved as such.")
+    messages += [] if not attached else [
         f"Labels of no layout ({len(attached)}): {_first(attached)}. The solve finds the bone that each moves with, or "
         "leaves it out."
     ]  # fmt: skip
@@ -73,7 +75,7 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
         (names.doubled, "points of places that another marker has"),
         (unlabelled, "points without names"),
     )
-    return said + [
+    return messages + [
         f"Left out of the solve: {what} ({len(labels)}), {_first(labels)}." for labels, what in groups if labels
     ]
 

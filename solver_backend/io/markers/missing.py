@@ -43,9 +43,9 @@ def without_sentinels(
     found = np.where(seen[..., None], positions, np.nan)
     sentinel = seen & _sentinels(found)
     found[sentinel] = np.nan
-    said = _sentences(origin, labels, lambda what: f"{what} exactly at the origin in some frames")
+    message = _sentences(origin, labels, lambda what: f"{what} exactly at the origin in some frames")
     value = f"{positions[sentinel][0].tolist()}" if sentinel.any() else ""
-    return found, said, _sentences(sentinel, labels, lambda what: f"{what} at {value} or the like in some frames")
+    return found, message, _sentences(sentinel, labels, lambda what: f"{what} at {value} or the like in some frames")
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:

@@ -66,16 +66,16 @@ def motive_bodies(
     worn = {prefix_of(label) for label in labels}
     by_markers = [name for name in found if name in worn or any(label.startswith(f"{name}_") for label in labels)]
     left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]
-    said = list[str]()
+    messages = list[str]()
     if by_markers:
-        said.append(f"Poses of rigid bodies are left out, as their markers are there: {listing(by_markers[:8])}.")
+        messages.append(f"Poses of rigid bodies are left out, as their markers are there: {listing(by_markers[:8])}.")
     if left and rotation_type and not rotation_type.lower().startswith("quat"):
-        said.append(
+        messages.append(
             f"Poses of rigid bodies in Euler angles are not supported: {listing(left[:8])}. Export quaternions."
         )
         left = []
     if not left:
-        return None, tuple(said)
-    said.append(f"Rigid bodies ({len(left)}): {listing(left[:8])}.")
+        return None, tuple(messages)
+    messages.append(f"Rigid bodies ({len(left)}): {listing(left[:8])}.")
     turns, places = (tuple(starts[name, quantity] for name in left) for quantity in (_TURN, _PLACE))
-    return BodyColumns(tuple(left), turns, places), tuple(said)
+    return BodyColumns(tuple(left), turns, places), tuple(messages)

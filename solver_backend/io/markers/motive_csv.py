@@ -79,7 +79,7 @@ def read_motive_csv(
     meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
     header = [header_cells(line, delimiter) for line in lines[whole : at + 1] if line.strip(f'{delimiter} "')]
     columns, labels, notes = _markers(header, path)
-    bodies, said = motive_bodies(header, labels, meta.get("rotation type", ""))
+    bodies, messages = motive_bodies(header, labels, meta.get("rotation type", ""))
     data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
     quoted = bool(data) and '"' in data[0]
     rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
@@ -97,7 +97,7 @@ def read_motive_csv(
         unit=meta.get("length units", ""),
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
         bodies=None if bodies is None else bodies.poses(values),
-        notes=(*notes, *said),
+        notes=(*notes, *messages),
         problems=frame_problems(numbers, number_in(meta.get("total exported frames"))),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)

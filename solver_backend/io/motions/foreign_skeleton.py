@@ -111,12 +111,12 @@ def read_foreign_clip(
     skeleton = _rest_skeleton(motion)
     if not set(_NEEDED) <= roles.keys():
         roles = _roles(skeleton, where)
-    metres, said = _metres(skeleton, roles, unit, where)
+    metres, messages = _metres(skeleton, roles, unit, where)
     if up_axis and up_axis != "z":
         R = rotation_to_z_up(up_axis)
         motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
     motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
-    return _checked(motion, where), roles, [*notes, *said]
+    return _checked(motion, where), roles, [*notes, *messages]
 
 
 def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:
@@ -137,8 +137,8 @@ def _roles(skeleton: Skeleton, where: str) -> dict[str, str]:
     if set(_NEEDED) <= guess.roles.keys():
         return guess.roles
     missing = [role for role in _NEEDED if role not in guess.roles]
-    said = " ".join(guess.doubts) or "Its joints are not those of a person."
-    hint = f"{said} A pelvis and two whole legs are the least."
+    message = " ".join(guess.doubts) or "Its joints are not those of a person."
+    hint = f"{message} A pelvis and two whole legs are the least."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
 
 

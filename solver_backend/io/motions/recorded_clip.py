@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
-from solver_backend.exchange.joint_sets import SMPL_PARENTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.bvh import BvhClip
@@ -97,7 +97,7 @@ def body_rotations(clip: RecordedClip) -> np.ndarray:
         since[:, joint] = since[:, parent] @ exp_so3(0.5 * log_so3(_relative(since[:, parent], since[:, child])))
     for elbow, wrist in _FOREARMS:
         since[:, elbow] = since[:, elbow] @ _half_twist(_relative(since[:, elbow], since[:, wrist]))
-    parents = list(SMPL_PARENTS[1:22])
+    parents = list(SMPL_PARENTS[1 : 1 + NUM_BODY_JOINTS])
     return np.concatenate((since[:, :1], _relative(since[:, parents], since[:, 1:])), axis=1)
 
 

@@ -9,6 +9,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.types import JointSet
 from solver_backend.types.shapes import Float
 
@@ -121,7 +122,9 @@ def _body_lengths(body: Body, joint_set: JointSet, pairs: tuple[tuple[str, str],
 def rest_keypoints(body: Body, landmarks: Landmarks, betas: np.ndarray) -> Float[np.ndarray, "keypoints 3"]:
     """Return the landmarks (``keypoint_landmarks``) of a shape at rest, metres, Y up."""
     still = np.eye(3)[None]
-    return pose_landmarks(body, landmarks, betas, still, np.tile(np.eye(3), (1, 21, 1, 1)), np.zeros((1, 3))).points[0]
+    return pose_landmarks(
+        body, landmarks, betas, still, np.tile(np.eye(3), (1, NUM_BODY_JOINTS, 1, 1)), np.zeros((1, 3))
+    ).points[0]
 
 
 def _statures(body: Body) -> tuple[float, np.ndarray]:

@@ -57,11 +57,11 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
     if len(fitting) != 1:
         return PersonUnit(cameras, MEAN_STATURE_M / stature)
     (unit,) = fitting
-    said = (
+    message = (
         f"The calibration's lengths are read as {unit}: the person is {stature * factors[unit]:.2f} m tall with that, "
         f"and {stature:.3g} m as {guessed}. To keep them: --unit {guessed}."
     )
-    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(said,))
+    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(message,))
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:

@@ -56,14 +56,14 @@ def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSetting
     if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
         return cameras, ()
     if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own
-        said = f"The calibration's lengths are taken {settings.scale:g} times, as asked for."
-        return replace(cameras, t=cameras.t * settings.scale), (said,)
+        message = f"The calibration's lengths are taken {settings.scale:g} times, as asked for."
+        return replace(cameras, t=cameras.t * settings.scale), (message,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
-    said = (
+    message = (
         f"The calibration's lengths are taken {scale:.4g} times (± {share:.1%}), so that the person is "
         f"{settings.stature:g} m tall."
     )
-    return replace(cameras, t=cameras.t * scale), (said,)
+    return replace(cameras, t=cameras.t * scale), (message,)
 
 
 def find_people(
@@ -87,10 +87,10 @@ def find_people(
     """
     plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
-    scaled, said = scale_world(cameras, people[0].keypoints, settings)
+    scaled, message = scale_world(cameras, people[0].keypoints, settings)
     size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
-    again = bool(said) and abs(np.log(size[1] / size[0])) > SAME_SCALE
-    return scaled, select(scaled) if again else people, said
+    again = bool(message) and abs(np.log(size[1] / size[0])) > SAME_SCALE
+    return scaled, select(scaled) if again else people, message
 
 
 def fit_world(
@@ -120,12 +120,12 @@ def fit_world(
             f"The person stands along {name} of the calibration's world: {name} is taken as up; --up-axis z keeps Z.",
         )
         world = check_world(cameras, keypoints)
-    levelled, said = _level(cameras, keypoints, world, settings.level)
+    levelled, messages = _level(cameras, keypoints, world, settings.level)
     if levelled is not cameras:
         world = check_world(levelled, keypoints)
     if settings.level == AUTO:
-        return WorldFit(levelled, world, problems=(*problems, *said))
-    return WorldFit(levelled, world, said, problems)
+        return WorldFit(levelled, world, problems=(*problems, *messages))
+    return WorldFit(levelled, world, messages, problems)
 
 
 def _level(cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str) -> tuple[Cameras, tuple[str, ...]]:
@@ -142,8 +142,10 @@ def _level(cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str
     if level.is_tilted or how != AUTO:
         return _moved(cameras, level.turn, level.floor_upright_m), (_sentence(level, how),)
     if level.is_above_feet:
-        said = f"The feet stand {-level.floor_m:.2f} m below z = 0, so the floor is put there. To keep it: --level off."
-        return _moved(cameras, np.eye(3), level.floor_m), (said,)
+        message = (
+            f"The feet stand {-level.floor_m:.2f} m below z = 0, so the floor is put there. To keep it: --level off."
+        )
+        return _moved(cameras, np.eye(3), level.floor_m), (message,)
     return cameras, ()
 
 

@@ -81,9 +81,9 @@ class Acquisition:
         if frame.depth is not None:
             sizes["depth"] = frame.depth.shape
         if len(set(sizes.values())) > 1:
-            said = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
+            message = ", ".join(f"{what} {' x '.join(str(n) for n in shape[::-1])}" for what, shape in sizes.items())
             raise PicturesDiffer(
-                f"A sensor's pictures are of different sizes: {said}.", where=frame.sensor,
+                f"A sensor's pictures are of different sizes: {message}.", where=frame.sensor,
                 hint="Record infrared and depth in one mode, aligned, and calibrate in the same.",
             )  # fmt: skip
         if frame.infrared.dtype not in (np.uint8, np.uint16) or (

@@ -39,9 +39,9 @@ class OakSettings:
                 f"'{self.sync}' is no way to keep OAKs in step.", hint=f"One of {', '.join(SYNCS)}."
             )
         if tuple(self.size) not in SIZES:
-            said = ", ".join(f"{w} x {h}" for w, h in SIZES)
+            message = ", ".join(f"{w} x {h}" for w, h in SIZES)
             raise CommandLineInvalid(
-                f"Pictures of {self.size} are none of an OAK's mono cameras.", hint=f"One of {said}."
+                f"Pictures of {self.size} are none of an OAK's mono cameras.", hint=f"One of {message}."
             )
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
             raise CommandLineInvalid(

@@ -124,6 +124,6 @@ class Gatherer:
         self._gone = first
         return moment
 
-    def _tell(self, kind: str, seen: SensorSightings, said: str) -> None:
-        self.findings.append(Finding(kind, seen.sensor, seen.time, f"Sensor {self._names[seen.sensor]}: {said}."))
+    def _tell(self, kind: str, seen: SensorSightings, message: str) -> None:
+        self.findings.append(Finding(kind, seen.sensor, seen.time, f"Sensor {self._names[seen.sensor]}: {message}."))
         del self.findings[:-MOST_FINDINGS]

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world
+from solver_backend.exchange.errors import MocapError
 from solver_backend.geometry.rotations import skew
-from solver_backend.sensors.gravity.errors import GammaInvalid, GammaNotFound
 from solver_backend.types.shapes import Float
 
 LENGTH_TOLERANCE_M = 0.025
@@ -31,6 +31,18 @@ SHARED_SIGMA_M = 0.5e-3
 """How far a marker is off in all frames together, of a well calibrated rig."""
 _ROUNDS = 20
 """Rounds at most; chosen by hand."""
+
+
+class GammaNotFound(MocapError):
+    """No three points are apart as the markers of the Γ are."""
+
+    code = "gamma_not_found"
+
+
+class GammaInvalid(MocapError):
+    """The Γ's edges are too short, too long or too alike."""
+
+    code = "gamma_invalid"
 
 
 @dataclass(frozen=True)

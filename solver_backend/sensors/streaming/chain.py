@@ -197,6 +197,6 @@ class MarkerChain:
         if task.device.name not in self.ends:
             self._tell("sensor_failed", task.device.name, "its process ended without a message; the others go on")
 
-    def _tell(self, kind: str, name: str, said: str) -> None:
+    def _tell(self, kind: str, name: str, message: str) -> None:
         index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
-        self._gatherer.findings.append(Finding(kind, index, float("nan"), f"Sensor {name}: {said}"))
+        self._gatherer.findings.append(Finding(kind, index, float("nan"), f"Sensor {name}: {message}"))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -46,6 +47,49 @@ class WandCalibration:
     coverage: Coverage
     """Where the wand was."""
 
+    def lines(self) -> list[str]:
+        """Return what was found, a line each."""
+        rig, cameras = self.rig, self.rig.cameras
+        held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
+        lines = [f"{len(cameras)} sensors by {rig.method} at {self.moments} moments, {rig.rmse_px:.2f} px{held_out}"]
+        if np.isfinite(self.length_rmse_m).all():
+            first, second, whole = 1e3 * self.length_rmse_m
+            lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
+        if np.isfinite(self.depth_rmse_m):
+            lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
+        for c, name in enumerate(cameras.names):
+            x, y, z = np.round(cameras.centres[c], 3) + 0.0
+            lines.append(
+                f"  {name:<11} {rig.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m "
+                f"± {1e3 * rig.centre_sigma_m[c]:.1f} mm, ± {np.degrees(rig.turn_sigma[c]):.3f}°"
+            )
+        lines += [f"  clock       {line}" for line in self.clocks.lines()]
+        lines += [f"  seen        {line}" for line in self.coverage.lines()]
+        if place := self.coverage.next_place():
+            lines.append(f"  next        {place}")
+        lines += [f"  note        {note}" for note in rig.notes]
+        return lines + [f"  finding     {word}" for word in rig.findings]
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return ``lines`` as plain JSON values; None where a number is not known."""
+        rig, cameras = self.rig, self.rig.cameras
+        return {
+            "method": rig.method, "moments": self.moments, "rmse_px": _number(rig.rmse_px),
+            "held_out_px": _number(self.held_out_px), "depth_rmse_mm": _number(1e3 * self.depth_rmse_m),
+            "length_rmse_mm": [_number(1e3 * v) for v in self.length_rmse_m.tolist()],
+            "cameras": [
+                {
+                    "name": name, "rmse_px": _number(rig.camera_rmse_px[c]), "centre_m": cameras.centres[c].tolist(),
+                    "centre_sigma_mm": _number(1e3 * rig.centre_sigma_m[c]),
+                    "turn_sigma_deg": _number(np.degrees(rig.turn_sigma[c])), "covered": float(self.coverage.shares[c]),
+                }
+                for c, name in enumerate(cameras.names)
+            ],
+            "together": self.together.tolist(), "clocks": self.clocks.as_dict(),
+            "next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3,
+            "findings": list(rig.findings), "notes": list(rig.notes),
+        }  # fmt: skip
+
 
 def in_world(found: WandCalibration, rig: RigCalibration, ground: Ground) -> WandCalibration:
     """Return the result in the world of a Γ.
@@ -61,3 +105,7 @@ def in_world(found: WandCalibration, rig: RigCalibration, ground: Ground) -> Wan
     )
     rig = replace(rig, notes=(found.rig.notes[0], note), findings=(*rig.findings, *ground.findings))
     return replace(found, rig=rig)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

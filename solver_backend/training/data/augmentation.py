@@ -8,6 +8,7 @@ import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
 from solver_backend.body.rest_skeleton import BODY_MIRROR
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 
 _MIRRORED = torch.tensor(BODY_MIRROR)
@@ -71,12 +72,12 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Turn collars (5 degrees), wrists (12), neck, head and spine (3) and all others (1.5) by one draw a window."""
-    sigma = torch.full((21, 1), math.radians(1.5))
+    sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
     sigma[[12, 13]] = math.radians(5.0)
     sigma[[19, 20]] = math.radians(12.0)
     sigma[[2, 5, 8, 11, 14]] = math.radians(3.0)
     strength = torch.rand(len(windows), 1, 1, generator=generator) * 1.4
-    turn = exp_so3(torch.randn(len(windows), 21, 3, generator=generator) * sigma * strength)
+    turn = exp_so3(torch.randn(len(windows), NUM_BODY_JOINTS, 3, generator=generator) * sigma * strength)
     return torch.matmul(windows, turn[:, None])
 
 
@@ -89,7 +90,7 @@ def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tens
     count, frames = windows.shape[:2]
     if count == 0:
         return windows
-    joint = torch.stack([torch.randperm(21, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
+    joint = torch.stack([torch.randperm(NUM_BODY_JOINTS, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
     angle = torch.randint(3, (count, MOVED_JOINTS), generator=generator)
     side = torch.randint(2, (count, MOVED_JOINTS), generator=generator)
     low, high = LIMIT_SHARE

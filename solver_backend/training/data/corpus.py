@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.training.data.points import rotation_points
 from solver_backend.training.data.sources.clips import KEYED, UNKNOWN, Clip
 
@@ -130,7 +131,7 @@ def distinct_poses(features: np.ndarray, radius: float, block: int = 1024) -> np
 
 def _features(rotations: np.ndarray) -> np.ndarray:
     """Return (N, 69) joint positions whose Euclidean distance is the root mean square over 23 joints, m."""
-    joints = rotation_points(rotations.astype(np.float32))[:, 1:24]
+    joints = rotation_points(rotations.astype(np.float32))[:, 1:NUM_JOINTS]
     return (joints / np.sqrt(joints.shape[1])).reshape(len(joints), -1)
 
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, from_swing_and_twist, swing_and_twist
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.training.data.augmentation import middle_frame, within_reach
 
 LIMBS: tuple[tuple[int, ...], ...] = (
@@ -31,12 +32,12 @@ def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Ten
     count = len(windows)
     chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
     chosen[torch.arange(count), torch.randint(len(LIMBS), (count,), generator=generator)] = True
-    joints = torch.zeros(count, 21, dtype=torch.bool)
+    joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
     for number, limb in enumerate(LIMBS):
         joints[:, [j - 1 for j in limb]] = chosen[:, number, None]
     low, high = LIMB_SPREAD
     spread = low + (high - low) * torch.rand(count, 1, 1, generator=generator)
-    turn = spread * (_LIMITS[..., 1] - _LIMITS[..., 0]) * torch.randn(count, 21, 3, generator=generator)
+    turn = spread * (_LIMITS[..., 1] - _LIMITS[..., 0]) * torch.randn(count, NUM_BODY_JOINTS, 3, generator=generator)
     return _moved(windows, turn, joints)
 
 
@@ -46,13 +47,13 @@ def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Te
     One of the joint's three angles moves, to either side; in the window's middle frame it comes as far as drawn.
     """
     count, ends = len(windows), torch.tensor(ENDS) - 1
-    joints = torch.zeros(count, 21, dtype=torch.bool)
+    joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
     joints[:, ends] = torch.rand(count, len(ENDS), generator=generator) < END_CHANCE
     angle = torch.randint(3, (count, len(ENDS)), generator=generator)
     side = torch.randint(2, (count, len(ENDS)), generator=generator)
     share = torch.rand(count, len(ENDS), generator=generator)
     here = swing_and_twist(windows[:, middle_frame(windows)])[:, ends].gather(2, angle[..., None])[..., 0]
-    turn = torch.zeros(count, 21, 3)
+    turn = torch.zeros(count, NUM_BODY_JOINTS, 3)
     row = torch.arange(count)[:, None]
     turn[row, ends, angle] = share * (_LIMITS[ends, angle, side] - here)
     return _moved(windows, turn, joints)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.training.data.augmentation import (
     beyond_reach,
     exchanged_limbs,
@@ -92,6 +93,6 @@ class WindowSampler:
             mixed[chosen] = move(mixed[chosen], generator)
             moved |= chosen
         middle = mixed[:, middle_frame(mixed)]
-        bad = penetrating(rotation_points(middle)[:, :24])
+        bad = penetrating(rotation_points(middle)[:, :NUM_JOINTS])
         bad[moved] |= beyond_reach(middle[moved])
         return torch.where(bad[:, None, None, None, None], plain, mixed)

@@ -10,6 +10,7 @@ import numpy as np
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
@@ -85,7 +86,7 @@ def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.nd
 
 def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
     """Return (N, 24) distances of joints, m."""
-    difference = rotation_points(truth)[:, :24] - rotation_points(decoded)[:, :24]
+    difference = rotation_points(truth)[:, :NUM_JOINTS] - rotation_points(decoded)[:, :NUM_JOINTS]
     return np.linalg.norm(difference, axis=-1)
 
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from solver_backend.body.body import Body
-from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, other_side
 from solver_backend.training.landmarks.body_points import PLACES, BodyPoints, rodrigues
 from solver_backend.training.landmarks.corruption import Corruption
@@ -105,7 +105,10 @@ class CloudStream:
             take = torch.rand(count, 1, 1, 1, device=device) < v.exchanged
             rotations[:, limb] = torch.where(take, donor[:, limb], rotations[:, limb])
         turn = rodrigues(
-            v.pose_noise * torch.rand(count, 1, 1, device=device) * 1.6 * _normal(count, 22, 3, like=rotvec)
+            v.pose_noise
+            * torch.rand(count, 1, 1, device=device)
+            * 1.6
+            * _normal(count, 1 + NUM_BODY_JOINTS, 3, like=rotvec)
         )
         rotations = rotations @ turn
         betas = self._shapes(rotvec)

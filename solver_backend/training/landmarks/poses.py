@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.balance import CodeStatistics, reconstruction_error, sample_tail
@@ -71,7 +72,7 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
     codes = np.concatenate([np.asarray(prior.encode(part)) for part in _parts(local)])
     decoded = np.concatenate([np.asarray(prior.decode(part)) for part in _parts(codes)])
     distance = CodeStatistics.of(codes).mahalanobis(codes)
-    error = reconstruction_error(*(rotation_points(R.astype(np.float32))[:, :24] for R in (local, decoded)))
+    error = reconstruction_error(*(rotation_points(R.astype(np.float32))[:, :NUM_JOINTS] for R in (local, decoded)))
     anchor = distance > np.quantile(distance, 1.0 - TAIL_SHARE)
     rng = np.random.default_rng(seed)
     for name in SAMPLERS:
@@ -130,7 +131,9 @@ def _rooted(clip: Clip) -> np.ndarray:
 def _distinct(clips: list[Clip]) -> np.ndarray:
     """Return the rotations of poses that are no near-repeats, whichever way the pelvis is turned."""
     rotations, _, _ = _laid_out(clips)
-    features = rotation_points(rotations[:, 1:])[:, 1:24].reshape(len(rotations), -1) / np.sqrt(23.0)
+    features = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS].reshape(len(rotations), -1) / np.sqrt(
+        NUM_JOINTS - 1.0
+    )
     # Where the pelvis leans to is part of the pose here; which way it heads is not.
     features = np.concatenate([features, 0.1 * rotations[:, 0, 1]], axis=1)
     return rotations[np.sort(distinct_poses(features.astype(np.float32), NEAR_REPEAT_M))]
@@ -140,7 +143,7 @@ def _spread_out(rotations: np.ndarray, rows: np.ndarray, most: int, rng: np.rand
     """Return up to ``most`` of the rows, near-repeats left out."""
     if not len(rows):
         return rows
-    features = rotation_points(rotations[rows, 1:])[:, 1:24].reshape(len(rows), -1) / np.sqrt(23.0)
+    features = rotation_points(rotations[rows, 1:])[:, 1:NUM_JOINTS].reshape(len(rows), -1) / np.sqrt(NUM_JOINTS - 1.0)
     rows = rows[np.sort(distinct_poses(features.astype(np.float32), 2 * NEAR_REPEAT_M))]
     return np.sort(rng.permutation(rows)[:most])
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.training.data.points import rotation_points
 
 GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
@@ -42,7 +43,7 @@ def on_the_floor(rotations: np.ndarray) -> np.ndarray:
 
 def _joints(rotations: np.ndarray) -> np.ndarray:
     """Return (N, 24, 3) joints about the pelvis, in the world's axes."""
-    joints = rotation_points(rotations[:, 1:].astype(np.float32))[:, :24]
+    joints = rotation_points(rotations[:, 1:].astype(np.float32))[:, :NUM_JOINTS]
     return np.einsum("nij,nkj->nki", rotations[:, 0].astype(np.float32), joints)
 
 

@@ -11,6 +11,7 @@ from torch import nn
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifter import OUTPUTS, POINTS, TRUNK, Lifted, features, interpreted, trunk_frame
 from solver_backend.priors.sposer import SPoser
@@ -114,7 +115,7 @@ class LifterTask:
         cosine = ((lifted.root * people.root).sum((-1, -2)) - 1.0) / 2.0
         angle = torch.rad2deg(torch.arccos(cosine.clamp(-1.0, 1.0)))
         return {
-            "points_mm": 1000 * float(self._points_off(lifted, people)[:, 1:24].mean()),
+            "points_mm": 1000 * float(self._points_off(lifted, people)[:, 1:NUM_JOINTS].mean()),
             "root_deg": float(angle.mean()),
             "pelvis_mm": 1000 * float((lifted.pelvis - people.pelvis).norm(dim=-1).mean()),
             "betas_explained": 1.0 - float((lifted.betas - people.betas)[:, :2].square().mean())

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 import torch
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix, quat_from_rotvec, quat_multiply
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, ProjectionSettings
@@ -86,8 +87,8 @@ def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Po
     count = len(sigma)
     some = torch.rand(count, 1, 1, generator=generator)
     share = torch.where(torch.rand(count, 1, 1, generator=generator) < 0.5, some, torch.ones(()))
-    moved = torch.rand(count, 21, 1, generator=generator) < share
-    turn = torch.randn(count, 21, 3, generator=generator) * sigma[:, None, None] * moved
+    moved = torch.rand(count, NUM_BODY_JOINTS, 1, generator=generator) < share
+    turn = torch.randn(count, NUM_BODY_JOINTS, 3, generator=generator) * sigma[:, None, None] * moved
     return Poses(quat_multiply(quat_from_rotvec(turn), poses.quats), poses.people)
 
 
@@ -105,7 +106,9 @@ def projected(prior: PoseNDF, manifold: PoseManifold, count: int, generator: tor
     A third starts at random poses (60 degrees about every axis, at one sigma), the rest at turned recorded ones.
     """
     third = count // 3
-    random = quat_from_rotvec(math.radians(START_DEG) / 3**0.5 * torch.randn(third, 21, 3, generator=generator))
+    random = quat_from_rotvec(
+        math.radians(START_DEG) / 3**0.5 * torch.randn(third, NUM_BODY_JOINTS, 3, generator=generator)
+    )
     near = rotated(manifold.drawn(2 * third, generator), spread(2 * third, (5.0, 60.0), generator), generator)
     order = torch.randperm(3 * third, generator=generator)
     rotations = matrix_from_quat(torch.cat((random, near.quats))[order])

@@ -5,6 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import matrix_from_6d, matrix_to_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import LATENT_DIM
@@ -35,4 +36,4 @@ class SphericalAutoencoder(nn.Module):
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
         """(N, 32) -> (N, 21, 3, 3)."""
-        return matrix_from_6d(self.decoder(z).unflatten(-1, (21, 6)))
+        return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))

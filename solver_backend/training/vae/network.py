@@ -80,7 +80,7 @@ class VariationalAutoencoder(nn.Module):
         self.decoder = nn.Sequential(
             nn.Linear(self.latent.width, HIDDEN), nn.LeakyReLU(),
             nn.Dropout(_DROPOUT if form.decoder_dropout else 0.0), nn.Linear(HIDDEN, HIDDEN), nn.LeakyReLU(),
-            nn.Linear(HIDDEN, 126), nn.LeakyReLU() if form.last_activation else nn.Identity(),
+            nn.Linear(HIDDEN, 6 * NUM_BODY_JOINTS), nn.LeakyReLU() if form.last_activation else nn.Identity(),
         )  # fmt: skip
 
     def posterior(self, rotations: torch.Tensor) -> torch.Tensor:
@@ -93,7 +93,7 @@ class VariationalAutoencoder(nn.Module):
 
     def decode(self, z: torch.Tensor) -> torch.Tensor:
         """(N, width) -> (N, 21, 3, 3)."""
-        return matrix_from_6d(self.decoder(z).unflatten(-1, (21, 6)))
+        return matrix_from_6d(self.decoder(z).unflatten(-1, (NUM_BODY_JOINTS, 6)))
 
 
 class VaeTask:

@@ -10,6 +10,7 @@ import torch
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.priors.lifter import POINTS
 from solver_backend.training.data.augmentation import EXCHANGED_JOINTS, mirrored
 from solver_backend.training.data.corpus import Corpus
@@ -83,7 +84,7 @@ class Recordings:
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
     """Return the (N, 3) place of the pelvis of people whose lowest joint stays where it is from frame to frame."""
     blocks = zip(local.split(_BLOCK), root.split(_BLOCK), strict=True)
-    joints = torch.cat([torch.matmul(rotation_points(part)[:, :24], turn.mT) for part, turn in blocks])
+    joints = torch.cat([torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT) for part, turn in blocks])
     joints = joints - joints[:, :1]
     supports = joints[:, list(_SUPPORTS)]
     lowest = supports[..., 1].argmin(dim=1)

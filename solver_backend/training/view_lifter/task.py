@@ -8,6 +8,7 @@ import torch
 from torch import nn
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.sposer import SPoser
 from solver_backend.priors.view_lifter import INPUTS, OUTPUTS, LiftedView, features, interpreted, look_at
@@ -20,7 +21,7 @@ from solver_backend.training.view_lifter.recordings import Recordings
 
 _VALIDATION_WINDOWS = 2000
 """Windows that each validation looks at; chosen by hand."""
-_JOINTS = 24
+_JOINTS = NUM_JOINTS
 """Joints of the body, before the points that are no joints."""
 
 

@@ -114,9 +114,9 @@ class DetectorProcess:
         self.end()
         self._log.seek(0)
         lines = self._log.read().decode(errors="replace").strip().splitlines()
-        said = plain(lines[-1])[:300] if lines else "it wrote nothing"
+        message = plain(lines[-1])[:300] if lines else "it wrote nothing"
         return DetectorFailed(
-            f"The detector's process ended (exit code {self._process.returncode}): {said}",
+            f"The detector's process ended (exit code {self._process.returncode}): {message}",
             where=str(self._choice.python),
             hint="Call again: videos that are done are kept. If it ends again, try another detector or Python.",
         )

@@ -127,8 +127,8 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             return _by_one_camera(request, lenses, known, words, progress)
         found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    said = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
-    return TakeCalibration(found.method, said, found.findings)
+    messages = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
+    return TakeCalibration(found.method, messages, found.findings)
 
 
 def _by_person(
@@ -166,10 +166,10 @@ def _by_one_camera(
     progress("Camera from the person", 1, 1)
     if name in lenses:
         return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), ())
-    said = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
+    message = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
     if not focal.sigma:
-        return TakeCalibration(ONE_CAMERA, (*stood.notes, said, *words), ())
-    doubt = f"{said} Distances may be off by as much: give the lens with --lenses or --focal."
+        return TakeCalibration(ONE_CAMERA, (*stood.notes, message, *words), ())
+    doubt = f"{message} Distances may be off by as much: give the lens with --lenses or --focal."
     return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), (doubt,))
 
 

@@ -8,7 +8,7 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.resting_posture import PARTS
-from solver_backend.fitters.partial_body.informed_parts import resting_shares
+from solver_backend.fitters.partial_body.informed_parts import PartShares, resting_shares
 from solver_backend.types import JointSet
 
 FPS = 50.0
@@ -18,7 +18,11 @@ LOWER_BODY = (
 TORSO = ("C7", "T10", "CLAV", "STRN", "LSHO", "RSHO", "LASI", "RASI", "LPSI", "RPSI")
 
 
-def shares(landmarks, located=None, seen=None):
+def shares(landmarks, located=None, seen=None) -> dict[str, np.ndarray]:
+    return parts(landmarks, located, seen).rest
+
+
+def parts(landmarks, located=None, seen=None) -> PartShares:
     located = np.ones((200, len(landmarks)), bool) if located is None else located
     seen = np.ones(len(located), bool) if seen is None else seen
     return resting_shares(load_body(), landmarks, np.zeros((len(landmarks), 3)), located, seen, FPS)
@@ -58,6 +62,18 @@ def test_an_arm_that_is_seen_for_a_second_comes_to_rest_smoothly():
     share = shares(landmarks, located)["left_upper_arm"]
     assert (share[75:175] == 0).all() and (share[:50] == 1).all() and (share[201:] == 1).all()
     assert np.abs(np.diff(share, 2)).max() < 0.02
+
+
+def test_what_nothing_leads_back_to_is_soon_as_little_known_as_what_rests():
+    """The pose follows the fit for half a second; its deviation rises at once, before and after, not in between."""
+    landmarks = marker_landmarks(load_body(), (*TORSO, "LELB", "LWRA", "RELB", "RWRA", "LFHD", *LOWER_BODY[4:]))
+    located, arm = np.ones((100, len(landmarks)), bool), slice(len(TORSO), len(TORSO) + 2)
+    located[80:, arm] = located[40:50, arm] = False
+    found = parts(landmarks, located)
+    assert not found.rest and set(found.spread) == {"left_upper_arm", "left_forearm"}
+    np.testing.assert_allclose(found.spread["left_forearm"][78:81], [0.0, 0.0, (0.02 / 0.5) ** 2], atol=1e-12)
+    assert not found.spread["left_forearm"][:80].any()
+    assert found.spread["left_forearm"][-1] == pytest.approx((0.4 / 0.5) ** 2)
 
 
 def test_gaps_up_to_a_second_are_bridged_as_ever():

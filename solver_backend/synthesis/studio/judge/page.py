@@ -116,12 +116,12 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
         corners += [(x - 12, y - 12), (x + 12, y + 12)]
         drawn.append(f'<path d="M{x - 6:.0f} {y + 5:.0f}h12l-6 -11z" fill="currentColor"/>')
     median = places.median_mm
-    said = "nobody is located anywhere" if median is None else f"median {median:.1f} mm over the floor"
+    message = "nobody is located anywhere" if median is None else f"median {median:.1f} mm over the floor"
     low, size = np.min(corners, axis=0), np.ptp(corners, axis=0)
     return (
         f"<figure><svg viewBox='{low[0]:.0f} {low[1]:.0f} {size[0]:.0f} {size[1]:.0f}' "
         f"width='{size[0]:.0f}' height='{size[1]:.0f}' role='img' aria-label='error by place'>{''.join(drawn)}</svg>"
-        f"<figcaption>{text(places.rig)}: {said}</figcaption></figure>"
+        f"<figcaption>{text(places.rig)}: {message}</figcaption></figure>"
     )
 
 

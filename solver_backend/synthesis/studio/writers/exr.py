@@ -48,11 +48,11 @@ def _header(names: list[str], width: int, height: int) -> bytes:
         ("pixelAspectRatio", "float", struct.pack("<f", 1.0)), ("screenWindowCenter", "v2f", struct.pack("<2f", 0, 0)),
         ("screenWindowWidth", "float", struct.pack("<f", 1.0)),
     )  # fmt: skip
-    said = b"".join(
+    header = b"".join(
         name.encode() + b"\0" + kind.encode() + b"\0" + struct.pack("<i", len(value)) + value
         for name, kind, value in values
     )
-    return struct.pack("<ii", _MAGIC, _VERSION) + said + b"\0"
+    return struct.pack("<ii", _MAGIC, _VERSION) + header + b"\0"
 
 
 def _foretold(raw: bytes) -> bytes:
