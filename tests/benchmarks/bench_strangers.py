@@ -9,11 +9,13 @@ import argparse
 import json
 import sys
 import tempfile
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import asdict
 from functools import cache
 from pathlib import Path
 
+from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views.trial import Result, result_of_folder
 from tests.benchmarks.strangers.faults import FAULTS
 from tests.benchmarks.strangers.forms import FORMS
@@ -40,15 +42,29 @@ def plain_mm() -> float:
     return result("as it should be").error_mm
 
 
+def state_of(found: Result) -> str:
+    """Return whether a result is right, refused, warned of or silently wrong."""
+    if found.refused:
+        return "refused"
+    return "right" if found.error_mm <= WITHIN * plain_mm() else "silent" if found.silent else "warned"
+
+
+def run() -> list[Metric]:
+    """Count what becomes of all cases."""
+    states = Counter(state_of(result(case)) for case in CASES)
+    return [
+        Metric("right", states["right"], "cases", "higher", rel_tol=0.0),
+        Metric("silent", states["silent"], "cases", rel_tol=0.0),
+    ]
+
+
 def main(argv: list[str]) -> int:
     """Print what becomes of every case, one line of JSON each."""
     parser = argparse.ArgumentParser(prog="bench_strangers", description=__doc__)
     parser.add_argument("cases", nargs="*", metavar="CASE", help=f"of {', '.join(CASES)}; all if left out")
     for case in parser.parse_args(argv).cases or CASES:
         found = result(case)
-        right = found.error_mm <= WITHIN * plain_mm()
-        state = "refused" if found.refused else "right" if right else "silent" if found.silent else "warned"
-        sys.stdout.write(json.dumps({"case": case, "state": state, **asdict(found)}) + "\n")
+        sys.stdout.write(json.dumps({"case": case, "state": state_of(found), **asdict(found)}) + "\n")
         sys.stdout.flush()
     return 0
 
