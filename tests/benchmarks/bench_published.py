@@ -96,7 +96,9 @@ def window_of(
     index = np.flatnonzero(where == number)
     term, scale = problem.measurements.term.select(index), BundleMoCapPlusPlus().scale
     window = Window(prepared.subject, problem.prior, SPHERICAL, term, scale, time_in_window[index], key)
-    tensors = {field.name: getattr(term, field.name) for field in fields(term) if field.name != "model"}
+    tensors = {
+        field.name: getattr(term, field.name) for field in fields(term) if field.name not in ("model", "penalty")
+    }
     term = replace(term, **{name: constant(part, like) for name, part in tensors.items()})
     if not mesh:
         return AutogradWindow(window, term)

@@ -59,7 +59,7 @@ def test_another_program_reads_the_c3d(tmp_path, arrays):
     [
         ("cleaned_markers", "take.c3d", "holds no cleaned markers.*export the solved ones", 3),
         ("marker_labels", "take.c3d", "was not solved from markers", 3),
-        ("", "take.fbx", r"end in \.c3d or \.trc", 2),
+        ("", "take.fbx", r"written to \.c3d or \.trc\.", 2),
     ],
 )
 def test_what_cannot_be_written_is_named(tmp_path, arrays, left_out, name, message, code, capsys):

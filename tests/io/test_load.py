@@ -110,7 +110,7 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
         ("", "", None, None, 60.0, "Neither Config.toml nor a video states the frame rate; 60 fps is assumed."),
         ("# [project]\n# frame_rate = 25\n", "[project]\nframe_rate = 120\n", None, None, 120.0, "from Config.toml"),
         ("[project]\nframe_rate = 'auto'\n", "", 50.0, None, 50.0, "50 frames a second, from the videos."),
-        ("[project]\nframe_rate = 30\n", "", 50.0, None, 30.0, "Config.toml says 30 fps, the videos 50; 30 is used."),
+        ("[project]\nframe_rate = 30\n", "", 50.0, None, 30.0, "Config.toml states 30 fps, the videos 50; 30 is used."),
         ("[project]\nframe_rate = 30\n", "", None, 24.0, 24.0, "24 frames a second, as given."),
         ("", "", 0.0001, None, 60.0, "60 fps is assumed."),
     ],
@@ -152,4 +152,6 @@ def test_joint_set_from_config(trial: Path) -> None:
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
     assert "Config.toml names HALPE_26, but the keypoints are BODY_25B's." in found.problems
-    assert found.num_frames == 6 and any(note.startswith("Frames 3 to 8 of 20, as Config.toml") for note in found.notes)
+    assert found.num_frames == 6 and any(
+        note.startswith("Frames 3 to 8 of 20, from Config.toml") for note in found.notes
+    )
