@@ -25,12 +25,10 @@ NAME = "Live"
 MOST_POINTS = 90
 """Points that are shown at most, more than the largest layout of markers has; chosen by hand."""
 _LOOK, _JOINT_LOOK = PointLook(0.008, MARKER_COLOURS), PointLook(0.018, MARKER_COLOURS)
+"""Radii in metres of points and joints, and the colours of their doubt; chosen by hand."""
 _OFF_M = (0.0, 0.03, 0.08)
 """Metres from the body from which a point has the second, third and fourth colour: near, off, and far off as the solver
 has it, from where a pose is unsure; what is none of the body's has the first."""
-"""Radius in metres, and colour; chosen by hand."""
-
-
 _DOUBT_M = (0.0, 0.02, 0.05)
 """Standard deviation from which a joint has the second, third and fourth colour; two centimetres are what cameras and
 markers leave of a joint that is seen, five what is left of one that is not, after a while."""

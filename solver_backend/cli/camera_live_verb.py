@@ -84,6 +84,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         session.warm_up()
         settle_memory()
         # Threads that hand pictures to detectors wait so long for a fit that computes: Python's own 5 ms, six times.
+        stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:
             recorder = ViewsRecorder(args.record, session, live.about["name"], overwrite=bool(args.overwrite))

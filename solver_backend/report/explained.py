@@ -37,9 +37,10 @@ def without_explained(found: Iterable[Diagnostic], num_frames: int) -> Iterator[
         text = str(item.values.get("text", "")) if item.code == EARLIER_WARNING else ""
         if text.startswith(SHIFTED):
             head, _, rest = text.partition(": ")
+            rest, end, tail = rest.partition(". ")
             parts = [part for part in _OFF.finditer(rest) if part[1].strip() not in explained]
             if parts:
                 listed = ", ".join(part[0].strip() for part in parts)
-                yield replace(item, values={**item.values, "text": f"{head}: {listed}{rest[rest.index('. ') :]}"})
+                yield replace(item, values={**item.values, "text": f"{head}: {listed}{end}{tail}"})
         elif not (ELSEWHERE in text and any(text.startswith(f"Camera {name} {ELSEWHERE}") for name in explained)):
             yield item

@@ -28,7 +28,7 @@ class TakeLimits:
         """Make sure that the limits can be held here.
 
         Raises:
-            BatchInvalid: this system does not report a process's memory a process has.
+            BatchInvalid: this system does not report a process's memory.
         """
         if self.memory_mb is not None and not _PROCESSES.is_dir():
             raise BatchInvalid(

@@ -55,7 +55,7 @@ def summary_page(
     head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
     rows = "".join(_row(take, out, picture if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
     more = f"<p>The other {len(takes) - _ROWS} takes are in summary.json.</p>" if len(takes) > _ROWS else ""
-    told = ", ".join(f"{count} {status}" for status, count in counts.most_common())
+    counted = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     hashed = b64encode(sha256(_STYLE.encode()).digest()).decode()
     policy = (
         f"default-src 'none'; img-src 'self' file:; style-src 'sha256-{hashed}'; base-uri 'none'; form-action 'none'"
@@ -65,7 +65,7 @@ def summary_page(
         f'<meta http-equiv="Content-Security-Policy" content="{policy}">{MARK}'
         '<meta name="viewport" content="width=device-width,initial-scale=1">'
         f"<title>Batch of {len(takes)} takes</title><style>{_STYLE}</style></head><body><main>"
-        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(told)}. {_linked(message)}.</p>'
+        f'<h1>{len(takes)} takes, worst first</h1><p class="sub">{_text(counted)}. {_linked(message)}.</p>'
         f'<div class="scroll"><table><thead><tr>{head}</tr></thead><tbody>{rows}</tbody></table></div>{more}'
         "</main></body></html>\n"
     )

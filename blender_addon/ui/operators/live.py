@@ -24,10 +24,7 @@ if TYPE_CHECKING:
     from ...solving.live import LiveRun
 
 _INTERVAL_S = 1 / 60
-"""Seconds from one look to the next: with the time that a look takes, more than 30 a second."""
-"""Seconds from one look at new poses to the next: thirty a second are drawn."""
-
-
+"""Seconds from one look at new poses to the next: with the time that a look takes, more than 30 a second."""
 _PANELS_S = 0.25
 """Seconds from one time that panels are drawn to the next: nobody reads figures that change faster."""
 

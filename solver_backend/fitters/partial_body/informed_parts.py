@@ -27,9 +27,9 @@ HOLD_S, FADE_S = 0.5, 0.5
 time that follows. Gaps of up to a second are bridged as ever."""
 UNKNOWN_S = 0.5
 """So long before the first and after the last frame that informs a part, its deviation rises to that of one at rest:
-nothing leads back from there, and the fit says 15 to 26 mm of arms that are 29 to 242 mm off 0.25 to 0.5 s after their
-last markers (CMU 02_01 and 135_02, UI-PRMD m01, m03, m06, m09). Its pose follows the fit, which is nearer than a rest:
-38 to 90 mm against 197 to 293 after 0.5 s of UI-PRMD's exercises."""
+nothing leads back from there, and the fit states 14 to 26 mm of arms that are 29 to 242 mm off in the last 0.25 and
+0.5 s without markers (CMU 02_01 and 135_02, five exercises of UI-PRMD). Its pose follows the fit, which is nearer than
+a rest: 38 to 90 mm against 197 to 293 in 0.5 s of three exercises."""
 
 
 @dataclass(frozen=True)

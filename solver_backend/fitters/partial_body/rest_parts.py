@@ -24,7 +24,7 @@ from solver_backend.fitters.partial_body.assumed_above import assumed_joints, wi
 from solver_backend.fitters.partial_body.informed_parts import resting_shares
 from solver_backend.fitters.partial_body.resting_spread import with_resting_spread
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.runs import true_runs
 
@@ -46,24 +46,20 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     shares = found.rest
     if not found.spread:
         return solved
-    assumed = () if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
-    fitted, local = frames, to_numpy(frames.local)
-    if shares:
-        local = _rested(body, to_numpy(frames.root), local, shares)
-        frames = replace(frames, local=constant(local, frames.local))
     below = {part: _below(layout, part) for part in found.spread}
+    if not shares:  # every part is informed, some of them not to the take's ends
+        return replace(solved, covariance=_spread_out(solved, layout, below, found.spread))
+    assumed = () if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
+    local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
+    fitted, frames = frames, replace(frames, local=constant(local, frames.local))
     resting = np.zeros((len(local), layout.num_joints))
     for part, share in shares.items():
         columns = [layout.joints.index(name) for name in below[part]]
         resting[:, columns] = np.maximum(resting[:, columns], share[:, None])
     resting[:, [j for j, name in enumerate(layout.joints) if name in assumed]] = 1.0
-    covariance, contacts = solved.covariance, solved.contacts
+    covariance, contacts = _spread_out(replace(solved, frames=frames), layout, below, found.spread), solved.contacts
     if covariance is not None:
-        G = to_numpy(forward_kinematics(body, subject.betas, frames.root, frames.local, frames.transl).G)
-        spread = with_resting_spread(
-            to_numpy(covariance), G[:, list(body.recorded_joints)], layout, below, found.spread
-        )
-        covariance = constant(with_assumed_spread(spread, layout, assumed), covariance)
+        covariance = constant(with_assumed_spread(to_numpy(covariance), layout, assumed), covariance)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
@@ -74,6 +70,18 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
             *([diagnostic("place_assumed")] if assumed else []),
         ),
     )  # fmt: skip
+
+
+def _spread_out(
+    solved: SolvedFrames, layout: BodyLayout, below: dict[str, tuple[str, ...]], shares: dict[str, np.ndarray]
+) -> Array | None:
+    """Return the covariances with the spread of what is hardly known, None where there are none."""
+    if solved.covariance is None:
+        return None
+    body, frames = solved.subject.body, solved.frames
+    G = to_numpy(forward_kinematics(body, solved.subject.betas, frames.root, frames.local, frames.transl).G)
+    spread = with_resting_spread(to_numpy(solved.covariance), G[:, list(body.recorded_joints)], layout, below, shares)
+    return constant(spread, solved.covariance)
 
 
 def _rested(body: Body, root: np.ndarray, local: np.ndarray, shares: dict[str, np.ndarray]) -> np.ndarray:

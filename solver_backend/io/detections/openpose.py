@@ -72,7 +72,7 @@ def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
     by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=where).tolist(), filmed, strict=True))
     by_number = dict(sorted((padding | by_number).items()))
     files = tuple(by_number.values())
-    if are_named_frames([read_document(path) for path in {files[0], files[len(files) // 2], files[-1]}]):
+    if are_named_frames([read_document(path) for path in dict.fromkeys(files[:: max(len(files) // 2, 1)])]):
         frames, names = read_named_frames({n: read_document(path) for n, path in by_number.items()}, where)
         return CameraFrames.in_memory(frames, Path(where), names)
 

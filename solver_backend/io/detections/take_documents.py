@@ -102,10 +102,11 @@ def _frames(document: Any, path: Path, _camera: str) -> CameraFrames:
     names: tuple[str, ...] = ()
     for row, frame in enumerate(_frame_list(document) or ()):
         number = next((frame[n] for n in _FRAME_NUMBERS if n in frame), row) if isinstance(frame, dict) else None
-        people = [] if is_openpose(frame) else listed_people(frame)
+        openpose = is_openpose(frame)
+        people = [] if openpose else listed_people(frame)
         if isinstance(number, bool) or not isinstance(number, int) or people is None:
             raise FileDamaged(f"Entry {row} of the list of frames lacks its number or its people.", where=str(path))
-        if is_openpose(frame):
+        if openpose:
             frames[number] = people_in_picture(frame, str(path))
             continue
         frames[number] = [person for entry in people if len(person := instance(entry, str(path)))]

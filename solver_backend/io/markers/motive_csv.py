@@ -30,7 +30,7 @@ from solver_backend.io.markers.text_table import (
 
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
 """In the row above the numbers: 'Frame', 'Time (Seconds)' and what these are in other languages come before."""
-_TYPES = re.compile(r'^\W*Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
+_TYPES = re.compile(r'^"*[,;\t]\s*"?Type"?\s*[,;\t]', re.IGNORECASE | re.MULTILINE)
 """The row of types, by which a file is recognised whose first line was cut away."""
 _FIRST_LINE = "format version"
 MEASURED = "marker"

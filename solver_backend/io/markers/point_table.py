@@ -22,7 +22,6 @@ from solver_backend.io.markers.text_table import (
     decimal_comma,
     frame_problems,
     header_cells,
-    is_number,
     number_table,
     rate_of,
     triples,
@@ -77,9 +76,10 @@ def read_point_table(
         rows = list(csv.reader(lines[first:], delimiter=delimiter))
     except csv.Error as error:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
-    comma = delimiter != "," and decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
+    comma = decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
     if columns:
-        values = number_table(_numbers_alone(rows, headings, columns), first + 1, path, comma=comma)
+        kept = {x + k for x in columns.values() for k in range(3)}
+        values = number_table(_numbers_alone(rows, headings, kept), first + 1, path, comma=comma)
         positions, labels = triples(values, list(columns.values())), tuple(columns)
     else:
         values, positions, labels = _from_long(rows, headings, first, path, comma=comma)
@@ -138,10 +138,9 @@ def _delimiter(line: str) -> str:
     return max(",;\t", key=line.count)
 
 
-def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], columns: dict[str, int]) -> list[list[str]]:
+def _numbers_alone(rows: Sequence[Sequence[str]], headings: Sequence[str], points: set[int]) -> list[list[str]]:
     """Return the rows with blanks where neither a point nor the frame's number or time stands: there may be words."""
-    kept = {x + k for x in columns.values() for k in range(3)}
-    kept |= {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
+    kept = points | {i for i, heading in enumerate(headings) if heading in (*_FRAMES, *_TIMES)}
     return [[cell if i in kept else "" for i, cell in enumerate(row)] for row in rows]
 
 
@@ -157,8 +156,8 @@ def _from_long(
     """Return the numbers of each frame's first row, (F, M, 3) positions and their labels."""
     key = next(i for i, heading in enumerate(headings) if heading in _NAMES)
     names = [row[key].strip() if key < len(row) else "" for row in rows]
-    blanked = [[cell if i != key and (is_number(cell) or comma) else "" for i, cell in enumerate(row)] for row in rows]
-    values = number_table(blanked, first + 1, path, comma=comma)
+    axes = [headings.index(axis) for axis in "xyz"]
+    values = number_table(_numbers_alone(rows, headings, set(axes)), first + 1, path, comma=comma)
     values = np.pad(values, ((0, 0), (0, max(0, len(headings) - values.shape[1]))), constant_values=np.nan)
     moment = _column(values, headings, _FRAMES[:-1])
     moment = _column(values, headings, _TIMES) if moment is None else moment
@@ -169,6 +168,13 @@ def _from_long(
     column = {label: i for i, label in enumerate(labels)}
     positions = np.full((len(begins), len(labels), 3), np.nan)
     named = [i for i, name in enumerate(names) if name]
-    axes = [headings.index(axis) for axis in "xyz"]
+    seen: set[tuple[int, str]] = set()
+    for i in named:
+        if (key_of_row := (int(frame[i]), names[i])) in seen:
+            raise FileDamaged(
+                f"'{names[i]}' stands twice in one frame.", where=f"{path}, line {first + 1 + i}",
+                hint="Several people, or cameras? Write a table for each.",
+            )  # fmt: skip
+        seen.add(key_of_row)
     positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]
     return values[begins], positions, labels

@@ -12,6 +12,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged, MocapError
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.unfinished import lock
 from solver_backend.io.appended_file import AppendedFile, open_appended
@@ -20,12 +21,12 @@ from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.pose_recording import poses_at, rate_of
 from solver_backend.live.recording import recording_of, recover
 from solver_backend.live.views_session import ViewMoment, ViewsSession
-from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D
+from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.resample import at_times
 
 _FORMAT, _VERSION = "manifold_mocap_live_views", 1
-_TURNS = 66
-"""Numbers of a pose: axis-angles of the root and 21 joints."""
+_TURNS = 3 * (1 + NUM_BODY_JOINTS)
+"""Numbers of a pose: axis-angles of the root and the body's joints."""
 
 
 class ViewsRecorder:
@@ -108,7 +109,7 @@ def finish_views(recording: Path, path: Path, *, overwrite: bool = False) -> boo
     if line:
         cameras, joint_set, source = _read_head(head, recording)
         C, K = len(cameras.names), joint_set.num_keypoints
-        widths = (1, C, 3 + _TURNS, 10, 2 * C * K, C * K)
+        widths = (1, C, 3 + _TURNS, NUM_BETAS, 2 * C * K, C * K)
         count = len(content) // (8 * sum(widths))
         rows = np.frombuffer(content[: 8 * sum(widths) * count], "<f8").reshape(count, -1)
         if count:

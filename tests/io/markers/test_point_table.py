@@ -114,6 +114,23 @@ def test_damage_is_named(tmp_path: Path) -> None:
     path.write_text("1,2,3\n")
     with pytest.raises(FileDamaged, match="names no points"):
         read_point_table(path)
-    path.write_text(table([["time", "marker", "x", "y", "z"]], [["a", "LASI", "1", "2", "3"]]))
+    long = [["time", "marker", "x", "y", "z"]]
+    path.write_text(table(long, [["", "LASI", "1", "2", "3"]]))
     with pytest.raises(FileDamaged, match="names the frame of no row"):
         read_point_table(path, fps=30.0)
+    path.write_text(table(long, [["0", "LASI", "1", "abc", "3"]]))
+    with pytest.raises(FileDamaged, match="'abc' is no number.*line 2"):
+        read_point_table(path, fps=30.0)
+    path.write_text(
+        table(long, [["0", "LASI", "1", "2", "3"], ["0", "C7", "1", "2", "3"], ["0", "LASI", "4", "5", "6"]])
+    )
+    with pytest.raises(FileDamaged, match="'LASI' stands twice in one frame.*line 4.*Several people"):
+        read_point_table(path, fps=30.0)
+
+
+def test_decimal_commas_between_commas_are_quoted(tmp_path: Path) -> None:
+    headings = [["time", *(f"{name}_{a}" for name in NAMES for a in "xyz")]]
+    rows = [[f'"{cell.replace(".", ",")}"' for cell in row] for row in wide(("time",))]
+    path = tmp_path / "points.csv"
+    path.write_text(table(headings, rows))
+    np.testing.assert_allclose(read_point_table(path, unit="m", up_axis="z").cloud.positions, POINTS)
