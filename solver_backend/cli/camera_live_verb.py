@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import settle_memory
-from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
+from solver_backend.cli.live_verb import SEND_HELP, open_sender, recorded, report_recovered, run_lines
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.setting_options import WORLD_ROWS, add_settings, given_world
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -93,19 +93,14 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if sender is not None:
             stack.enter_context(sender)
         stream = stack.enter_context(Lines(args.lines))
-        if recorder is not None and recorder.recovered is not None:
-            message = f"A recording that was not finished is now {recorder.recovered}."
-            stream.write({"event": "recovered", "t": None, "message": message})
+        report_recovered(recorder, stream)
         lines = _lines(live, session, recorder, args)
         stopped = run_lines(lines, stream, statistics, sender, hold)
     data: dict[str, Any] = {
         **statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
         "detector": live.about["name"], "stopped": stopped, **({} if sender is None else sender.summary()),
     }  # fmt: skip
-    if recorder is not None and recorder.recovered is not None:
-        data["recovered"] = str(recorder.recovered)
-    if recorder is not None and recorder.count and recorder.path.exists():
-        data["recorded"] = str(recorder.path)
+    data |= recorded(recorder)
     stream.require_whole()
     live.require_views()
     text = ", ".join(f"{name} {value}" for name, value in data.items())

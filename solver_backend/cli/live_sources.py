@@ -19,9 +19,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, PORTS, is_address, read_address
 
 if TYPE_CHECKING:
-    from solver_backend.live.face_recording import FaceRecorder
-    from solver_backend.live.pose_recording import PoseRecorder
-    from solver_backend.live.recording import LiveRecorder
+    from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import Proportions
     from solver_backend.live.session import LiveSession
     from solver_backend.types import MarkerCloud
@@ -33,10 +31,10 @@ class LiveSource:
 
     lines: Iterator[dict[str, Any]]
     proportions: Proportions
-    recorder: LiveRecorder | PoseRecorder | FaceRecorder | None = None
+    recorder: Recorder | None = None
     summary: Callable[[], dict[str, Any]] = field(default=dict)
     """Returns what is known of the source at the end."""
-    beside: tuple[FaceRecorder, ...] = ()
+    beside: tuple[Recorder, ...] = ()
     """What else is recorded, and finished at the end."""
 
 

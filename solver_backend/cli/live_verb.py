@@ -18,6 +18,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
 
 if TYPE_CHECKING:
+    from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import PoseSender, Proportions
     from solver_backend.live.statistics import LiveStatistics
 
@@ -67,20 +68,29 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if sender is not None:
             stack.enter_context(sender)
         stream = stack.enter_context(Lines(args.lines))
-        if recorder is not None and recorder.recovered is not None:
-            message = f"A recording that was not finished is now {recorder.recovered}."
-            stream.write({"event": "recovered", "t": None, "message": message})
+        report_recovered(recorder, stream)
         stopped = run_lines(source.lines, stream, statistics, sender, hold)
     data: dict[str, Any] = {**statistics.summary(), **source.summary(), "stopped": stopped}
-    if recorder is not None:
-        if recorder.recovered is not None:
-            data["recovered"] = str(recorder.recovered)
-        if recorder.count and args.record is not None and args.record.exists():
-            data["recorded"] = str(args.record)
+    data |= recorded(recorder)
     data |= {} if sender is None else sender.summary()
     stream.require_whole()
     text = ", ".join(f"{name} {value}" for name, value in data.items())
     return Outcome(f"live: {text}", data)
+
+
+def report_recovered(recorder: Recorder | None, stream: Lines) -> None:
+    """Write a line on what a run that was killed has left, and is finished now."""
+    if recorder is not None and recorder.recovered is not None:
+        message = f"A recording that was not finished is now {recorder.recovered}."
+        stream.write({"event": "recovered", "t": None, "message": message})
+
+
+def recorded(recorder: Recorder | None) -> dict[str, str]:
+    """Return where recordings are: this run's, and one that was finished for a run that was killed."""
+    if recorder is None:
+        return {}
+    found = {"recovered": recorder.recovered, "recorded": recorder.path if recorder.count else None}
+    return {name: str(path) for name, path in found.items() if path is not None and path.exists()}
 
 
 def open_sender(address: str | None, proportions: Proportions) -> PoseSender | None:

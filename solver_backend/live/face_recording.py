@@ -5,17 +5,14 @@ from __future__ import annotations
 import csv
 import io
 import json
-from contextlib import nullcontext, suppress
 from pathlib import Path
 
-from solver_backend.exchange.errors import FileDamaged, MocapError
-from solver_backend.exchange.outputs import check_output, write_text
-from solver_backend.exchange.unfinished import lock
-from solver_backend.io.appended_file import AppendedFile, open_appended
-from solver_backend.live.recording import recording_of, recover
+from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.outputs import write_text
+from solver_backend.live.recorder import Recorder
 
 
-class FaceRecorder:
+class FaceRecorder(Recorder):
     """Appends every frame to ``FACE.csv.recording``, and makes ``FACE.csv`` of it at the end; a context manager.
 
     The table has the column ``time`` in seconds and one a channel; a channel that a frame lacks keeps its last value.
@@ -27,42 +24,11 @@ class FaceRecorder:
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
-        self.path = check_output(path, overwrite=overwrite)
-        self.unfinished = recording_of(self.path)
-        self.recovered = recover(self.path, finish_face)
-        self._overwrite, self.finished = overwrite, False
-        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
-        lock(self._file.handle)
-
-    @property
-    def count(self) -> int:
-        """Number of frames in the file."""
-        return self._file.written
+        super().__init__(path, finish_face, "frames", overwrite=overwrite)
 
     def add(self, time: float, channels: dict[str, float]) -> None:
         """Append a frame: its seconds, and the value of each channel."""
         self._file.append(json.dumps([round(time, 6), channels]).encode() + b"\n")
-
-    def finish(self) -> None:
-        """Write the table and remove the unfinished recording; only the latter where nothing came.
-
-        Raises:
-            OutputNotWritable: the table cannot be written (the unfinished one is kept), or frames were lost.
-        """
-        if self.finished:
-            return
-        self.finished = True
-        self._file.close()
-        finish_face(self.unfinished, self.path, overwrite=self._overwrite)
-        self._file.require_whole(f"The other frames are in {self.path.name}; make room on the disk before recording.")
-
-    def __enter__(self) -> FaceRecorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; an error that is on its way already is not replaced by one of finishing."""
-        with suppress(MocapError) if kind is not None else nullcontext():
-            self.finish()
 
 
 def finish_face(recording: Path, path: Path, *, overwrite: bool = False) -> bool:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Callable
-from contextlib import nullcontext, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,17 +12,14 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.exchange.errors import FileDamaged, MocapError
+from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
-from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.so3 import quat_from_rotvec, rotvec_from_quat, sign_continuous
-from solver_backend.exchange.unfinished import lock
 from solver_backend.fitters.motion_import.floor import standing_feet
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.appended_file import AppendedFile, open_appended
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.live.recording import recording_of, recover
+from solver_backend.live.recorder import Recorder
 from solver_backend.types import Motion
 
 _FORMAT, _VERSION = "manifold_mocap_live_poses", 1
@@ -42,7 +38,7 @@ Proportions = Callable[[], tuple[Body, np.ndarray]]
 """Returns the body and its (10,) shape; asked at the first pose."""
 
 
-class PoseRecorder:
+class PoseRecorder(Recorder):
     """Appends every pose to ``MOTION.npz.recording``, and makes ``MOTION.npz`` of it at the end; a context manager."""
 
     def __init__(self, path: Path, source: str, person: Proportions, *, overwrite: bool) -> None:
@@ -51,14 +47,9 @@ class PoseRecorder:
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
-        self.path = check_output(path, overwrite=overwrite)
-        self.unfinished = recording_of(self.path)
-        self.recovered = recover(self.path, finish_poses)
-        self._source, self._person, self._overwrite = source, person, overwrite
-        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
-        lock(self._file.handle)
+        super().__init__(path, finish_poses, "poses", overwrite=overwrite)
+        self._source, self._person = source, person
         self._last = self._cut = 0.0
-        self.finished = False
 
     @property
     def count(self) -> int:
@@ -84,27 +75,6 @@ class PoseRecorder:
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
         self._file.append(np.concatenate([[time - self._cut], transl, np.ravel(rotvec)]).astype("<f8").tobytes())
-
-    def finish(self) -> None:
-        """Write the motion and remove the unfinished recording; only the latter where nothing came.
-
-        Raises:
-            OutputNotWritable: the motion cannot be written (the unfinished one is kept), or poses were lost.
-        """
-        if self.finished:
-            return
-        self.finished = True
-        self._file.close()
-        finish_poses(self.unfinished, self.path, overwrite=self._overwrite)
-        self._file.require_whole(f"The other poses are in {self.path.name}; make room on the disk before recording.")
-
-    def __enter__(self) -> PoseRecorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; an error that is on its way already is not replaced by one of finishing."""
-        with suppress(MocapError) if kind is not None else nullcontext():
-            self.finish()
 
 
 def finish_poses(recording: Path, path: Path, *, overwrite: bool = False) -> bool:

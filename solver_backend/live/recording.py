@@ -2,26 +2,21 @@
 
 from __future__ import annotations
 
-import contextlib
-import os
 from collections.abc import Callable, Iterable, Iterator
 from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.errors import MocapError, OutputNotWritable
-from solver_backend.exchange.outputs import check_output
-from solver_backend.exchange.unfinished import is_held, lock
-from solver_backend.io.appended_file import AppendedFile, open_appended
+from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.io.markers.c3d_writer import C3dSize, unnamed_labels, write_c3d_parts
 from solver_backend.io.markers.live_recording import (
-    SUFFIX,
     LiveBlock,
     measure_recording,
     pack_block,
     read_parts,
 )
 from solver_backend.live.frames import PointFrame
+from solver_backend.live.recorder import Recorder
 
 _FRAMES_AT_ONCE = 512
 """Frames of a recording that are in memory while it is finished."""
@@ -29,12 +24,8 @@ _FRAMES_AT_ONCE = 512
 World = Callable[[], np.ndarray | None]
 
 
-class LiveRecorder:
-    """Appends every frame to ``TAKE.c3d.recording``, and makes ``TAKE.c3d`` of it at the end.
-
-    Whatever ends the process, the frames before are in that file, which readers of markers open (see
-    ``live_recording``) and which the next run to the same file finishes under a name of its own.
-    """
+class LiveRecorder(Recorder):
+    """Appends every frame to ``TAKE.c3d.recording``, which readers of markers open (see ``live_recording``)."""
 
     def __init__(self, path: Path, fps: float | None, world: World, *, overwrite: bool) -> None:
         """Begin a recording.
@@ -48,18 +39,8 @@ class LiveRecorder:
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
-        self.path = check_output(path, overwrite=overwrite)
-        self.unfinished = recording_of(self.path)
-        self.recovered = recover(self.path)
-        self._fps, self._world, self._overwrite = fps, world, overwrite
-        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
-        lock(self._file.handle)
-        self.finished = False
-
-    @property
-    def count(self) -> int:
-        """Number of frames in the file."""
-        return self._file.written
+        super().__init__(path, finish_points, "frames", overwrite=overwrite)
+        self._fps, self._world = fps, world
 
     def watched(self, frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
         """Yield the same frames, each after it was recorded."""
@@ -68,31 +49,8 @@ class LiveRecorder:
                 self._file.append(pack_block(LiveBlock(frame.time, frame.points, self._fps, self._world())))
             yield frame
 
-    def finish(self) -> None:
-        """Write the C3D file and remove the unfinished one; only the latter where no frame has points.
-
-        Raises:
-            OutputNotWritable: the C3D file cannot be written (the unfinished one is kept), or frames were lost.
-        """
-        if self.finished:
-            return
-        self.finished = True
-        self._file.close()
+    def _write(self) -> None:
         finish_recording(self.unfinished, self.path, self._world(), overwrite=self._overwrite)
-        self._file.require_whole(f"The other frames are in {self.path.name}; make room on the disk before recording.")
-
-    def __enter__(self) -> LiveRecorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; an error that is on its way already is not replaced by one of finishing."""
-        with contextlib.suppress(MocapError) if kind is not None else contextlib.nullcontext():
-            self.finish()
-
-
-def recording_of(path: Path) -> Path:
-    """Return the unfinished recording of a C3D file."""
-    return path.with_name(path.name + SUFFIX)
 
 
 def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, overwrite: bool = False) -> bool:
@@ -126,35 +84,6 @@ def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, o
     return bool(extent.most)
 
 
-def finish_points(recording: Path, path: Path) -> bool:
+def finish_points(recording: Path, path: Path, *, overwrite: bool = False) -> bool:
     """Write a recording of points with what it knows of their world; see ``finish_recording``."""
-    return finish_recording(recording, path, None)
-
-
-def recover(path: Path, finish: Callable[[Path, Path], bool] = finish_points) -> Path | None:
-    """Finish what a run that was killed has left of the recording to a file; return where it is, None for nothing.
-
-    Args:
-        path: the file.
-        finish: writes a recording to a file and returns whether anything was in it.
-
-    Raises:
-        OutputNotWritable: another process is recording, or the disk is full; nothing is lost.
-    """
-    left = recording_of(path)
-    if not left.exists():
-        return None
-    if is_held(left):
-        raise OutputNotWritable("Another process is recording to this file.", where=str(path), hint="Choose another.")
-    number = 1
-    while (whole := path.with_name(f"{path.stem}_recovered_{number}{path.suffix}")).exists() or (
-        aside := recording_of(whole)
-    ).exists():
-        number += 1
-    try:
-        os.rename(left, aside)
-    except OSError as error:
-        raise OutputNotWritable(
-            f"An earlier recording cannot be finished: {error.strerror or error}.", where=str(left)
-        ) from error
-    return whole if finish(aside, whole) else None
+    return finish_recording(recording, path, None, overwrite=overwrite)

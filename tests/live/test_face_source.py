@@ -24,7 +24,7 @@ from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, LIVE_LINK, 
 from solver_backend.live.face_packets import BLEND_SHAPES, FacePacketInvalid, decode_ifacialmocap, decode_live_link
 from solver_backend.live.face_recording import FaceRecorder, finish_face
 from solver_backend.live.face_source import REQUEST, FaceAssembly, ask_phone, face_lines
-from solver_backend.live.recording import recording_of
+from solver_backend.live.recorder import recording_of
 from solver_backend.live.vmc_source import listen
 
 ROOT = Path(__file__).parents[2]

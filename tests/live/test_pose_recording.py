@@ -21,7 +21,7 @@ from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.pose_recording import PoseRecorder, finish_poses, rate_of
-from solver_backend.live.recording import recording_of
+from solver_backend.live.recorder import recording_of
 from solver_backend.live.sending import PoseSender
 from tests.support.full_disk import full_disk
 from tests.support.short_motion import short_motion

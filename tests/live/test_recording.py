@@ -18,7 +18,8 @@ import pytest
 from solver_backend.exchange.errors import OutputExists, OutputNotWritable
 from solver_backend.io.markers.read import read_markers
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.recording import LiveRecorder, finish_recording, recording_of, recover
+from solver_backend.live.recorder import recording_of, recover
+from solver_backend.live.recording import LiveRecorder, finish_points, finish_recording
 from tests.support.full_disk import full_disk
 
 ROOT = Path(__file__).parents[2]
@@ -98,7 +99,7 @@ def test_the_next_run_finishes_what_a_killed_one_left(tmp_path: Path) -> None:
     assert sorted(os.listdir(tmp_path)) == ["walk.c3d", "walk_recovered_1.c3d"]
     with pytest.raises(OutputExists):
         recorder(path)
-    assert recover(path) is None
+    assert recover(path, finish_points) is None
 
 
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:

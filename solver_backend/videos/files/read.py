@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -69,7 +70,13 @@ def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
 
 
 def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
-    """Yield times and pictures of one file; what cannot be decoded is passed over."""
+    """Yield times and pictures of one file."""
+    for frame in decoded_frames(path):
+        yield float(frame.time), picture_of(frame)
+
+
+def decoded_frames(path: Path) -> Iterator[Any]:
+    """Yield PyAV's frames of a file that have a time; what cannot be decoded is passed over."""
     invalid = library().error.InvalidDataError
     with opened(path) as container:
         stream = video_stream(container)
@@ -79,9 +86,12 @@ def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
                 frames = packet.decode()
             except invalid:
                 continue
-            for frame in frames:
-                if frame.time is not None:
-                    yield float(frame.time), upright(frame.to_ndarray(format="rgb24"), frame.rotation)
+            yield from (frame for frame in frames if frame.time is not None)
+
+
+def picture_of(frame: Any) -> np.ndarray:
+    """Return (H, W, 3) uint8 of a frame of PyAV's, turned as its video says."""
+    return upright(frame.to_ndarray(format="rgb24"), frame.rotation)
 
 
 def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:

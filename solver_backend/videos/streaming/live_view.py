@@ -10,7 +10,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.errors import MocapError, SolverFailed
 from solver_backend.videos.streaming.pictures import LivePicture, PictureSource
 
 KEPT = 4
@@ -80,8 +80,8 @@ class LiveView:
                         return
                     self.newest.append(picture)
                     self.changed.notify_all()
-        except MocapError as error:
-            self._end(error)
+        except Exception as error:
+            self._end(_named(error, self.source.name))
         else:
             self._end(None)
 
@@ -95,8 +95,8 @@ class LiveView:
                     moment, picture = asked
                     found = detector.detect(picture.rgb(), picture.time_s)["keypoints"]
                     self._announce(answer=(moment, np.asarray(found, np.float64)), busy=False)
-        except MocapError as error:
-            self._end(error)
+        except Exception as error:
+            self._end(_named(error, self.source.name))
 
     def _wait(self) -> tuple[int, LivePicture] | None:
         with self.changed:
@@ -115,3 +115,10 @@ class LiveView:
         with self.changed:
             self.ended, self.failure, self.busy = True, self.failure or failure, False
             self.changed.notify_all()
+
+
+def _named(error: Exception, camera: str) -> MocapError:
+    """Return an error with a name: a thread that broke without one would leave the others waiting for it."""
+    if isinstance(error, MocapError):
+        return error
+    return SolverFailed(f"The camera's thread broke: {type(error).__name__}: {error}", where=camera)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from contextlib import nullcontext, suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -14,12 +13,10 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.exchange.outputs import check_output
-from solver_backend.exchange.unfinished import lock
-from solver_backend.io.appended_file import AppendedFile, open_appended
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.pose_recording import poses_at, rate_of
-from solver_backend.live.recording import recording_of, recover
+from solver_backend.live.recorder import Recorder
 from solver_backend.live.views_session import ViewMoment, ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.resample import at_times
@@ -29,7 +26,7 @@ _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 """Numbers of a pose: axis-angles of the root and the body's joints."""
 
 
-class ViewsRecorder:
+class ViewsRecorder(Recorder):
     """Appends every moment to ``TAKE.npz.recording``; makes ``TAKE.npz`` and ``TAKE_live.npz`` of it at the end.
 
     The first is a capture of the keypoints at one rate, the second the live poses at the same frames, for a solve to
@@ -42,14 +39,9 @@ class ViewsRecorder:
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
-        self.path = check_output(path, overwrite=overwrite)
         check_output(motion_of(path), overwrite=overwrite)
-        self.unfinished = recording_of(self.path)
-        self.recovered = recover(self.path, finish_views)
-        self._session, self._source, self._overwrite = session, source, overwrite
-        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
-        lock(self._file.handle)
-        self.finished = False
+        super().__init__(path, finish_views, "moments", overwrite=overwrite)
+        self._session, self._source = session, source
 
     @property
     def count(self) -> int:
@@ -69,27 +61,6 @@ class ViewsRecorder:
             pose = np.array([*line["trans"], *line["root"], *line["pose"]])
         parts = [[moment.time], moment.times, pose, session.fit.subject.betas, xy.ravel(), confidence.ravel()]
         self._file.append(np.concatenate(parts).astype("<f8").tobytes())
-
-    def finish(self) -> None:
-        """Write capture and motion and remove the unfinished recording; only the latter where nothing came.
-
-        Raises:
-            OutputNotWritable: they cannot be written (the unfinished one is kept), or moments were lost.
-        """
-        if self.finished:
-            return
-        self.finished = True
-        self._file.close()
-        finish_views(self.unfinished, self.path, overwrite=self._overwrite)
-        self._file.require_whole(f"The other moments are in {self.path.name}; make room on the disk before recording.")
-
-    def __enter__(self) -> ViewsRecorder:
-        return self
-
-    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
-        """Finish; an error that is on its way already is not replaced by one of finishing."""
-        with suppress(MocapError) if kind is not None else nullcontext():
-            self.finish()
 
 
 def motion_of(capture: Path) -> Path:

@@ -7,13 +7,9 @@ import time
 from collections.abc import Iterator
 from functools import partial
 from pathlib import Path
-from typing import Any
 
-import numpy as np
-
-from solver_backend.videos.files.container import library, opened, video_stream
 from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import upright
+from solver_backend.videos.files.read import decoded_frames, picture_of
 from solver_backend.videos.streaming.pictures import LivePicture
 
 
@@ -39,12 +35,12 @@ class ReplayedVideo:
         """Yield each picture when it is due; one that is decoded late comes late."""
         number, late_s = 0, 0.0
         while not self._closed.is_set():
-            for frame in _frames(self.path):
+            for frame in decoded_frames(self.path):
                 at = float(frame.time) - self._first_s + late_s
                 self._closed.wait(max(start + at - time.perf_counter(), 0.0))
                 if self._closed.is_set():
                     return
-                yield LivePicture(number, at, start + at, partial(_rgb, frame))
+                yield LivePicture(number, at, start + at, partial(picture_of, frame))
                 number += 1
             if not self._repeat:
                 return
@@ -53,21 +49,3 @@ class ReplayedVideo:
     def close(self) -> None:
         """End the replay."""
         self._closed.set()
-
-
-def _frames(path: Path) -> Iterator[Any]:
-    """Yield decoded frames; what cannot be decoded is passed over."""
-    invalid = library().error.InvalidDataError
-    with opened(path) as container:
-        stream = video_stream(container)
-        stream.thread_type = "AUTO"
-        for packet in container.demux(stream):
-            try:
-                frames = packet.decode()
-            except invalid:
-                continue
-            yield from (frame for frame in frames if frame.time is not None)
-
-
-def _rgb(frame: Any) -> np.ndarray:
-    return upright(frame.to_ndarray(format="rgb24"), frame.rotation)
