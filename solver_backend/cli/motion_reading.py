@@ -39,9 +39,7 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     body = load_chosen_body(choice)
 
     def joints_of(betas: np.ndarray, root: np.ndarray, pose: np.ndarray, transl: np.ndarray) -> np.ndarray:
-        local = exp_so3(pose.reshape(len(pose), -1, 3))
-        return forward_kinematics(body, betas, exp_so3(root), local[:, : len(body.parents) - 1], transl).joints[
-            :, :NUM_JOINTS
-        ]
+        local = exp_so3(pose.reshape(len(pose), -1, 3))[:, : len(body.parents) - 1]
+        return forward_kinematics(body, betas, exp_so3(root), local, transl).joints[:, :NUM_JOINTS]
 
     return motion_of(motion, body.id, joints_of)

@@ -42,10 +42,8 @@ def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float
     weight = certainty / _SIGMA_M[known]
     for _ in range(_ROUNDS):
         joints = body.rest_joints(betas)[:NUM_JOINTS]
-        J = (
-            np.stack([_slope(joints, body.joints_shapedirs[:NUM_JOINTS], pair) for pair in _PAIRS])[known]
-            * weight[:, None]
-        )
+        slopes = np.stack([_slope(joints, body.joints_shapedirs[:NUM_JOINTS], pair) for pair in _PAIRS])
+        J = slopes[known] * weight[:, None]
         r = (wanted - _lengths(joints))[known] * weight
         betas = betas + np.linalg.solve(J.T @ J + np.eye(len(betas)), J.T @ r - betas)
     return betas

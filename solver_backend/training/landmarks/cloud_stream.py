@@ -104,12 +104,8 @@ class CloudStream:
             donor = rotations[torch.rand(count, device=device).argsort()]
             take = torch.rand(count, 1, 1, 1, device=device) < v.exchanged
             rotations[:, limb] = torch.where(take, donor[:, limb], rotations[:, limb])
-        turn = rodrigues(
-            v.pose_noise
-            * torch.rand(count, 1, 1, device=device)
-            * 1.6
-            * _normal(count, 1 + NUM_BODY_JOINTS, 3, like=rotvec)
-        )
+        strength = v.pose_noise * torch.rand(count, 1, 1, device=device) * 1.6
+        turn = rodrigues(strength * _normal(count, 1 + NUM_BODY_JOINTS, 3, like=rotvec))
         rotations = rotations @ turn
         betas = self._shapes(rotvec)
         places, joints = self.points(rotations[:, 0], rotations[:, 1:], betas, self.placement(count))

@@ -131,9 +131,8 @@ def _rooted(clip: Clip) -> np.ndarray:
 def _distinct(clips: list[Clip]) -> np.ndarray:
     """Return the rotations of poses that are no near-repeats, whichever way the pelvis is turned."""
     rotations, _, _ = _laid_out(clips)
-    features = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS].reshape(len(rotations), -1) / np.sqrt(
-        NUM_JOINTS - 1.0
-    )
+    points = rotation_points(rotations[:, 1:])[:, 1:NUM_JOINTS]
+    features = points.reshape(len(points), -1) / np.sqrt(NUM_JOINTS - 1.0)
     # Where the pelvis leans to is part of the pose here; which way it heads is not.
     features = np.concatenate([features, 0.1 * rotations[:, 0, 1]], axis=1)
     return rotations[np.sort(distinct_poses(features.astype(np.float32), NEAR_REPEAT_M))]
