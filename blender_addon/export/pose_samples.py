@@ -47,7 +47,7 @@ def sample_pose(take: ExportTake, progress: Progress, names: tuple[str, ...] | N
 
     Args:
         take: the take.
-        progress: told how many frames are done.
+        progress: receives how many frames are done.
         names: bones; None for all that deform.
 
     Raises:

@@ -38,7 +38,7 @@ def export_take(
         format_name: key of ``FORMATS``.
         path: the file; a suffix that is not the format's is an error.
         overwrite: replace a file that is there.
-        progress: told how far it is.
+        progress: receives how far it is.
 
     Raises:
         OutputExists, OutputNotWritable: see ``atomic_outputs``.

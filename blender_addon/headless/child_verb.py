@@ -29,7 +29,7 @@ def run_verb(
     Args:
         verb: bake, render, export or studio.
         arguments: what follows it.
-        progress: told what it tells.
+        progress: receives what it reports.
         stopped: asked again and again; where it returns an error the process is ended.
 
     Raises:

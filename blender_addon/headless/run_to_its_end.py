@@ -24,7 +24,7 @@ def run_to_its_end(
 
     Args:
         run: the process, begun.
-        progress: told what it tells.
+        progress: receives what it reports.
         stopped: asked again and again about the process; where it returns an error the process is ended.
         called: who a process that ended without a message was.
 

@@ -26,7 +26,7 @@ def run_solver(
     Args:
         verb: verb of its command line.
         arguments: what follows the verb.
-        progress: told what the solver tells.
+        progress: receives what the solver reports.
         python: interpreter to use; None for this one.
         folder: working folder; None for this program's.
         over_limit: asked again and again about the process; where it returns an error the solver is ended.

@@ -33,7 +33,7 @@ def render_contact_sheet(path: Path, subject: RenderedTake, progress: Progress) 
     Args:
         path: the ``.png`` file to write.
         subject: what is pictured.
-        progress: told about every picture.
+        progress: called for every picture.
 
     Raises:
         RenderFailed: Blender cannot render here.

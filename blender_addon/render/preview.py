@@ -72,7 +72,7 @@ def render_preview(
     Args:
         path: the ``.mp4`` file to write.
         subject: what is pictured; without cameras it is shown in a view of our own.
-        progress: told about every frame.
+        progress: called for every frame.
         settings: size and length.
 
     Raises:

@@ -76,8 +76,8 @@ class LiveRun:
     betas: np.ndarray | None = None
     """(10,) shape, once it is known."""
     latest: LivePose | None = None
-    said: str = ""
-    """What the solver said last of what it does."""
+    message: str = ""
+    """The last message of the solver."""
     ignored: int = 0
     """Lines that made no sense."""
     result: dict[str, Any] | None = None
@@ -141,8 +141,8 @@ class LiveRun:
             betas = _numbers(event.get("betas"), NUM_BETAS)
             self.betas = self.betas if betas is None else betas
         if kind not in ("result", "progress") and isinstance(message, str):
-            self.said = plain(message)
-            self.log.append(self.said)
+            self.message = plain(message)
+            self.log.append(self.message)
 
 
 def read_pose_line(line: str) -> LivePose | None:

@@ -18,7 +18,7 @@ def film_data_set_in_colour(out: Path, shots: list[str], frames: int, progress: 
         out: folder of the data set.
         shots: names of its shots.
         frames: of all shots, for the progress.
-        progress: told about every frame.
+        progress: called for every frame.
 
     Raises:
         FileMissing: a shot is not there.

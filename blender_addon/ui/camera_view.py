@@ -63,9 +63,9 @@ def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) ->
     """Return the colour of a camera: by whether it is used, and whether a problem or a check names it."""
     if not item.use:
         return UNUSED
-    said = [message.text for message in capture.messages if message.is_problem] + capture.doubts.splitlines()
+    problems = [message.text for message in capture.messages if message.is_problem] + capture.doubts.splitlines()
     name = re.compile(rf"(?<![\w-]){re.escape(item.name)}(?![\w-])")
-    return DOUBTFUL if any(name.search(text) for text in said) else SURE
+    return DOUBTFUL if any(name.search(text) for text in problems) else SURE
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:

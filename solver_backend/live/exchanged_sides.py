@@ -16,7 +16,7 @@ _PARTS = {
     "head": ("eye", "eye_inner", "eye_outer", "ear", "mouth"),
 }
 _FEWEST = 2
-"""Seen keypoints of a pair without which nothing can be said of it."""
+"""Seen keypoints of a pair without which no decision on it is made."""
 
 
 class ExchangedSides:

@@ -27,7 +27,7 @@ WORLD_MOMENTS = 12
 BAD_M = 0.12
 """Keypoints this far from the body in the median are no good pose; detectors and bodies differ by 3 cm."""
 STARTS_WITH = 0.8
-"""Share of the keypoints of two views on which they must agree at a start: later the pose says whose limb is whose."""
+"""Share of the keypoints of two views on which they must agree at a start: later the pose decides whose a limb is."""
 _TRIAL_MOMENTS = 6
 """Moments of a start, so that all of its parts were run once."""
 SAME_PERSON = 0.5

@@ -16,7 +16,7 @@ AGREEING_SHARE = 0.65
 """Fewer agreeing views than this share of those that see somebody are a problem."""
 
 ELSEWHERE = "sees one person, but never where the other cameras do"
-"""What is said of a camera that the solve may still explain."""
+"""What is reported of a camera that the solve may still explain."""
 
 
 @dataclass(frozen=True)

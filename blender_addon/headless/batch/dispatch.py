@@ -58,7 +58,7 @@ def dispatch(
         work: what is done with each item.
         source: of the captures.
         engine: does the takes.
-        progress: told how many are done of those that were to be done.
+        progress: receives how many are done of those that were to be done.
         ended: called with each record, and whether it was only recalled.
 
     Raises:

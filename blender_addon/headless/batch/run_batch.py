@@ -29,7 +29,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
 
     Args:
         request: what to do.
-        progress: told how many takes are done and how far each is.
+        progress: receives how many takes are done and how far each is.
         spread: who does it.
 
     Returns:

@@ -29,7 +29,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> dic
     Args:
         work: the batch.
         capture: file or folder.
-        progress: told how far each stage has come.
+        progress: receives how far each stage has come.
         place: see ``run_step``.
 
     Returns:
@@ -77,7 +77,7 @@ def run_step(
         work: the batch.
         capture: file or folder.
         step: its name.
-        progress: told how far each stage has come.
+        progress: receives how far each stage has come.
         worker: who does it, for the record.
         stopped: see ``Place``.
         in_child: see ``Place``.

@@ -36,7 +36,7 @@ class Listed:
 class Watched:
     """The captures that arrive in a folder, each once it has not changed for a while, and again when it has.
 
-    Two captures of one name are one take: the first of them is done, the other is told of.
+    Two captures of one name are one take: the first of them is done, the other is reported.
 
     Args:
         request: the batch.

@@ -18,7 +18,7 @@ class CurrentSending:
 
     def __init__(self) -> None:
         self.sender: TakeSender | None = None
-        self.said = ""
+        self.message = ""
 
     @property
     def busy(self) -> bool:
@@ -28,7 +28,7 @@ class CurrentSending:
     def begin(self, sender: TakeSender, message: str) -> None:
         """Send from now on."""
         self.stop()
-        self.sender, self.said = sender, message
+        self.sender, self.message = sender, message
 
     def on_frame(self, scene: bpy.types.Scene) -> None:
         """Send the pose of a frame; end where the body is gone."""
@@ -37,15 +37,15 @@ class CurrentSending:
         message = self.sender.send(scene)
         if message is None:
             self.stop()
-            self.said = "The body was taken away: nothing is sent any more."
+            self.message = "The body was taken away: nothing is sent any more."
         elif message:
-            self.said = message
+            self.message = message
 
     def stop(self) -> None:
         """Send no more."""
         if self.sender is not None:
             self.sender.close()
-        self.sender, self.said = None, ""
+        self.sender, self.message = None, ""
 
 
 playing = CurrentSending()

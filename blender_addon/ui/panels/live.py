@@ -78,12 +78,12 @@ def draw_playing(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
         return
     text, icon = ("Stop Sending", "PAUSE") if playing.busy else ("Send While Playing", "EXPORT")
     layout.operator(MOCAP_OT_send_take.bl_idname, text=text, text_ctxt=CONTEXT, icon=icon)
-    if playing.said:
-        wrapped(layout, context, playing.said, "INFO")
+    if playing.message:
+        wrapped(layout, context, playing.message, "INFO")
 
 
 def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the run under way: what is seen, what of a wand's pictures is covered, what was said last, and Stop."""
+    """Draw the run under way: what is seen, what of a wand's pictures is covered, the last message, and Stop."""
     run = live.run
     assert run is not None  # drawn only while it runs
     pose = run.latest
@@ -99,8 +99,8 @@ def draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
             layout.progress(factor=share, text=f"{name} {share:.0%}", translate=False)
         if pose.why:
             wrapped(layout, context, pose.why)
-    if run.said:
-        wrapped(layout, context, run.said, "INFO")
+    if run.message:
+        wrapped(layout, context, run.message, "INFO")
     layout.operator(MOCAP_OT_live_stop.bl_idname, icon="PAUSE")
 
 

@@ -26,7 +26,7 @@ def nerf_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
     matrix. A camera is named by its picture, or by the picture's folder where all pictures have one name.
 
     Raises:
-        CalibrationInvalid: a matrix holds what is no number, or nothing says the focal length.
+        CalibrationInvalid: a matrix holds what is no number, or the focal length is missing.
     """
     frames = tree.get("frames") if isinstance(tree, Mapping) else None
     if not isinstance(frames, list) or not 0 < len(frames) <= _MOST_CAMERAS:

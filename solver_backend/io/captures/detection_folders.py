@@ -33,7 +33,7 @@ from solver_backend.people.take_cuts import cut_sentence, take_cuts
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
-"""Frames a second that are assumed where nothing states them, with a problem that says so; chosen by hand."""
+"""Frames a second that are assumed where nothing states them, which is reported as a problem; chosen by hand."""
 _KIND = (
     "a Pose2Sim trial folder (pose/<camera>_json/*.json with a calibration); "
     "a folder with detections of each camera and a calibration beside them "

@@ -30,7 +30,7 @@ from solver_backend.io.markers.text_table import (
 LEAST_POINTS = 4
 """Points whose three columns stand side by side; a table of fewer names no person."""
 _HEADING_LINES, _ROWS_LOOKED_AT = 12, 100
-"""Lines in which the headings must come, and rows that tell how numbers are written."""
+"""Lines in which the headings must come, and rows that show how numbers are written."""
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
 _FRAMES = ("frame", "frames", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
@@ -53,7 +53,7 @@ def read_point_table(
     Args:
         path: the file.
         fps: frames per second; None takes them from a column of seconds.
-        unit: its length unit; None takes what the headings say, or estimates it from the points' spread.
+        unit: its length unit; None takes it from the headings, or estimates it from the points' spread.
         up_axis: its axis that points up; None takes how the body stands.
 
     Raises:

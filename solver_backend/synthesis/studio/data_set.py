@@ -129,7 +129,7 @@ def make_data_set(
     Args:
         spec: the description.
         out: folder of the data set.
-        progress: told about every frame.
+        progress: called for every frame.
         only: names of the shots to make, of a folder that was claimed before; all, and the folder is claimed, if empty.
 
     Raises:

@@ -90,7 +90,7 @@ def decoded_frames(path: Path) -> Iterator[Any]:
 
 
 def picture_of(frame: Any) -> np.ndarray:
-    """Return (H, W, 3) uint8 of a frame of PyAV's, turned as its video says."""
+    """Return (H, W, 3) uint8 of a frame of PyAV's, turned as its video asks."""
     return upright(frame.to_ndarray(format="rgb24"), frame.rotation)
 
 

@@ -21,7 +21,7 @@ class KeypointDetector(Protocol):
     """What finds keypoints: a detector's process, see ``DetectorProcess``."""
 
     about: dict[str, Any]
-    """What it says of itself."""
+    """What it reports of itself."""
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
         """Return ``keypoints`` (P, K, 3): x, y in pixels and confidence."""
@@ -39,7 +39,7 @@ class LiveView:
         self.source, self._make, self.changed = source, make, changed
         self.newest: deque[LivePicture] = deque(maxlen=KEPT)
         self.about: dict[str, Any] = {}
-        """What the detector says of itself; {} until it is ready."""
+        """What the detector reports of itself; {} until it is ready."""
         self.busy = False
         """Whether a picture is being detected."""
         self.used = -1

@@ -62,7 +62,7 @@ class LiveMoments:
 
     @property
     def about(self) -> dict[str, Any]:
-        """What the detectors say of themselves."""
+        """What the detectors report of themselves."""
         return self.views[0].about
 
     def __enter__(self) -> LiveMoments:

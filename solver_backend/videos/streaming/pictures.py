@@ -18,7 +18,7 @@ class LivePicture:
     time_s: float
     """Seconds on the clock that all cameras share."""
     arrived: float
-    """``time.perf_counter()`` when it came, or when a replay says that it does."""
+    """``time.perf_counter()`` when it came, or when a replay lets it come."""
     rgb: Callable[[], np.ndarray]
     """Returns (H, W, 3) uint8."""
 

@@ -91,7 +91,7 @@ def test_a_body_that_is_gone_ends_the_sending_with_a_sentence(baked, there):
     bpy.ops.mocap.send_take()
     bpy.data.objects.remove(mocap.review.armature)
     bpy.context.scene.frame_set(5)
-    assert not playing.busy and "taken away" in playing.said
+    assert not playing.busy and "taken away" in playing.message
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)
     assert not drawn.cut
 
@@ -133,7 +133,7 @@ def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
     assert bpy.ops.mocap.live_start() == {"FINISHED"}
     run, motion, end = live.run, short_motion(30), time.monotonic() + _LONGEST_S
     assert run is not None
-    while "Listening" not in run.said:
+    while "Listening" not in run.message:
         assert time.monotonic() < end, live.failure
         live.tick()
         time.sleep(0.02)

@@ -12,7 +12,7 @@ from .cluster_task import describe, versions, what_is_wrong
 MEMORY = "memory_mb"
 """Resource of a worker, as ``dask worker --resources memory_mb=8000`` states it."""
 _CLOCK_S = 60.0
-"""Clocks that differ by more are told of."""
+"""Clocks that differ by more are reported."""
 _FAILS = 3
 """A worker that fails to write so many takes in a row gets no more, while there are others."""
 

@@ -18,7 +18,7 @@ class HereEngine:
 
     Args:
         work: the batch.
-        progress: told how far each take has come.
+        progress: receives how far each take has come.
     """
 
     tries = 1

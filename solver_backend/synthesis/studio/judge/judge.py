@@ -58,7 +58,7 @@ def judge(
         methods: some of the solver's, or 'triangulation'.
         sources: some of 'views' and 'markers'; none takes what the description perturbs, else views.
         faults: some of 'clean' and 'perturbed'.
-        progress: told about every solve.
+        progress: called for every solve.
         settings: everything else of a solve.
 
     Raises:

@@ -71,7 +71,7 @@ def place_errors(
         step_m: between places.
         seed: of detector and calibration.
         joint_set: of the keypoints.
-        progress: told about every place.
+        progress: called for every place.
     """
     body, betas = load_body(), np.zeros(10)
     person = MotionSource("choreography", None).play(body, betas, _FPS, 180)
