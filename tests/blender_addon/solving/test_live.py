@@ -96,4 +96,4 @@ def test_events_tell_shape_and_faults(tmp_path):
         tmp_path,
     )
     finished(run)
-    assert np.allclose(run.betas, betas) and run.said and "It broke" in run.failure
+    assert np.allclose(run.betas, betas) and run.message and "It broke" in run.failure

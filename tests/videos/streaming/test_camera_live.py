@@ -92,13 +92,18 @@ def followed(filmed) -> tuple[ViewsSession, float, list[dict]]:
     return session, time.process_time() - begun, lines
 
 
-def test_a_core_makes_twelve_poses_of_two_cameras_within_half_as_much_again_as_a_solve(filmed):
-    """Twelve for a second of processor time beside the detectors; on a machine that gives it less, fewer and worse."""
-    session, cpu_s, lines = followed(filmed)
+def test_a_core_makes_twelve_poses_of_two_cameras_for_a_second_of_its_time(filmed):
+    """A second of processor time beside the detectors; an overloaded machine gives it less, and fewer poses come."""
+    _, cpu_s, lines = followed(filmed)
     poses = sum("pose" in line for line in lines)
-    times = 1.5 if poses >= 12 * 5 else 2.5  # of 6 s, the world takes the first
-    assert off_mm(filmed, lines, session.fit.subject.betas) < times * solved_mm(filmed)
     assert poses >= 12 and poses > 12 * cpu_s
+
+
+def test_fifteen_poses_a_second_are_within_half_as_much_again_of_a_solve(filmed):
+    session = session_of(filmed)
+    lines = list(session.run(moments_of(filmed, every=5)))
+    assert sum("pose" in line for line in lines) >= 12 * 5  # of 6 s, the world takes the first
+    assert off_mm(filmed, lines, session.fit.subject.betas) < 1.5 * solved_mm(filmed)
 
 
 def test_the_world_is_made_to_fit_and_named_once(filmed):
