@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import read_json_file
 from solver_backend.types import Keypoints2D
@@ -25,7 +25,8 @@ MOST_STEPS = 1000
 """Steps of the confidence that a file may have."""
 LARGEST_MM = 10_000.0
 """No detector scatters further than this at the person's distance."""
-_MARK = "Confidences stand for variances"
+_APPLIED = ("noise_map_applied", "noise_map_of_another")
+"""Codes of what is noted where a map weighted the confidences."""
 
 
 @dataclass(frozen=True)
@@ -54,11 +55,10 @@ class NoiseMap:
         usual = np.median(self.sigma_mm) ** 2 + SYSTEMATIC_MM**2
         return np.where(confidence > 0, np.clip(USUAL_CONFIDENCE * usual / variance, *WEIGHTS), 0.0)
 
-    def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, str]:
+    def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
         """Return keypoints weighted by what their confidence means, and a note."""
-        note = f"{_MARK} as measured of {self.detector} on {self.detections} keypoints."
-        if detector != self.detector:
-            note += f" These detections are of {detector}."
+        code = _APPLIED[detector != self.detector]
+        note = diagnostic(code, measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
     def as_dict(self) -> dict[str, Any]:
@@ -70,14 +70,14 @@ class NoiseMap:
         }  # fmt: skip
 
 
-def is_applied(notes: Sequence[str]) -> bool:
-    """Return whether a capture's notes say that its confidences were weighted by a noise map already."""
-    return any(note.startswith(_MARK) for note in notes)
+def is_applied(notes: Iterable[Diagnostic]) -> bool:
+    """Return whether a capture's confidences were weighted by a noise map already."""
+    return any(item.code in _APPLIED for item in notes)
 
 
-def detector_of(notes: Sequence[str]) -> str | None:
+def detector_of(notes: Iterable[Diagnostic]) -> str | None:
     """Return which detector a capture's notes name, None where they name none."""
-    named = [found.group(1) for note in notes if (found := re.match(r"Detector: (.+?);", note))]
+    named = [str(item.values.get("detector", "")) for item in notes if item.code == "detector_used"]
     return named[0] if named else None
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
@@ -171,13 +172,17 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     world = check_world(cameras, keypoints)
     write_calibration(args.out, cameras, kind, world.residual_px, overwrite=overwrite)
     lines = [f"{len(cameras)} cameras of {capture.name}, views agree to {world.residual_px:.1f} px"]
-    lines += [f"  note        {note}" for note in capture.notes]
-    lines += [f"  problem     {problem}" for problem in capture.problems]
+    lines += [f"  note        {sentence(item)}" for item in capture.notes]
+    lines += [f"  problem     {sentence(item)}" for item in capture.problems]
     data = {"calibration": str(args.out), "format": kind, "cameras": list(cameras.names),
             "residual_px": world.residual_px, "stature_m": world.stature_m}  # fmt: skip
     return Outcome(
         "\n".join([*lines, f"  written     {args.out} ({kind})"]),
-        {**data, "notes": list(capture.notes), "problems": list(capture.problems)},
+        {
+            **data,
+            "notes": [sentence(item) for item in capture.notes],
+            "problems": [sentence(item) for item in capture.problems],
+        },
     )
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cli.describe_markers import describe_markers
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
@@ -18,7 +19,9 @@ def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
         "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
         "cameras": _cameras(capture), "joint_set": None, "markers": None,
         "people": describe_people(capture), "person": capture.person,
-        "truth": sorted(capture.truth), "notes": list(capture.notes), "problems": list(capture.problems),
+        "truth": sorted(capture.truth), "notes": [sentence(item) for item in capture.notes],
+        "problems": [sentence(item) for item in capture.problems],
+        "diagnostics": [item.as_dict() for item in (*capture.problems, *capture.notes)],
     }  # fmt: skip
     if capture.keypoints is not None:
         data["joint_set"] = capture.keypoints.joint_set.value

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.capture_arguments import add_labels
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
@@ -84,7 +85,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     _write(args.out, labelled, overwrite=overwrite)
     messages = said_of(take)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
-    problems = [problem for problem in labelled.problems if problem not in capture.problems]
+    problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
     return Outcome("\n  ".join([*messages, f"written     {args.out}"]), {**data, "problems": problems})
 
 
@@ -97,9 +98,9 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
     labelled, _ = labelled_like(capture, load_capture(args.like), progress)
     _write(args.out, labelled, overwrite=bool(args.overwrite))
-    problems = [problem for problem in labelled.problems if problem not in capture.problems]
+    problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
     data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
-    return Outcome("\n  ".join([labelled.notes[-1], f"written     {args.out}"]), data)
+    return Outcome("\n  ".join([sentence(labelled.notes[-1]), f"written     {args.out}"]), data)
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:

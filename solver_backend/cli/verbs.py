@@ -13,6 +13,7 @@ from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load, reading, trials_of
 from solver_backend.cli.setting_options import given_settings
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import (
     BackendMissing,
     CaptureNotRecognised,
@@ -41,7 +42,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     person = calibrate_person(captures, settings, progress)
     write_subject(args.out, person, overwrite=overwrite)
     text, data = describe_person(person)
-    problems = [problem for capture in captures for problem in capture.problems]
+    problems = [sentence(item) for capture in captures for item in capture.problems]
     return Outcome(f"{text}\n  written     {args.out}", {"subject": str(args.out), **data, "problems": problems})
 
 
@@ -124,7 +125,6 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     check_output(args.out, overwrite=overwrite)
     capture = load(args.capture, reading(args), progress)
     from solver_backend.cameras.calibration_refinement import refine_calibration
-    from solver_backend.io.recognition.world_check import SHIFTED
 
     progress("Refining the cameras", 0, 1)
     found = refine_calibration(capture)
@@ -139,7 +139,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"{np.nanmedian(found.after_px):.1f} px after.",
             where=capture.name, hint="The calibration is as good as the detections can show; keep it.",
         )  # fmt: skip
-    problems = tuple(problem for problem in capture.problems if not problem.startswith(SHIFTED))
+    problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
     written = _write(args.out, refined, overwrite)
     rows = [

@@ -113,7 +113,7 @@ def labelled_capture(
         )  # fmt: skip
     return replace(
         capture, markers=take.cloud(cloud), notes=(*capture.notes, *said_of(take, persistent=persistent)),
-        problems=(*(p for p in capture.problems if "markers are known" not in p), *doubts_of(take)),
+        problems=(*(item for item in capture.problems if item.code != "few_markers_known"), *doubts_of(take)),
     ), take  # fmt: skip
 
 

@@ -55,7 +55,7 @@ def labelled_like(
     unknown, places = float((found < 0).mean()), len(set(found[found >= 0].tolist()))
     note = f"Named after {like.name}: {100 * (1 - unknown):.1f} % of the points, as {places} markers."
     doubts = [f"{100 * unknown:.0f} % of the points could not be named surely."] if unknown > UNSURE_SHARE else []
-    kept = [problem for problem in capture.problems if "markers are known" not in str(problem)]
+    kept = [item for item in capture.problems if item.code != "few_markers_known"]
     return replace(
         capture, markers=take.cloud(cloud), notes=(*capture.notes, note), problems=(*kept, *doubts)
     ), take  # fmt: skip

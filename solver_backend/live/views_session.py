@@ -12,6 +12,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import pose
@@ -204,7 +205,7 @@ class ViewsSession:
         fitted = fit_world(self.cameras, keypoints, self.world, self.up_axis)
         self.cameras = self.fit.cameras = fitted.cameras
         for message in (*fitted.notes, *fitted.problems):
-            yield event("world", message, moment.time)
+            yield event("world", message if isinstance(message, str) else sentence(message), moment.time)
 
     def _reset(self) -> None:
         self.fit.restart()

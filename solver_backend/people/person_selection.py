@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.people.detections import Detections
 from solver_backend.people.everybody import SeenPerson, everybody_seen
@@ -14,9 +15,6 @@ from solver_backend.types import Cameras, Keypoints2D
 
 AGREEING_SHARE = 0.65
 """Fewer agreeing views than this share of those that see somebody are a problem."""
-
-ELSEWHERE = "sees one person, but never where the other cameras do"
-"""What is reported of a camera that the solve may still explain."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +27,9 @@ class SelectedPerson:
     """Detections of the person."""
     detection: np.ndarray
     """(C, F) which detection is the person; -1 = none. Parts of a person that was detected in pieces are merged."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """Who was chosen and what was left out."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What the user should know."""
 
 
@@ -69,7 +67,7 @@ def select_people(
     first: np.ndarray = people[0].accepted | (_alone(detections) & ~others)
     notes, problems = _report(cameras, detections, followed, people, first)
     problems += tuple(
-        f"Camera {cameras.names[c]} {ELSEWHERE}: it may be turned, mirrored, late or named like another."
+        diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]])
         for c in doubtful_views(detections, people[0].accepted | others)
     )
     selected: list[SelectedPerson] = []
@@ -120,32 +118,38 @@ def _report(
     followed: FollowedPeople,
     people: tuple[SeenPerson, ...],
     accepted: np.ndarray,
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return who was found, and who else; and what is doubtful about the first."""
     space, person = followed.people, people[0]
     views = (space.members[person.rows] >= 0).sum(1)
     notes = [
-        f"The person is the one most views agree on: {views.mean():.1f} of {len(cameras)} views, "
-        f"in {len(np.unique(space.frame[person.rows]))} of {detections.num_frames} frames."
+        diagnostic(
+            "person_chosen",
+            views=float(views.mean()),
+            cameras_count=len(cameras),
+            seen=len(np.unique(space.frame[person.rows])),
+            of=detections.num_frames,
+        )
     ]
-    problems: list[str] = []
+    problems: list[Diagnostic] = []
     dropped = detections.people() - accepted.sum(-1)
     if dropped.any():
-        listing = ", ".join(
+        shares = [
             f"{name} in {int((count > 0).sum())} frames"
             for name, count in zip(cameras.names, dropped, strict=True)
             if count.any()
-        )
-        notes.append(f"Other people are left out: {listing}.")
+        ]
+        notes.append(diagnostic("people_left_out", shares=shares))
     notes += [
-        f"{other.name} is seen as well: {(space.members[other.rows] >= 0).sum(1).mean():.1f} views in "
-        f"{len(other.rows)} frames. Each person can be solved."
+        diagnostic(
+            "person_seen_too",
+            person=other.name,
+            views=float((space.members[other.rows] >= 0).sum(1).mean()),
+            seen=len(other.rows),
+        )
         for other in people[1:]
     ]
     with_somebody = (detections.people()[:, space.frame[person.rows]] > 0).sum(0)
     if views.mean() < AGREEING_SHARE * with_somebody.mean():
-        problems.append(
-            f"Of {with_somebody.mean():.1f} views that see somebody only {views.mean():.1f} agree on the person: "
-            "is this the recording's calibration, are the cameras synchronised?"
-        )
+        problems.append(diagnostic("few_views_agree", views=float(with_somebody.mean()), agreeing=float(views.mean())))
     return tuple(notes), tuple(problems)

@@ -44,8 +44,7 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
     """Return what the reader of a capture found."""
-    notes = tuple(diagnostic("earlier_note", text=note) for note in capture.notes)
-    return (*notes, *read_diagnostics(capture.problems))
+    return (*capture.notes, *capture.problems)
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:

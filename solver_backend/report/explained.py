@@ -2,20 +2,16 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.exchange.diagnostics.diagnostic import EARLIER_WARNING, Remedy
-from solver_backend.io.recognition.world_check import SHIFTED
-from solver_backend.people.person_selection import ELSEWHERE
+from solver_backend.exchange.diagnostics.diagnostic import Remedy
 
 EXPLANATIONS = ("image_mirrored", "sides_exchanged", "names_exchanged", "camera_turned", "camera_early", "camera_late")
 """Codes of what a solve corrects in a camera."""
 MOST_FRAMES = 0.9
 """Share of the take in which a camera is corrected, from which it is explained."""
-_OFF = re.compile(r"([^:,]+) by \d+ px")
 
 
 def without_explained(found: Iterable[Diagnostic], num_frames: int) -> Iterator[Diagnostic]:
@@ -34,13 +30,11 @@ def without_explained(found: Iterable[Diagnostic], num_frames: int) -> Iterator[
         for camera in item.where.cameras
     }  # fmt: skip
     for item in found:
-        text = str(item.values.get("text", "")) if item.code == EARLIER_WARNING else ""
-        if text.startswith(SHIFTED):
-            head, _, rest = text.partition(": ")
-            rest, end, tail = rest.partition(". ")
-            parts = [part for part in _OFF.finditer(rest) if part[1].strip() not in explained]
-            if parts:
-                listed = ", ".join(part[0].strip() for part in parts)
-                yield replace(item, values={**item.values, "text": f"{head}: {listed}{end}{tail}"})
-        elif not (ELSEWHERE in text and any(text.startswith(f"Camera {name} {ELSEWHERE}") for name in explained)):
+        if item.code == "cameras_shifted":
+            kept = [k for k, name in enumerate(item.where.cameras) if name not in explained]
+            if kept:
+                cameras, shifts = item.where.cameras, list(item.values.get("shifts", ()))
+                where = replace(item.where, cameras=tuple(cameras[k] for k in kept))
+                yield replace(item, where=where, values={"shifts": [shifts[k] for k in kept if k < len(shifts)]})
+        elif not (item.code == "camera_sees_elsewhere" and explained.intersection(item.where.cameras)):
             yield item

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import EARLIER_NOTE, Diagnostic, read_diagnostics
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CaptureInvalid,
@@ -163,10 +164,10 @@ class Capture:
     """Picture of each camera's footage that belongs to the first frame, from 0; () where all begin with it."""
     sources: tuple[str, ...] = ()
     """Files the capture was read from."""
-    notes: tuple[str, ...] = ()
-    """What the reader found and assumed: units, axes, frame rate, dropped people; one sentence each."""
-    problems: tuple[str, ...] = ()
-    """What the user should know before solving; one sentence each."""
+    notes: tuple[Diagnostic, ...] = ()
+    """What the reader found and assumed: units, axes, frame rate, dropped people; sentences become diagnostics."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What the user should know before solving; sentences become diagnostics."""
     people: tuple[PersonInViews, ...] = ()
     """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
@@ -181,6 +182,8 @@ class Capture:
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "notes", read_diagnostics(self.notes, EARLIER_NOTE))
+        object.__setattr__(self, "problems", read_diagnostics(self.problems))
         cameras, found = self.cameras, self.keypoints
         if cameras is not None and found is not None and len(cameras) != found.num_views:
             raise CalibrationMismatch(

@@ -11,6 +11,7 @@ import pytest
 
 from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing, JobInvalid
 from solver_backend.fitters import solve
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
@@ -23,6 +24,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 from tests.support.other_detector import detected_by_another, written_map
+from tests.support.words import words
 
 MAP = NoiseMap("another 1", np.array([0.85, 0.95]), np.array([60.0, 4.0]), ("a",), 100)
 
@@ -77,10 +79,11 @@ def test_where_a_map_makes_no_sense_is_named() -> None:
         with_meant_confidence(capture, "nowhere.json")
     with written_map(MAP) as path:
         once = with_meant_confidence(capture, str(path))
-        assert "another 1 on 100 keypoints" in once.notes[-1]
+        assert "another 1 on 100 keypoints" in words(once.notes)[-1]
         with pytest.raises(JobInvalid, match="weighted by a noise map"):
             with_meant_confidence(once, str(path))
         with pytest.raises(JobInvalid, match="no keypoints"):
             with_meant_confidence(replace(capture, keypoints=None), str(path))
-        other = with_meant_confidence(replace(capture, notes=("Detector: second 2; 9 moments.",)), str(path))
-        assert "These detections are of second 2." in other.notes[-1]
+        named = diagnostic("detector_used", detector="second 2", moments=9, rate=9.0, videos=1)
+        other = with_meant_confidence(replace(capture, notes=(named,)), str(path))
+        assert "These detections are of second 2." in words(other.notes)[-1]

@@ -18,6 +18,7 @@ from solver_backend.io.recognition.up_axis import UP_AXES
 from solver_backend.types import Cameras
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.support.scenes import ring_of_cameras
+from tests.support.words import words
 
 
 def assert_same(found: Calibration, cameras: Cameras, *, sizes: bool = True) -> None:
@@ -40,9 +41,9 @@ def test_toml(tmp_path: Path, cameras: Cameras, matrices: bool) -> None:
     (tmp_path / "Calib.toml").write_text(toml_text(cameras, matrices=matrices))
     found = read_calibration(tmp_path / "Calib.toml")
     assert_same(found, cameras)
-    assert found.notes[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
-    assert "read as m (the cameras are up to" in found.notes[1]
-    assert "Z up" in found.notes[2]
+    assert words(found.notes)[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
+    assert "read as m (the cameras are up to" in words(found.notes)[1]
+    assert "Z up" in words(found.notes)[2]
 
 
 def test_toml_of_caliscope_names_cameras_by_number(tmp_path: Path, cameras: Cameras) -> None:
@@ -59,7 +60,7 @@ def test_millimetres_are_told_by_the_size_of_the_rig(tmp_path: Path, cameras: Ca
     (tmp_path / "c.toml").write_text(toml_text(cameras, scale=1000.0))
     found = read_calibration(tmp_path / "c.toml")
     assert_same(found, cameras)
-    assert "read as mm (the cameras are up to" in found.notes[1]
+    assert "read as mm (the cameras are up to" in words(found.notes)[1]
 
 
 def test_a_stated_unit_is_used(tmp_path: Path, cameras: Cameras) -> None:
@@ -86,8 +87,8 @@ def test_qualisys(tmp_path: Path, cameras: Cameras, left: float) -> None:
     (tmp_path / "Calib.qca.txt").write_text(qca_text(cameras, left=left))
     found = read_calibration(tmp_path / "Calib.qca.txt")
     assert_same(found, cameras)
-    assert "1/64 pixel" in found.notes[1]
-    assert "Z up (as Qualisys has it)" in found.notes[2]
+    assert "1/64 pixel" in words(found.notes)[1]
+    assert "Z up (as Qualisys has it)" in words(found.notes)[2]
 
 
 def test_qualisys_marker_cameras_and_turned_views(tmp_path: Path, cameras: Cameras) -> None:
@@ -97,7 +98,7 @@ def test_qualisys_marker_cameras_and_turned_views(tmp_path: Path, cameras: Camer
     (tmp_path / "d.qca.txt").write_text(text.replace("Miqus Video", "Oqus 700"))
     found = read_calibration(tmp_path / "d.qca.txt")
     assert found.cameras.names == cameras.names
-    assert "view of cam_a is turned by 90°" in found.problems[0]
+    assert "view of cam_a is turned by 90°" in words(found.problems)[0]
 
 
 @pytest.mark.parametrize("pose", ["rt", "rvec", "extrinsics"])
@@ -256,7 +257,7 @@ def test_up_axes_turn_the_world(tmp_path: Path, cameras: Cameras, axis: str) -> 
     (tmp_path / "c.toml").write_text(toml_text(other))
     found = read_calibration(tmp_path / "c.toml", up_axis=axis)
     assert_same(found, cameras)
-    assert f"{axis.upper()} up (as stated)" in found.notes[2]
+    assert f"{axis.upper()} up (as stated)" in words(found.notes)[2]
 
 
 def test_unknown_up_axis(tmp_path: Path, cameras: Cameras) -> None:
@@ -307,5 +308,5 @@ def test_calibrations_of_other_people(shared_data: Path) -> None:
     assert apart.max() < 3
     ewand = read_calibration(shared_data / "multiview/ewand/calibration_framework/test")
     assert len(ewand.cameras) == 4
-    assert "read as mm" in ewand.notes[1]
+    assert "read as mm" in words(ewand.notes)[1]
     assert ewand.cameras.image_size.tolist() == [[1280, 1024]] * 4

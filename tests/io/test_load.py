@@ -16,6 +16,7 @@ from solver_backend.types import Capture, JointSet
 from tests.support.calibration_files import qca_text, toml_text, yaml_camera
 from tests.support.scenes import detected, ring_of_cameras, small_capture, small_markers, walker
 from tests.support.trial_files import mp4_bytes, renamed, write_detections, write_trial
+from tests.support.words import words
 
 CALIBRATED = ("cam_1", "cam_2", "cam_3", "cam_4")
 
@@ -36,10 +37,10 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert found.keypoints is not None
     assert (found.num_frames, found.fps, found.keypoints.joint_set) == (20, 30.0, JointSet.COCO_17)
     assert (found.keypoints.confidence > 0).all()
-    assert "30 frames a second, from Config.toml." in found.notes
+    assert "30 frames a second, from Config.toml." in words(found.notes)
     assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
-    assert "keypoints span 1.59 m upwards from z = 0.08 m" in found.notes[-1]
+    assert "keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 
 
 @pytest.mark.parametrize("place", ["trial", "participant", "session", "beside"])
@@ -84,7 +85,7 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     seven = ring_of_cameras(7)
     wrong = renamed(cameras, ("c1", "c2", "c9", "c10"))
     (trial / "calibration" / "all.toml").write_text(toml_text(wrong))
-    assert "agree on the person: is this the recording's calibration" in "\n".join(load_capture(trial).problems)
+    assert "agree on the person. Is this the recording's calibration" in "\n".join(words(load_capture(trial).problems))
     order = [2, 1, 3, 0]
     good = renamed(cameras.subset(order), ("camera 1", "camera 2", "camera 9", "camera 10"))
     (trial / "calibration" / "all.toml").write_text(
@@ -94,7 +95,7 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     assert found.cameras is not None
     assert found.cameras.names == ("camera 1", "camera 2", "camera 9", "camera 10")
     np.testing.assert_allclose(found.cameras.t, cameras.t[order], atol=1e-9)
-    assert "Calibrated but not recorded: spare." in found.notes
+    assert "Calibrated but not recorded: spare." in words(found.notes)
 
 
 def test_synchronised_detections_come_first(trial: Path) -> None:
@@ -105,7 +106,7 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("config", "above", "videos", "given", "fps", "words"),
+    ("config", "above", "videos", "given", "fps", "expected"),
     [
         ("", "", None, None, 60.0, "Neither Config.toml nor a video states the frame rate; 60 fps is assumed."),
         ("# [project]\n# frame_rate = 25\n", "[project]\nframe_rate = 120\n", None, None, 120.0, "from Config.toml"),
@@ -116,7 +117,7 @@ def test_synchronised_detections_come_first(trial: Path) -> None:
     ],
 )
 def test_frame_rate(
-    trial: Path, config: str, above: str, videos: float | None, given: float | None, fps: float, words: str
+    trial: Path, config: str, above: str, videos: float | None, given: float | None, fps: float, expected: str
 ) -> None:
     write_trial(trial, config=config)
     if above:
@@ -127,7 +128,7 @@ def test_frame_rate(
             (trial / "videos" / f"cam{c:02d}.mp4").write_bytes(mp4_bytes(videos, 20, (1920, 1080)))
     found = load_capture(trial, fps=given)
     assert found.fps == fps
-    assert words in "\n".join((*found.notes, *found.problems))
+    assert expected in "\n".join((*words(found.notes), *words(found.problems)))
 
 
 def test_a_capture_file(tmp_path: Path) -> None:
@@ -148,10 +149,10 @@ def test_the_pose_folder_of_a_trial_is_understood(trial: Path) -> None:
 
 def test_joint_set_from_config(trial: Path) -> None:
     write_trial(trial, joint_set=JointSet.BODY_25B, config="[pose]\npose_model = 'body_25b'\n")
-    assert "Joint set BODY_25B, from Config.toml." in load_capture(trial).notes
+    assert "Joint set BODY_25B, from Config.toml." in words(load_capture(trial).notes)
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
-    assert "Config.toml names HALPE_26, but the keypoints are BODY_25B's." in found.problems
+    assert "Config.toml names HALPE_26, but the keypoints are BODY_25B's." in words(found.problems)
     assert found.num_frames == 6 and any(
-        note.startswith("Frames 3 to 8 of 20, from Config.toml") for note in found.notes
+        note.startswith("Frames 3 to 8 of 20, from Config.toml") for note in words(found.notes)
     )

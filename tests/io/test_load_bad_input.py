@@ -29,6 +29,7 @@ from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
 from tests.support.trial_files import renamed, write_trial
+from tests.support.words import words
 
 CALIBRATED = ("cam_1", "cam_2", "cam_3", "cam_4")
 
@@ -125,7 +126,7 @@ def test_one_camera_is_read_with_its_own_world_and_the_given_stature(trial: Path
     capture = load_capture(trial, stature=1.8)
     assert capture.is_one_view and capture.cameras is not None and not capture.floor_from_person
     np.testing.assert_allclose(capture.cameras.t, written.t, atol=1e-9)
-    assert capture.stature_m == 1.8 and any(note.startswith("One camera:") for note in capture.notes)
+    assert capture.stature_m == 1.8 and any(note.startswith("One camera:") for note in words(capture.notes))
 
 
 def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> None:
@@ -136,7 +137,7 @@ def test_one_camera_whose_up_cannot_be_takes_it_from_the_person(trial: Path) -> 
     write_trial(trial, cameras=fallen, people=people, names=("cam01",), calibrated=("cam_1",))
     capture = load_capture(trial)
     assert capture.cameras is not None and capture.floor_from_person
-    assert any("off the calibration's up" in problem for problem in capture.problems)
+    assert any("off the calibration's up" in problem for problem in words(capture.problems))
     up, true = capture.cameras.R[0, :, 2], cameras.R[0, :, 2]
     assert np.degrees(np.arccos(up @ true)) < 20.0
     assert 0.9 < capture.cameras.centres[0, 2] < 2.4
@@ -199,7 +200,7 @@ def test_one_frame_is_a_problem_not_an_error(trial: Path) -> None:
     write_trial(trial, frames=1)
     found = load_capture(trial)
     assert found.num_frames == 1
-    assert "The take is a single frame: a pose, not a motion." in found.problems
+    assert "The take is a single frame: a pose, not a motion." in words(found.problems)
 
 
 def test_damaged_detections_and_settings(trial: Path) -> None:
@@ -239,15 +240,15 @@ def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     path = trial / "calibration" / "Calib.toml"
     named = renamed(cameras, CALIBRATED)
     path.write_text(toml_text(named, scale=100.0))
-    assert "Is the unit right?" in "\n".join(load_capture(trial, unit="m").problems)
-    assert load_capture(trial, unit="cm").problems == ()
+    assert "Is the unit right?" in "\n".join(words(load_capture(trial, unit="m").problems))
+    assert words(load_capture(trial, unit="cm").problems) == ()
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     lying = renamed(cameras, CALIBRATED)
     object.__setattr__(lying, "R", cameras.R @ turn)
     path.write_text(toml_text(lying))
-    assert "The person stands along Y" in "\n".join(load_capture(trial).problems)
-    assert load_capture(trial, up_axis="y").problems == ()
+    assert "The person stands along Y" in "\n".join(words(load_capture(trial).problems))
+    assert words(load_capture(trial, up_axis="y").problems) == ()
     raised = renamed(cameras, CALIBRATED)
     object.__setattr__(raised, "t", cameras.t - cameras.R @ [0.0, 0.0, 0.8])
     path.write_text(toml_text(raised))
-    assert "floor is not at z = 0" in "\n".join(load_capture(trial).problems)
+    assert "floor is not at z = 0" in "\n".join(words(load_capture(trial).problems))

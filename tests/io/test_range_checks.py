@@ -17,6 +17,7 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.scenes import detected, ring_of_cameras, walker
 from tests.support.trial_files import write_trial
+from tests.support.words import words
 
 
 def good_capture() -> Capture:
@@ -103,7 +104,7 @@ ODD = [
 @pytest.mark.parametrize(("capture", "sentence"), ODD, ids=[sentence[:30] for _, sentence in ODD])
 def test_what_is_odd_is_told(tmp_path: Path, capture: Capture, sentence: str) -> None:
     found = read_back(tmp_path, capture)
-    assert sentence in "\n".join(found.problems)
+    assert sentence in "\n".join(words(found.problems))
     again = load_capture(write_capture(tmp_path / "again.npz", found))
     assert again.problems == found.problems
 
@@ -115,7 +116,7 @@ def test_per_cent_become_shares_and_a_few_above_one_are_cut(tmp_path: Path) -> N
     found = read_back(tmp_path / "b", with_keypoints(confidence=np.full((4, 20, 17), 1.25)))
     assert found.keypoints is not None
     assert set(np.unique(found.keypoints.confidence)) == {1.0}
-    assert "Confidences reach 1.25; those above 1 are taken as 1." in found.notes
+    assert "Confidences reach 1.25; those above 1 are taken as 1." in words(found.notes)
 
 
 def test_per_cent_in_folders_of_detections(tmp_path: Path) -> None:
@@ -128,7 +129,7 @@ def test_per_cent_in_folders_of_detections(tmp_path: Path) -> None:
     found = load_capture(tmp_path / "trial")
     assert found.keypoints is not None
     assert 0.3 < found.keypoints.confidence.max() <= 1.0
-    assert sum("per cent" in problem for problem in found.problems) == 1
+    assert sum("per cent" in problem for problem in words(found.problems)) == 1
 
 
 def test_info_shows_problems_also_as_json(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

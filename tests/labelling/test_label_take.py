@@ -24,6 +24,7 @@ from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.unlabelled_takes import score, stripped
+from tests.support.words import words
 
 
 @pytest.fixture(scope="module")
@@ -98,7 +99,7 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
     assert needs_labels(half)
     told = told_by(half)
     labelled, take = labelled_capture(Capture("take", markers=half))
-    assert take is not None and labelled.markers is not None and "network named" in labelled.notes[-1]
+    assert take is not None and labelled.markers is not None and "network named" in words(labelled.notes)[-1]
     for (column, frame), name in told.items():
         assert take.labels[frame, column] == MARKERS.index(name)
 
@@ -109,7 +110,7 @@ def test_labels_that_say_nothing_are_persistent_tracks(demo):
     numbered = MarkerCloud(positions, demo.fps, tuple(f"Point {k}" for k in range(positions.shape[1])))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is not None and capture.markers is not None
-    assert "The labels of the markers name no places: a network named" in capture.notes[-1]
+    assert "The labels of the markers name no places: a network named" in words(capture.notes)[-1]
     known = name_markers(demo.labels or ()).known
     truth = [MARKERS.index(known[label]) if known.get(label) in MARKERS else GHOST for label in demo.labels or ()]
     there = np.isfinite(positions).all(-1)
@@ -125,7 +126,7 @@ def test_labels_of_part_of_a_body_are_not_made_up(demo):
     numbered = MarkerCloud(demo.positions[:, legs], demo.fps, tuple(f"M{k}" for k in range(len(legs))))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is None and capture.markers is numbered
-    assert "its names are not used" in capture.problems[-1]
+    assert "its names are not used" in words(capture.problems)[-1]
 
 
 def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):

@@ -14,6 +14,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, Capture
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import write_detections
+from tests.support.words import words
 
 
 @pytest.fixture(scope="module")
@@ -85,12 +86,14 @@ def test_other_names_and_exchanged_names_are_found_and_said(tmp_path, demo):
     (tmp_path / "other" / "calibration.toml").write_text(toml_text(cameras))
     other = load_capture(tmp_path / "other", fps=60.0)
     assert set(other.cameras.names) == set(cameras.names)
-    assert any("front is cam01, left is cam02" in problem for problem in other.problems), other.problems
+    assert any("front is cam01, left is cam02" in problem for problem in words(other.problems)), words(other.problems)
     swapped = keypoints.xy[[1, 0, 2, 3]], keypoints.confidence[[1, 0, 2, 3]]
     write_detections(tmp_path / "swapped" / "pose", cameras.names, [swapped])
     (tmp_path / "swapped" / "calibration.toml").write_text(toml_text(cameras))
     found = load_capture(tmp_path / "swapped", fps=60.0)
-    assert any("cam01 is the calibration's cam02" in problem for problem in found.problems), found.problems
+    assert any("cam01 is the calibration's cam02" in problem for problem in words(found.problems)), words(
+        found.problems
+    )
     np.testing.assert_allclose(found.cameras.t[0], cameras.t[1], atol=1e-6)
     kept = load_capture(tmp_path / "swapped", fps=60.0, as_calibrated=True)
     np.testing.assert_allclose(kept.cameras.t[0], cameras.t[0], atol=1e-6)

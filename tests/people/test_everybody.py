@@ -8,6 +8,7 @@ import pytest
 from solver_backend.people.person_selection import select_people
 from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker
+from tests.support.words import words
 
 
 def whom(found, who: np.ndarray) -> list[set[int]]:
@@ -56,4 +57,4 @@ def test_one_view_alone_and_a_moment_are_nobody() -> None:
     detections, who = scene.detections()
     found = select_people(cameras, detections, 30.0)
     assert whom(found, who) == [{0}]
-    assert any("Other people are left out" in note for note in found[0].notes)
+    assert any("Other people are left out" in note for note in words(found[0].notes))

@@ -7,6 +7,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.types import JointSet
+from tests.support.words import words
 
 JOINTS = JointSet.COCO_17
 FRAMES = 60
@@ -40,7 +41,7 @@ def test_the_largest_for_longest_comes_first_and_nobody_is_mixed_up() -> None:
     assert (found.confidence[0].any(axis=-1) == seen[:, 0]).all()
     np.testing.assert_allclose(found.xy[0][seen[:, 0]], people[seen[:, 0], 0], atol=1e-3)
     np.testing.assert_allclose(second.keypoints.xy[0], people[:, 1], atol=1e-3)
-    assert "60" in first.notes[0] and not second.notes
+    assert "60" in words(first.notes)[0] and not words(second.notes)
 
 
 def test_who_is_gone_for_long_is_somebody_new() -> None:

@@ -16,6 +16,7 @@ Frames = tuple[tuple[int, int], ...]
 
 EARLIER_NOTE, EARLIER_WARNING = "earlier_note", "earlier_warning"
 """Codes of sentences that files of earlier versions hold."""
+EARLIER = (EARLIER_NOTE, EARLIER_WARNING)
 
 
 class Remedy(StrEnum):
@@ -137,18 +138,23 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(item for item in found if item.severity is Severity.NOTE)
 
 
-def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
+def read_diagnostics(values: Any, sentences: str = EARLIER_WARNING) -> tuple[Diagnostic, ...]:
     """Return the diagnostics of a file or an event, of this or an earlier version; what is none is left out.
 
     Args:
-        values: a list of objects as ``Diagnostic.as_dict`` makes them, of faults of versions before them, or sentences.
+        values: a list of diagnostics, of objects as ``Diagnostic.as_dict`` makes them, of faults of versions before
+            them, or sentences.
+        sentences: code of a sentence, ``EARLIER_WARNING`` or ``EARLIER_NOTE``.
     """
-    return tuple(found for item in (values if isinstance(values, list | tuple) else ()) if (found := _read(item)))
+    items = values if isinstance(values, list | tuple) else ()
+    return tuple(found for item in items if (found := _read(item, sentences)))
 
 
-def _read(item: Any) -> Diagnostic | None:
+def _read(item: Any, sentences: str) -> Diagnostic | None:
+    if isinstance(item, Diagnostic):
+        return item
     if isinstance(item, str):
-        return diagnostic(EARLIER_WARNING, text=item)
+        return diagnostic(sentences, text=item)
     if not isinstance(item, Mapping):
         return None
     if isinstance(item.get("kind"), str):
@@ -202,6 +208,7 @@ def _read_fault(item: Mapping[str, Any]) -> Diagnostic:
         values["part"] = detail
     where = {"cameras": cameras, "markers": markers, "frames": [[item.get("first"), item.get("last")]]}
     severity = TABLE[kind].severity.value if kind in TABLE else ""
-    found = _read({"code": kind, "severity": severity, "where": where, "values": values, "remedy": item.get("remedy")})
+    fault = {"code": kind, "severity": severity, "where": where, "values": values, "remedy": item.get("remedy")}
+    found = _read(fault, EARLIER_WARNING)
     assert found is not None
     return found

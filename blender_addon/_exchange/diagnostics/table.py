@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from .captures import CAPTURES
 from .entry import DiagnosticEntry, note, warning
+from .markers import MARKERS
 from .recording import RECORDING
 from .result import RESULT
+from .videos import VIDEOS
+from .world import WORLD
 
 _EARLIER: dict[str, DiagnosticEntry] = {
     "earlier_note": note("{text}", "A file of an earlier version holds this sentence."),
@@ -12,6 +16,10 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
+    "Detections and people": CAPTURES,
+    "Calibrations and worlds": WORLD,
+    "Marker files and labels": MARKERS,
+    "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,
@@ -20,3 +28,6 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
+
+READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+"""Codes of what is found before a solve."""

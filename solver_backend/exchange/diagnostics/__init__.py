@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from .diagnostic import (
+    EARLIER,
+    EARLIER_NOTE,
     Diagnostic,
     Remedy,
     Where,
@@ -19,6 +21,7 @@ from .table import TABLE
 from .wording import frames_text, sentence, word
 
 __all__ = [
-    "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "Remedy", "Severity", "Where", "diagnostic", "frames_text",
-    "merge", "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise", "warnings_in", "word",
+    "EARLIER", "EARLIER_NOTE", "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "Remedy", "Severity", "Where",
+    "diagnostic", "frames_text", "merge", "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise",
+    "warnings_in", "word",
 ]  # fmt: skip

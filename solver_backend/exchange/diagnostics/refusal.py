@@ -6,9 +6,10 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from ..errors import JobInvalid, ResultRefused
-from .diagnostic import EARLIER_WARNING, Diagnostic
+from .diagnostic import Diagnostic
 from .entry import Severity
 from .result import RESULT
+from .table import READING
 from .wording import word
 
 REFUSALS = tuple(code for code, entry in RESULT.items() if entry.severity is Severity.ERROR)
@@ -47,8 +48,8 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
     if refused:
         words = [word(item) for item in refused]
         advices = dict.fromkeys(advice for _, advice in words)
-        doubts = [str(item.values.get("text", "")) for item in found if item.code == EARLIER_WARNING][:MOST_DOUBTS]
-        reasons = [f"What was found before may explain it: {' '.join(doubts)}"] if doubts else []
+        doubts = [word(item).what for item in found if item.code in READING and item.severity is Severity.WARNING]
+        reasons = [f"What was found before may explain it: {' '.join(doubts[:MOST_DOUBTS])}"] if doubts else []
         options = " ".join(f"--accept {code}" for code in dict.fromkeys(item.code for item in refused))
         raise ResultRefused(
             " ".join(what for what, _ in words), where=where,

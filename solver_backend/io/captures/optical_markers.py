@@ -6,6 +6,7 @@ from pathlib import Path
 
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, is_unnamed, name_markers
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.subjects import of_subject
@@ -80,11 +81,12 @@ def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
     ]
 
 
-def _few(names: MarkerNames) -> list[str]:
-    """Return a sentence if the known markers are too few for a solve."""
+def _few(names: MarkerNames) -> list[Diagnostic]:
+    """Return a diagnostic if the known markers are too few for a solve."""
     if len(names.known) >= LEAST_MARKERS:
         return []
-    return [f"Only {len(names.known)} markers are known, {listing(names.known)}; a solve needs {LEAST_MARKERS}."]
+    known = list(names.known)
+    return [diagnostic("few_markers_known", markers=known, count=len(known), least=LEAST_MARKERS)]
 
 
 def _first(labels: tuple[str, ...], most: int = 12) -> str:

@@ -12,11 +12,11 @@ import numpy as np
 
 from solver_backend.cameras.distortion import distort, largest_radius
 from solver_backend.exchange import plausible
-from solver_backend.exchange.diagnostics import Severity
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import CalibrationInvalid, CaptureInvalid, MocapError
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
-from solver_backend.io.recognition.world_check import FIGURES, check_world
+from solver_backend.io.recognition.world_check import check_world
 from solver_backend.types import Cameras, Capture
 
 _ROUNDING, _WIDEST = 1e-6, 1e3
@@ -60,18 +60,19 @@ def checked(capture: Capture) -> Capture:
     return _with_world(_with_problems(capture, odd))
 
 
-def _with_problems(capture: Capture, odd: Iterable[str]) -> Capture:
-    return replace(capture, problems=(*capture.problems, *(s for s in odd if s not in capture.problems)))
+def _with_problems(capture: Capture, odd: Iterable[str | Diagnostic]) -> Capture:
+    new = (item for item in read_diagnostics(tuple(odd)) if item not in capture.problems)
+    return replace(capture, problems=(*capture.problems, *new))
 
 
 def _with_world(capture: Capture) -> Capture:
     """Return the capture with what the person says of its world, where no reader has looked at it."""
-    if not _has_views(capture) or capture.is_one_view or any(note.startswith(FIGURES) for note in capture.notes):
+    is_known = any(item.code == "person_triangulated" for item in capture.notes)
+    if is_known or not _has_views(capture) or capture.is_one_view:
         return capture
     world = check_world(*capture.require_multiview())
     if np.isnan(world.residual_px):
-        unknown = "No keypoint can be located from the views: is this the recording's calibration?"
-        return _with_problems(capture, [unknown])
+        return _with_problems(capture, [diagnostic("nothing_located")])
     return _with_problems(replace(capture, notes=(*capture.notes, *world.notes())), world.problems())
 
 

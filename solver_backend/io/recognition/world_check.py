@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics.world import WORLD_CHECK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -24,24 +25,13 @@ LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24
 """Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
-FIGURES = "Triangulated,"
-"""How the note with the figures begins."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 """What the unit is taken for, by the factor that makes a person out of what was measured."""
 
 
-SHIFTED = "Against the other cameras some see everything shifted"
-"""How the sentence begins that says a calibration is a little off, which refining it may mend."""
-
-_SENTENCES = re.compile(
-    rf"{re.escape(FIGURES)}|The person would be |The person stands along .*: the calibration's world may have"
-    rf"|The lowest foot is at z = |The views disagree by |{re.escape(SHIFTED)}|No keypoint can be located"
-)
-
-
-def without_world(sentences: tuple[str, ...]) -> tuple[str, ...]:
-    """Return the sentences but for those of an earlier check of the world."""
-    return tuple(sentence for sentence in sentences if not _SENTENCES.match(sentence))
+def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return what was found but for an earlier check of the world."""
+    return tuple(item for item in found if item.code not in WORLD_CHECK)
 
 
 @dataclass(frozen=True)
@@ -65,31 +55,32 @@ class WorldCheck:
     off_px: dict[str, float]
     """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
 
-    def notes(self) -> tuple[str, ...]:
-        """Return one sentence with the figures."""
+    def notes(self) -> tuple[Diagnostic, ...]:
+        """Return the figures."""
         if not np.isfinite(self.stature_m):
             return ()
         return (
-            f"{FIGURES} the person is about {self.stature_m:.2f} m tall by the legs; keypoints span "
-            f"{self.height_m:.2f} m upwards from z = {self.lowest_m:.2f} m; median residual {self.residual_px:.1f} px.",
-        )
+            diagnostic(
+                "person_triangulated", stature=self.stature_m, span=self.height_m, lowest=self.lowest_m,
+                size=self.residual_px,
+            ),
+        )  # fmt: skip
 
-    def problems(self) -> tuple[str, ...]:
-        """Return a sentence for each figure that is implausible."""
-        found: list[str] = []
+    def problems(self) -> tuple[Diagnostic, ...]:
+        """Return each figure that is implausible."""
+        found: list[Diagnostic] = []
         low, high = PLAUSIBLE_STATURE_M
         if np.isfinite(self.stature_m) and not low < self.stature_m < high:
             units = [words for factor, words in _UNITS.items() if 1.3 < self.stature_m * factor < 2.1]
-            reason = (
-                f"the calibration may have been read as {units[0]}" if units else "the calibration's unit may be wrong"
-            )
-            found.append(f"The person would be {self.stature_m:.3g} m tall: {reason}.")
+            reason = f"may have been read as {units[0]}" if units else "may have a wrong unit"
+            found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
         else:
             found += self._placement()
         found += disagreement(self.residual_px)
-        wrong = [f"{name} by {off:.0f} px" for name, off in self.off_px.items() if off > LARGEST_BIAS_PX]
+        wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
         if wrong and self.residual_px <= LARGEST_RESIDUAL_PX:
-            found.append(f"{SHIFTED}: {', '.join(wrong)}. Their calibration is a little off.")
+            shifts = [f"{name} by {off:.0f} px" for name, off in wrong.items()]
+            found.append(diagnostic("cameras_shifted", cameras=list(wrong), shifts=shifts))
         return tuple(found)
 
     def up_axis(self) -> str:
@@ -100,23 +91,18 @@ class WorldCheck:
         clear = abs(value) > LEAST_UPRIGHT and low < self.stature_m < high
         return ("-" if value < 0 else "") + "xyz"[axis] if clear else "z"
 
-    def _placement(self) -> list[str]:
+    def _placement(self) -> list[Diagnostic]:
         name = self.up_axis().upper()
         if name != "Z":
-            return [f"The person stands along {name}: the calibration's world may have {name} up instead of Z."]
+            return [diagnostic("person_along_axis", axis=name)]
         if np.isfinite(self.lowest_m) and abs(self.lowest_m) > FLOOR_TOLERANCE_M and self.upright[2] > LEAST_UPRIGHT:
-            return [f"The lowest foot is at z = {self.lowest_m:.2f} m: the calibration's floor is not at z = 0."]
+            return [diagnostic("floor_off", lowest=self.lowest_m)]
         return []
 
 
-def disagreement(residual_px: float) -> tuple[str, ...]:
-    """Return a sentence where the median residual is that of views that do not belong together."""
-    if not residual_px > LARGEST_RESIDUAL_PX:
-        return ()
-    return (
-        f"The views disagree by {residual_px:.0f} px (median): is this the recording's calibration, "
-        "are the cameras synchronised?",
-    )
+def disagreement(residual_px: float) -> tuple[Diagnostic, ...]:
+    """Return what is found where the median residual is that of views that do not belong together."""
+    return (diagnostic("views_disagree", size=residual_px),) if residual_px > LARGEST_RESIDUAL_PX else ()
 
 
 def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:

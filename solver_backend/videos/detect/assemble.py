@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import resized
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
@@ -252,7 +253,7 @@ def _told(
     longest = max(item.times_s[-1] - item.times_s[0] for item in found)
     span = float(wanted[-1] - wanted[0])
     notes = [
-        f"Detector: {found[0].detector}; {len(wanted)} moments at {fps:g} a second that all {len(found)} videos show.",
+        diagnostic("detector_used", detector=found[0].detector, moments=len(wanted), rate=fps, videos=len(found)),
         *(f"Clock of {line}" for line in clocks.lines() if clocks.method != "as filmed"),
     ]
     problems = list(clocks.findings)

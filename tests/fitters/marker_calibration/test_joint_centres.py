@@ -16,6 +16,7 @@ from solver_backend.report.diagnose import diagnose, recorded_diagnostics
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.support.skeleton_labels import POSE2SIM, SUIT
+from tests.support.words import words
 from tests.support.worn_markers import worn_markers
 
 LIMBS = [
@@ -59,7 +60,7 @@ def test_files_of_points_are_read_alike(tmp_path):
     (tmp_path / "array.txt").write_text("\n".join(POSE2SIM))
     for capture in (load_capture(tmp_path / "points.trc"), load_capture(tmp_path / "array.npy", fps=30.0)):
         assert capture.markers.labels == POSE2SIM
-        assert any("joint centres" in note for note in capture.notes)
+        assert any("joint centres" in note for note in words(capture.notes))
         assert capture.markers.positions == pytest.approx(cloud.positions, abs=1e-4)
 
 

@@ -12,6 +12,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet
 from tests.support.trial_files import mp4_bytes, write_trial
+from tests.support.words import words
 
 DEMO = demo_capture()
 CAMERAS, KEYPOINTS = DEMO.require_multiview()
@@ -45,8 +46,8 @@ def test_half_size_and_started_apart(tmp_path: Path) -> None:
     write_apart(tmp_path, [0, 45, 90, 20], [1, 1, 1, 1], factor=0.5)
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 90) < 0.03
-    assert any("0.5 times as large" in problem and "--as-calibrated" in problem for problem in capture.problems)
-    assert any("did not start together" in problem for problem in capture.problems)
+    assert any("0.5 times as large" in problem and "--as-calibrated" in problem for problem in words(capture.problems))
+    assert any("did not start together" in problem for problem in words(capture.problems))
 
 
 def test_half_size_and_other_lengths(tmp_path: Path) -> None:
@@ -55,7 +56,7 @@ def test_half_size_and_other_lengths(tmp_path: Path) -> None:
         path.unlink()
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
-    assert any("0.5 times as large" in problem for problem in capture.problems)
+    assert any("0.5 times as large" in problem for problem in words(capture.problems))
 
 
 @pytest.mark.parametrize("filmed", [False, True])
@@ -69,7 +70,7 @@ def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     assert capture.fps == 60.0
     assert capture.num_frames == pytest.approx(KEYPOINTS.num_frames, abs=3)
     assert median_error_m(capture, 0) < 0.03
-    (said,) = [problem for problem in capture.problems if "frame rates than" in problem]
+    (said,) = [problem for problem in words(capture.problems) if "frame rates than" in problem]
     assert f"{NAMES[3]} 30" in said
     assert [path is not None for path in capture.footage] == [True, True, True, False] * filmed
 
@@ -77,7 +78,7 @@ def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
 def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
     write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
     capture = load_capture(tmp_path, as_calibrated=True)
-    assert not any("corrected" in problem for problem in capture.problems)
+    assert not any("corrected" in problem for problem in words(capture.problems))
     np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)
 
 
@@ -87,10 +88,10 @@ def test_v_counted_from_below(tmp_path: Path) -> None:
     write_trial(tmp_path, cameras=CAMERAS, people=[(xy, KEYPOINTS.confidence)], names=NAMES, calibrated=NAMES)
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
-    said = [problem for problem in capture.problems if "v counts from the bottom" in problem]
+    said = [problem for problem in words(capture.problems) if "v counts from the bottom" in problem]
     assert len(said) == 1 and "--as-calibrated" in said[0]
     kept = load_capture(tmp_path, as_calibrated=True)
-    assert not any("v counts" in problem for problem in kept.problems)
+    assert not any("v counts" in problem for problem in words(kept.problems))
 
 
 def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
@@ -102,4 +103,4 @@ def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
     write_trial(tmp_path, cameras=CAMERAS, people=people, names=NAMES, calibrated=NAMES)
     capture = load_capture(tmp_path, joint_set=JointSet.MPII_15)
     assert capture.num_frames == 40
-    assert not any("frame rates" in problem for problem in capture.problems)
+    assert not any("frame rates" in problem for problem in words(capture.problems))

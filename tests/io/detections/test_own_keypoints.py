@@ -16,6 +16,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, JointSet
 from tests.support.calibration_files import toml_text
+from tests.support.words import words
 
 FRAMES = 30
 OWN = {
@@ -75,7 +76,7 @@ def test_own_names_solve_as_landmarks(tmp_path, demo):
     (root / "keypoints.json").write_text(json.dumps({"landmarks": {**OWN, "tail": None}}))
     capture = load_capture(root, fps=60.0)
     assert knee_error_px(capture, demo) < 0.1, "two points that mean one knee are its middle"
-    assert any("keypoints.json" in note for note in capture.notes)
+    assert any("keypoints.json" in note for note in words(capture.notes))
     names = capture.require_multiview()[1].joint_set.keypoints
     assert {"right_big_toe", "left_wrist"} <= set(names)
 

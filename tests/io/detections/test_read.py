@@ -21,6 +21,7 @@ from solver_backend.io.recognition.joint_sets import bone_score, choose_joint_se
 from solver_backend.types import JointSet
 from tests.support.scenes import detected, ring_of_cameras, walker
 from tests.support.trial_files import frame_text, read_folders
+from tests.support.words import words
 
 
 def write(folder: Path, frames: dict[int, list[np.ndarray]], pattern: str = "cam_{:012d}_keypoints.json") -> Path:
@@ -52,7 +53,7 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert np.isnan(found.xy[0, 2, 0, 4]).all()
     assert found.confidence[0, 2, 0, 4] == 0
     assert np.isnan(found.xy[0, 1]).all()
-    assert found.problems == ("1 frame files are missing; nobody is seen there.",)
+    assert words(found.problems) == ("1 frame files are missing; nobody is seen there.",)
     assert calls[0] == ("Reading the detections", 0, 5)
     assert calls[-1] == ("Reading the detections", 5, 5)
 
@@ -166,7 +167,7 @@ def test_infinite_and_nan_values(tmp_path: Path) -> None:
     path.write_text(json.dumps({"people": [{"pose_keypoints_2d": [*values[:6], float("nan"), *values[7:]]}]}))
     found = read_folders({"a": folder})
     assert found.confidence[0, 0, 0, 2] == 0
-    assert found.problems == ("1 keypoints are NaN with a confidence; they are taken as not seen.",)
+    assert words(found.problems) == ("1 keypoints are NaN with a confidence; they are taken as not seen.",)
 
 
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
@@ -174,7 +175,7 @@ def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
     big[3, 2] = 2.5
     found = read_folders({"a": write(tmp_path / "a", {0: [big]})})
     assert found.confidence.max() == 1
-    assert "Confidences reach 2.5; those above 1 are taken as 1." in found.notes
+    assert "Confidences reach 2.5; those above 1 are taken as 1." in words(found.notes)
 
 
 def test_a_crowd_is_cut_to_the_strongest(tmp_path: Path) -> None:

@@ -14,6 +14,7 @@ from solver_backend.types import JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker
 from tests.support.trial_files import mp4_bytes, renamed, write_detections, write_trial
+from tests.support.words import words
 
 
 @pytest.fixture
@@ -29,7 +30,7 @@ def test_videos_of_another_size(trial: Path) -> None:
     (trial / "videos" / "cam03.mp4").write_bytes(mp4_bytes(30, 21, (1920, 1072)))
     found = load_capture(trial)
     assert found.footage == (None, trial / "videos" / "cam02.mp4", trial / "videos" / "cam03.mp4", None)
-    text = "\n".join(found.problems)
+    text = "\n".join(words(found.problems))
     assert "cam_2 is 960 x 540 pixels, its calibration is for 1920 x 1080" in text
     assert "cam_3 is 1920 x 1072 pixels" in text
     assert "The videos have 21 frames, the detections 20." in text
@@ -47,10 +48,10 @@ def test_a_calibration_made_at_another_resolution_is_scaled(tmp_path: Path) -> N
         (root / f"{name}.mp4").write_bytes(mp4_bytes(30, 12, (960, 540)))
     found = load_capture(root)
     assert found.problems == ()
-    assert "scaled from 1920 x 1080 to 960 x 540" in "\n".join(found.notes)
+    assert "scaled from 1920 x 1080 to 960 x 540" in "\n".join(words(found.notes))
     assert found.cameras is not None
     assert found.cameras.image_size.tolist() == [[960, 540]] * 3
-    assert "median residual 0." in "\n".join(found.notes)
+    assert "median residual 0." in "\n".join(words(found.notes))
 
 
 @pytest.mark.parametrize(

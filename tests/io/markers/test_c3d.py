@@ -10,6 +10,7 @@ import pytest
 from solver_backend.io.markers.c3d import read_c3d
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
+from tests.support.words import words
 
 
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
@@ -31,7 +32,7 @@ def test_every_processor_and_number_gives_the_same_markers(tmp_path: Path, proce
     report = found.report
     assert (report.unit, report.up_axis, report.frames, report.first_frame) == ("mm", "z", 12, 1)
     assert (report.gaps, report.missing, report.analog_channels) == ((0, 1, 1, 0), (0, 1, 1, 0), channels)
-    assert any("2 analog channels (forces, muscles) are not read: Fx1, Fy1." in note for note in report.notes)
+    assert any("2 analog channels (forces, muscles) are not read: Fx1, Fy1." in note for note in words(report.notes))
     assert report.problems == ()
 
 
@@ -53,7 +54,8 @@ def test_exact_zeros_are_missing_whatever_their_residual(tmp_path: Path, floatin
     assert np.isnan(found.cloud.positions[2:5, 3]).all()
     assert np.isnan(found.cloud.positions).sum() == 9
     assert any(
-        "exactly at the origin in some frames, LTOE: read as not seen (3 positions)" in n for n in found.report.notes
+        "exactly at the origin in some frames, LTOE: read as not seen (3 positions)" in n
+        for n in words(found.report.notes)
     )
 
 
@@ -68,7 +70,7 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     points = standing()
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    assert "Every residual marks the point as not seen." in found.report.problems
+    assert "Every residual marks the point as not seen." in words(found.report.problems)
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("METERS", 1.0), ("mete", 1.0)])
@@ -83,7 +85,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
     found = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert found.report.unit == "mm"
-    assert found.report.problems[0].startswith("The file states m, in which the markers would spread over 1")
+    assert words(found.report.problems)[0].startswith("The file states m, in which the markers would spread over 1")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)
 
@@ -108,16 +110,18 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     rotated = standing()[..., [0, 2, 1]] * [1, 1, -1]
     found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-7)
-    assert "states that Z points up, but the body stands along Y, which is used" in found.report.problems[0]
+    assert "states that Z points up, but the body stands along Y, which is used" in words(found.report.problems)[0]
     handstand = standing() * [1, 1, -1] + [0, 0, 1900]
     found = take(tmp_path / "take.c3d", C3dBytes(handstand, LABELS, screen=None))
     np.testing.assert_allclose(found.cloud.positions, handstand / 1000, atol=1e-7)
-    assert found.report.problems[0].startswith("Files of this kind mostly state that Z points up, but the body stands")
+    assert words(found.report.problems)[0].startswith(
+        "Files of this kind mostly state that Z points up, but the body stands"
+    )
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"
-    assert "Z is used. Give the axis if that is wrong." in found.report.problems[0]
-    assert take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").report.problems == ()
+    assert "Z is used. Give the axis if that is wrong." in words(found.report.problems)[0]
+    assert words(take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").report.problems) == ()
 
 
 def test_somebody_who_lies_keeps_the_stated_floor(tmp_path: Path) -> None:
@@ -158,7 +162,7 @@ def test_frame_counts_that_lie_do_not_make_frames(tmp_path: Path) -> None:
     file.more = {"POINT": {"LONG_FRAMES": file.reals(3e9), "FRAMES": file.reals(np.nan)}}
     found = take(tmp_path / "take.c3d", file)
     assert found.report.frames == 12
-    assert "frames but holds 12: it is truncated." in found.report.problems[0]
+    assert "frames but holds 12: it is truncated." in words(found.report.problems)[0]
 
 
 def test_a_header_that_states_channels_instead_of_samples(tmp_path: Path) -> None:
@@ -200,4 +204,4 @@ def test_computed_points_are_left_out(tmp_path: Path) -> None:
     file.more = {"POINT": {"POWERS": file.text(["Lever"])}}
     found = take(tmp_path / "take.c3d", file)
     assert found.cloud.labels == LABELS
-    assert any(note.startswith("2 points that are no positions") for note in found.report.notes)
+    assert any(note.startswith("2 points that are no positions") for note in words(found.report.notes))

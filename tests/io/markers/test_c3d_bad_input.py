@@ -12,6 +12,7 @@ from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.subjects import of_subject
 from tests.support.c3d_bytes import C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
+from tests.support.words import words
 
 
 def test_subjects_by_prefix(tmp_path: Path) -> None:
@@ -43,14 +44,16 @@ def test_unlabelled_points_only(tmp_path: Path) -> None:
     labels = ("*0", "*1", "", "Unlabeled 1189")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels is None
-    assert found.report.problems == (), "the solve names them"
-    assert "None of the 4 points is named: the solve names them." in found.report.notes
+    assert words(found.report.problems) == (), "the solve names them"
+    assert "None of the 4 points is named: the solve names them." in words(found.report.notes)
 
 
 def test_a_marker_that_never_moves(tmp_path: Path) -> None:
     points = standing(40)
     points[:, 2] = points[0, 2]
-    assert take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems == ("Markers that never move: LANK.",)
+    assert words(take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems) == (
+        "Markers that never move: LANK.",
+    )
 
 
 def test_forces_only(tmp_path: Path) -> None:
@@ -103,4 +106,4 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     path.write_bytes(whole[:-65])
     found = read_c3d(path)
     assert found.report.frames == 10
-    assert found.report.problems == ("The file states 12 frames but holds 10: it is truncated.",)
+    assert words(found.report.problems) == ("The file states 12 frames but holds 10: it is truncated.",)

@@ -11,6 +11,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
+from tests.support.words import words
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
 FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
@@ -107,7 +108,7 @@ def test_rigid_bodies_become_props_and_bones_are_left_out(tmp_path: Path, rotati
     found = read_motive_csv(write(tmp_path / "t.csv", csv_text([*body, *measured()], rows(cells), rotation=rotation)))
     assert found.cloud.labels == MARKERS
     np.testing.assert_allclose(found.cloud.positions[0, 0], [0.1, 0.2, 1.6], atol=1e-9)
-    notes = " ".join(found.report.notes)
+    notes = " ".join(words(found.report.notes))
     assert "1 bones are left out: they are computed from the markers." in notes
     if axes == "XYZW":
         assert found.others is not None and found.others.labels == tuple(f"Wand:{point}" for point in POSE_POINTS)
@@ -123,7 +124,7 @@ def test_expected_markers_where_there_are_no_others(tmp_path: Path) -> None:
     group = columns("Rigid Body Marker", "Wand:Marker1", "Position", "XYZ")
     found = read_motive_csv(write(tmp_path / "t.csv", csv_text(group, ["0,0,0.1,0.5,0.3", "1,0.01,0.1,0.6,0.3"])))
     assert found.cloud.labels == ("Wand:Marker1",)
-    assert any("not as measured" in note for note in found.report.notes)
+    assert any("not as measured" in note for note in words(found.report.notes))
 
 
 def test_blank_cells_and_a_time_code(tmp_path: Path) -> None:
@@ -185,7 +186,7 @@ def test_a_type_that_is_not_known_is_where_its_asset_expects_the_markers(tmp_pat
     whole = csv_text(measured(), rows(numbers(FIRST))).replace(",Marker", ",Skeleton Marker")
     found = read_motive_csv(write(tmp_path / "t.csv", whole))
     assert found.cloud.labels == MARKERS
-    assert any("where their assets expect them" in note for note in found.report.notes)
+    assert any("where their assets expect them" in note for note in words(found.report.notes))
 
 
 @pytest.mark.parametrize("quotes", ["", '"'])

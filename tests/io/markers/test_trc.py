@@ -13,6 +13,7 @@ from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.markers.text_table import decimal_comma
 from solver_backend.io.markers.trc import read_trc
+from tests.support.words import words
 
 KEYS = "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames"
 LABELS = "Frame#\tTime\tC7\t\t\tL.Toe\t\t"
@@ -101,7 +102,7 @@ def test_unlabelled_rows_of_unequal_length(tmp_path: Path) -> None:
     found = read_trc(write(tmp_path / "t.trc", lines, labels="Frame#\tTime\t", values="100\t100\t3\t0\tm\t100\t1\t3"))
     assert found.cloud.labels is None
     assert found.report.missing == (1, 2)
-    assert any("None of the 2 points is named" in note for note in found.report.notes)
+    assert any("None of the 2 points is named" in note for note in words(found.report.notes))
 
 
 def test_labels_between_other_numbers_of_tabs(tmp_path: Path) -> None:
@@ -130,11 +131,11 @@ def test_rates(tmp_path: Path) -> None:
     assert zero.cloud.fps == pytest.approx(100.0)
     other = read_trc(write(tmp_path / "t.trc", rows(), values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert other.cloud.fps == pytest.approx(100.0)  # thinned out: the header stayed
-    assert other.report.problems == ("The header states 250 Hz, the times 100; 100 is used.",)
+    assert words(other.report.problems) == ("The header states 250 Hz, the times 100; 100 is used.",)
     milliseconds = [f"{i}\t{10 * i}\t" + row.split("\t", 2)[2] for i, row in enumerate(rows())]
     slow = read_trc(write(tmp_path / "t.trc", milliseconds, values="250\t250\t4\t2\tmm\t250\t1\t4"))
     assert slow.cloud.fps == 250.0
-    assert slow.report.problems == ("The header states 250 Hz, the times 0.1; 250 is used.",)
+    assert words(slow.report.problems) == ("The header states 250 Hz, the times 0.1; 250 is used.",)
     with pytest.raises(FileDamaged, match="states a frame rate of 0"):
         read_trc(write(tmp_path / "t.trc", rows(1), values="0\t0\t1\t2\tmm\t0\t1\t1"))
 
@@ -143,7 +144,7 @@ def test_frame_numbers_that_jump(tmp_path: Path) -> None:
     lines = rows(9)
     del lines[1]
     found = read_trc(write(tmp_path / "t.trc", lines))
-    assert found.report.problems == ("Frame 1 is followed by 3; frames are read as following each other.",)
+    assert words(found.report.problems) == ("Frame 1 is followed by 3; frames are read as following each other.",)
 
 
 def test_damage(tmp_path: Path) -> None:

@@ -9,13 +9,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
-from solver_backend.io.recognition.world_check import FIGURES
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import Cameras, Capture
+from tests.support.words import words
 
 
 @pytest.fixture(scope="module")
@@ -40,16 +41,18 @@ def moved(cameras: Cameras, z: float) -> Cameras:
 )
 def test_a_world_that_cannot_be_is_named(demo: Capture, tmp_path: Path, change: object, told: str) -> None:
     cameras = change(demo.cameras)  # type: ignore[operator]
-    stored = replace(demo, cameras=cameras, notes=(f"{FIGURES} the person is about 1.77 m tall by the legs.",))
+    known = diagnostic("person_triangulated", stature=1.77, span=1.7, lowest=0.0, size=2.0)
+    stored = replace(demo, cameras=cameras, notes=(known,))
     capture = load_capture(write_capture(tmp_path / "a.npz", stored))
-    [problem] = [problem for problem in capture.problems if re.search(told, problem)]
-    assert problem and len([note for note in capture.notes if note.startswith(FIGURES)]) == ("unit" not in told)
+    [problem] = [problem for problem in capture.problems if re.search(told, sentence(problem))]
+    figures = [note for note in capture.notes if note.code == "person_triangulated"]
+    assert problem and len(figures) == ("unit" not in told)
     again = load_capture(write_capture(tmp_path / "b.npz", capture))
     assert again.problems == capture.problems and again.notes == capture.notes
 
 
 def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
-    assert load_capture(write_capture(tmp_path / "a.npz", demo)).problems == ()
+    assert words(load_capture(write_capture(tmp_path / "a.npz", demo)).problems) == ()
 
 
 @pytest.mark.parametrize(
@@ -62,5 +65,5 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
 def test_markers_of_another_size_or_world_are_named(tmp_path: Path, turn: np.ndarray, scale: float, told: str) -> None:
     cloud = record_markers(60).cloud
     changed = Capture("m", markers=replace(cloud, positions=scale * cloud.positions @ turn.T))
-    problems = load_capture(write_capture(tmp_path / "m.npz", changed)).problems
-    assert (not told and not problems) or any(told in problem for problem in problems)
+    problems = words(load_capture(write_capture(tmp_path / "m.npz", changed)).problems)
+    assert (not told and not problems) or any(told in problem for problem in words(problems))

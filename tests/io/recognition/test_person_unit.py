@@ -13,6 +13,7 @@ from solver_backend.io.recognition.person_unit import PersonUnit, stature_betwee
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.trial_files import write_trial
+from tests.support.words import words
 
 DEMO = demo_capture(num_frames=90)
 CAMERAS, KEYPOINTS = DEMO.require_multiview()
@@ -32,7 +33,7 @@ def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
     found = unit_of(UNITS[unit], guessed)
     np.testing.assert_allclose(found.cameras.t, CAMERAS.t, rtol=1e-9)
     assert found.to_plausible == 1.0
-    assert [f"read as {unit}" in problem for problem in found.problems] == [True] * (unit != guessed)
+    assert [f"read as {unit}" in problem for problem in words(found.problems)] == [True] * (unit != guessed)
 
 
 def test_lengths_of_no_known_unit_stay_and_people_are_found_by_a_factor() -> None:
@@ -69,10 +70,10 @@ def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: st
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
     capture = load_capture(tmp_path)
     np.testing.assert_allclose(capture.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
-    assert any(f"read as {unit}" in problem for problem in capture.problems)
-    assert not any("read as mm (" in note for note in capture.notes)
+    assert any(f"read as {unit}" in problem for problem in words(capture.problems))
+    assert not any("read as mm (" in note for note in words(capture.notes))
     kept = load_capture(tmp_path, unit=unit)
-    assert not any("read as" in problem for problem in kept.problems)
+    assert not any("read as" in problem for problem in words(kept.problems))
     np.testing.assert_allclose(kept.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
 
 
@@ -80,6 +81,6 @@ def test_a_trial_in_squares_of_a_board_is_found_and_scaled_by_a_stature(tmp_path
     scaled = replace(CAMERAS, t=CAMERAS.t * 14.7)
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
     odd = load_capture(tmp_path)
-    assert any("m tall" in problem for problem in odd.problems)
+    assert any("m tall" in problem for problem in words(odd.problems))
     known = load_capture(tmp_path, stature=1.75)
     np.testing.assert_allclose(known.require_multiview()[0].t, CAMERAS.t, rtol=0.05, atol=0.05)

@@ -16,6 +16,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import frame_text
+from tests.support.words import words
 
 LENGTH = 200
 STARTS = (0, 45, 90, 20)
@@ -62,13 +63,13 @@ def test_cameras_started_by_hand_are_brought_together_and_it_is_said(tmp_path, d
     capture = read(write_apart(tmp_path / "take", demo, STARTS))
     assert capture.num_frames == LENGTH - 90
     assert error_m(capture, demo, 90) < 0.02
-    [problem] = [p for p in capture.problems if "did not start together" in p]
+    [problem] = [p for p in words(capture.problems) if "did not start together" in p]
     assert "cam02 45 frames later" in problem and "--sync off" in problem
 
 
 def test_off_keeps_them_as_recorded(tmp_path, demo):
     capture = read(write_apart(tmp_path / "take", demo, STARTS), sync="off")
-    assert capture.num_frames == LENGTH and not any("start together" in p for p in capture.problems)
+    assert capture.num_frames == LENGTH and not any("start together" in p for p in words(capture.problems))
 
 
 def test_given_offsets_bind(tmp_path, demo):
@@ -110,7 +111,7 @@ def test_required_synchronisation_is_refused_where_nothing_moves(tmp_path, demo)
     root = write_apart(tmp_path / "take", replace(demo, keypoints=held), STARTS)
     with pytest.raises(NotSynchronised, match="too little moves"):
         read(root, sync="on")
-    assert any("too little moves" in note for note in read(root).notes)
+    assert any("too little moves" in note for note in words(read(root).notes))
 
 
 def test_a_synchronous_take_is_not_touched(tmp_path, demo):
@@ -141,5 +142,5 @@ def test_frames_of_a_take(tmp_path, demo):
     (root / "Config.toml").write_text("[project]\nframe_range = [10, 60]\n")
     configured = read(root)
     assert configured.num_frames == 50 and error_m(configured, demo, 10) < 0.02
-    assert any("from Config.toml" in note for note in configured.notes)
+    assert any("from Config.toml" in note for note in words(configured.notes))
     assert read(root, frames=(0, 199)).num_frames == 200

@@ -23,6 +23,7 @@ from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.sync.clocks import Clocks
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
+from tests.support.words import words
 
 pytest.importorskip("av")
 pytest.importorskip("onnxruntime")
@@ -116,7 +117,7 @@ def test_the_verb_writes_a_capture_and_previews(
     assert capture.keypoints.xy.shape == (2, FRAMES, 17, 2) and capture.keypoints.fps == 30.0
     assert [path.name for path in capture.footage if path] == ["cam1.mp4", "cam2.mp4"]
     assert (tmp_path / "out" / "cam2_detections.mp4").is_file()
-    assert "not calibrated" in " ".join(capture.problems)
+    assert "not calibrated" in " ".join(words(capture.problems))
 
 
 def detections(**changes) -> VideoDetections:

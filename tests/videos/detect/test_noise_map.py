@@ -11,6 +11,7 @@ from research.simulation.filming import around
 from solver_backend.cameras.noise_map import NoiseMap, read_noise_map
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections, TooFewViews
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet, Keypoints2D
@@ -28,9 +29,10 @@ def capture(views: int = 5, frames: int = 250, scatter: float = 1.0) -> Capture:
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     sigma_px = true_mm(confidence) / (1000.0 * depth / cameras.K[:, 0, 0, None, None])
     xy = px + scatter * sigma_px[..., None] * rng.normal(size=px.shape)
-    return Capture(
-        "known", cameras, Keypoints2D(xy, confidence, JointSet.COCO_17, 60.0), notes=("Detector: toy 1; 250 moments",)
-    )
+    return Capture("known", cameras, Keypoints2D(xy, confidence, JointSet.COCO_17, 60.0), notes=(NAMED,))
+
+
+NAMED = diagnostic("detector_used", detector="toy 1", moments=250, rate=60.0, videos=3)
 
 
 def true_mm(confidence: np.ndarray) -> np.ndarray:
@@ -67,7 +69,7 @@ def test_the_verb_writes_what_is_read_and_names_the_detector(
     found = read_noise_map(out)
     assert found.detector == "toy 1" == json.loads(capsys.readouterr().out.splitlines()[-1])["detector"]
     keypoints, note = found.applied(capture(frames=4).keypoints, "other 2")
-    assert "of other 2" in note and keypoints.confidence.max() > 1.0 > keypoints.confidence.min()
+    assert note.values["detector"] == "other 2" and keypoints.confidence.max() > 1.0 > keypoints.confidence.min()
 
 
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "manifold_mocap_detector_noise"}', "\x00"])
