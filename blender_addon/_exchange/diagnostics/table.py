@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .entry import DiagnosticEntry, note, warning
 from .markers import MARKERS
+from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
 from .videos import VIDEOS
@@ -17,7 +19,9 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Detections and people": CAPTURES,
-    "Calibrations and worlds": WORLD,
+    "Numbers of a capture": RANGES,
+    "Calibrations": CALIBRATION,
+    "Worlds": WORLD,
     "Marker files and labels": MARKERS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
@@ -29,5 +33,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(code for part in (CAPTURES, RANGES, CALIBRATION, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
 """Codes of what is found before a solve."""
