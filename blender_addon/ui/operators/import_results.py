@@ -284,8 +284,6 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
     return f"laid by time into the scene's {rate}"
 
 
-def _add_message(
-    capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool, cameras: Sequence[str] = ()
-) -> None:
+def _add_message(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool, cameras: Sequence[str] = ()) -> None:
     message = capture.messages.add()
     message.text, message.cameras, message.is_problem = plain(text), "\n".join(cameras), is_problem
