@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from .captures import CAPTURES
+from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
 from .markers import MARKERS
 from .recording import RECORDING
@@ -16,7 +17,8 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
-    "Detections and people": CAPTURES,
+    "Detections": DETECTIONS,
+    "Recordings of views": CAPTURES,
     "Calibrations and worlds": WORLD,
     "Marker files and labels": MARKERS,
     "Videos and sensors": VIDEOS,
@@ -29,5 +31,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(code for part in (DETECTIONS, CAPTURES, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
 """Codes of what is found before a solve."""
