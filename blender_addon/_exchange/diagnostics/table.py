@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .captures import CAPTURES
 from .entry import DiagnosticEntry, note, warning
+from .labels import LABELS
 from .markers import MARKERS
 from .recording import RECORDING
 from .result import RESULT
@@ -18,7 +19,8 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Detections and people": CAPTURES,
     "Calibrations and worlds": WORLD,
-    "Marker files and labels": MARKERS,
+    "Marker files": MARKERS,
+    "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
@@ -29,5 +31,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, LABELS, VIDEOS, _EARLIER) for code in part)
 """Codes of what is found before a solve."""
