@@ -50,8 +50,8 @@ class CameraCorrection:
         """How many things it changes."""
         return (self.factor != 1.0) + (self.turn != 0) + (self.pose != POSES[0]) + self.graphics + bool(self.shape)
 
-    def sentence(self) -> str:
-        """Return what was meant by the calibration, for a person."""
+    def meaning(self) -> str:
+        """Return what was meant by the calibration, a phrase for people; empty if it is read as written."""
         parts = [f"the recorded pictures are {SHAPES[self.shape]}"] if self.shape else []
         if self.factor != 1.0:
             parts.append(f"the recorded pictures are {self.factor:.3g} times as large as those calibrated")

@@ -13,7 +13,7 @@ from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.reading import load, reading, trials_of
 from solver_backend.cli.setting_options import given_settings
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import (
     BackendMissing,
     CaptureNotRecognised,
@@ -129,16 +129,13 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("Refining the cameras", 0, 1)
     found = refine_calibration(capture)
     progress("Refining the cameras", 1, 1)
-    note = (
-        f"Cameras were refined by the people they film: {np.nanmedian(found.before_px):.1f} px before, "
-        f"{np.nanmedian(found.after_px):.1f} px after (median of views, on other frames than those fitted to)."
-    )
+    before, after = float(np.nanmedian(found.before_px)), float(np.nanmedian(found.after_px))
     if not found.is_better:
         raise RefinementUseless(
-            f"The cameras fit the people no better when refined: {np.nanmedian(found.before_px):.1f} px before, "
-            f"{np.nanmedian(found.after_px):.1f} px after.",
+            f"The cameras fit the people no better when refined: {before:.1f} px before, {after:.1f} px after.",
             where=capture.name, hint="The calibration is as good as the detections can show; keep it.",
         )  # fmt: skip
+    note = diagnostic("cameras_refined", before=before, after=after)
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
     written = _write(args.out, refined, overwrite)

@@ -204,8 +204,8 @@ class ViewsSession:
         keypoints = Keypoints2D(xy, confidence, self.joint_set, 1.0 / 0.1)
         fitted = fit_world(self.cameras, keypoints, self.world, self.up_axis)
         self.cameras = self.fit.cameras = fitted.cameras
-        for message in (*fitted.notes, *fitted.problems):
-            yield event("world", message if isinstance(message, str) else sentence(message), moment.time)
+        for found in (*fitted.notes, *fitted.problems):
+            yield event("world", sentence(found), moment.time)
 
     def _reset(self) -> None:
         self.fit.restart()

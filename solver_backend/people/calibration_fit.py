@@ -54,22 +54,19 @@ class CalibrationFit:
         """Whether any camera is read otherwise than written."""
         return any(correction.changes for correction in self.corrections)
 
-    def sentence(self) -> str:
-        """Return what was corrected, for a person."""
+    def meanings(self) -> str:
+        """Return what the cameras are read as, a phrase for people; empty if unchanged."""
         by_meaning: dict[str, list[str]] = {}
         for name, correction in zip(self.cameras.names, self.corrections, strict=True):
             if correction.changes:
-                by_meaning.setdefault(correction.sentence(), []).append(name)
+                by_meaning.setdefault(correction.meaning(), []).append(name)
         several = len(by_meaning) > 1 or any(len(names) < len(self.cameras) for names in by_meaning.values())
         parts = [f"{meaning} ({', '.join(names)})" if several else meaning for meaning, names in by_meaning.items()]
-        return (
-            f"The calibration is corrected: {'; '.join(parts)}. With that {self.agreement:.0%} of the keypoints agree "
-            f"between views, as written {self.written:.0%}."
-        )
+        return "; ".join(parts)
 
 
 def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarray | None = None) -> CalibrationFit:
-    """Return the cameras as their calibration is meant, which is as written unless the views clearly say otherwise.
+    """Return the cameras as their calibration is meant, which is as written unless the views clearly show otherwise.
 
     Args:
         cameras: as written, in metres or any unit.

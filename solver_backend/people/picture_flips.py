@@ -42,12 +42,11 @@ class PictureFlip:
     sides: bool = False
     """Left and right are exchanged in the keypoints' names."""
 
-    def sentence(self) -> str:
-        """Return what was corrected, for a person."""
+    def meaning(self) -> str:
+        """Return what is wrong with the detections, a phrase for people."""
         found = "" if self.axis is None else _FOUND[self.axis]
         names = "left and right are exchanged in the keypoints' names"
-        both = f"{found}, and {names}" if found and self.sides else found or names
-        return f"The detections of all cameras are corrected: {both}."
+        return f"{found}, and {names}" if found and self.sides else found or names
 
 
 def flipped(detections: Detections, flip: PictureFlip, image_size: np.ndarray | None = None) -> Detections:
@@ -83,18 +82,12 @@ class FlipFound:
     """None: nothing is."""
     image_size: np.ndarray | None = None
     """(C, 2) of the pictures that the detections were found in, px, where they are flipped."""
-    doubt: str = ""
-    """Why the person cannot be right even so, for a person; empty where nothing says so."""
-
-
-_MIRRORED = (
-    "The person is the mirror image of a body: left and right may be exchanged in the keypoints' names, or the "
-    "pictures may be mirrored. Which of them is unknown, so the detections stay as they are."
-)
+    is_mirrored: bool = False
+    """The person is the mirror image of a body, and why is unknown."""
 
 
 def find_flip(fit: CalibrationFit, detections: Detections, written: Cameras) -> FlipFound:
-    """Return what is undone in the detections of all views: nothing, unless the views or the person clearly say so.
+    """Return what is undone in the detections of all views: nothing, unless the views or the person clearly show so.
 
     Args:
         fit: how the calibration is meant by the detections as they are.
@@ -125,7 +118,7 @@ def find_flip(fit: CalibrationFit, detections: Detections, written: Cameras) -> 
         return FlipFound(PictureFlip(1), _recorded(written, tried[1][1]).image_size)
     if not left_open[0] and upside_down <= 1 - UPSIDE_DOWN:
         return FlipFound(PictureFlip(sides=True))
-    return FlipFound(doubt=_MIRRORED)
+    return FlipFound(is_mirrored=True)
 
 
 def _main_person(detections: Detections, chosen: list[int]) -> Detections:

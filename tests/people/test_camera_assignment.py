@@ -79,21 +79,23 @@ def test_names_that_count():
     assert counted_order(["cam0"], ["cam01", "cam02"]) is None
 
 
-def test_other_names_and_exchanged_names_are_found_and_said(tmp_path, demo):
+def test_other_names_and_exchanged_names_are_found_and_reported(tmp_path, demo):
     cameras, keypoints = demo.require_multiview()
     names = ["front", "left", "back", "right"]
     write_detections(tmp_path / "other" / "pose", names, [(keypoints.xy, keypoints.confidence)])
     (tmp_path / "other" / "calibration.toml").write_text(toml_text(cameras))
     other = load_capture(tmp_path / "other", fps=60.0)
     assert set(other.cameras.names) == set(cameras.names)
-    assert any("front is cam01, left is cam02" in problem for problem in words(other.problems)), words(other.problems)
+    (assigned,) = [item for item in other.problems if item.code == "cameras_assigned_by_views"]
+    assert set(assigned.where.cameras) == set(names)
+    assert "front is cam01, left is cam02" in words([assigned])[0] and "--camera back=cam03" in words([assigned])[0]
     swapped = keypoints.xy[[1, 0, 2, 3]], keypoints.confidence[[1, 0, 2, 3]]
     write_detections(tmp_path / "swapped" / "pose", cameras.names, [swapped])
     (tmp_path / "swapped" / "calibration.toml").write_text(toml_text(cameras))
     found = load_capture(tmp_path / "swapped", fps=60.0)
-    assert any("cam01 is the calibration's cam02" in problem for problem in words(found.problems)), words(
-        found.problems
-    )
+    (exchanged,) = [item for item in found.problems if item.code == "camera_names_exchanged"]
+    assert set(exchanged.where.cameras) == set(cameras.names[:2])
+    assert "cam01 is the calibration's cam02" in words([exchanged])[0] and "--as-calibrated" in words([exchanged])[0]
     np.testing.assert_allclose(found.cameras.t[0], cameras.t[1], atol=1e-6)
     kept = load_capture(tmp_path / "swapped", fps=60.0, as_calibrated=True)
     np.testing.assert_allclose(kept.cameras.t[0], cameras.t[0], atol=1e-6)

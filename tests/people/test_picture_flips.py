@@ -47,7 +47,7 @@ def test_what_is_flipped_in_all_views_is_undone(flip: PictureFlip, factor: float
     spoiled = flipped(detections(), flip, SIZES)
     spoiled = replace(spoiled, xy=(spoiled.xy + 0.5) * factor - 0.5)
     seen = found(CAMERAS, spoiled)
-    assert seen.flip == flip and not seen.doubt
+    assert seen.flip == flip and not seen.is_mirrored
     sizes = None if flip.axis is None else np.round(SIZES * factor)
     assert (seen.image_size is None) == (sizes is None)
     if sizes is not None:
@@ -103,7 +103,7 @@ def test_level_cameras_tell_by_the_person() -> None:
     assert views_agreement(cameras, from_below) > 0.85
     assert found(cameras, from_below).flip == PictureFlip(1)
     exchanged = found(cameras, flipped(seen, PictureFlip(sides=True)))
-    assert exchanged.flip is None and "mirror image" in exchanged.doubt
+    assert exchanged.flip is None and exchanged.is_mirrored
     handstand = (points - [0, 0, 0.9]) * [1, -1, -1] + [0, 0, 0.9]
     assert found(*in_the_round(handstand, KEYPOINTS.joint_set)) == FlipFound()
 

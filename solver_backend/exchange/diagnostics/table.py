@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .entry import DiagnosticEntry, note, warning
 from .labels import LABELS
 from .markers import MARKERS
+from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
 from .videos import VIDEOS
@@ -18,7 +20,9 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Detections and people": CAPTURES,
-    "Calibrations and worlds": WORLD,
+    "Numbers of a capture": RANGES,
+    "Calibrations": CALIBRATION,
+    "Worlds": WORLD,
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
@@ -31,5 +35,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, WORLD, MARKERS, LABELS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys()
 """Codes of what is found before a solve."""

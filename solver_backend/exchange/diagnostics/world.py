@@ -1,4 +1,4 @@
-"""Diagnostics of calibrations and of the world that a person stands in: units, axes, scale, floor, times."""
+"""Diagnostics of the world that a person stands in: unit, axes, scale, level, floor."""
 
 from __future__ import annotations
 
@@ -43,4 +43,50 @@ WORLD_CHECK: dict[str, DiagnosticEntry] = {
 }
 """What the person shows of the world; a world that is changed is checked anew."""
 
-WORLD: dict[str, DiagnosticEntry] = {**WORLD_CHECK}
+WORLD: dict[str, DiagnosticEntry] = {
+    **WORLD_CHECK,
+    "unit_by_person": warning(
+        "The calibration's lengths are read as {unit}: the person is {stature:.2f} m tall with that, and {read:.3g} m "
+        "as {guessed}",
+        "Files of calibrations state no unit; the person shows which is meant.",
+        "To keep them: --unit {guessed}.",
+    ),
+    "scale_as_asked": note(
+        "The calibration's lengths are taken {scale:g} times, as asked for",
+        "A scale was given.",
+    ),
+    "scale_by_stature": note(
+        "The calibration's lengths are taken {scale:.4g} times (± {share:.1%}), so that the person is {stature:g} m "
+        "tall",
+        "The person's stature was given.",
+    ),
+    "up_by_person": warning(
+        "The person stands along {axis} of the calibration's world: {axis} is taken as up",
+        "The calibration has another up axis than Z, or is relative to a camera or a board.",
+        "To keep Z: --up-axis z.",
+    ),
+    "world_levelled": warning(
+        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°) and its floor moved by {floor:.2f} m, as {witnesses} "
+        "show",
+        "The calibration's world is tilted: a board did not lie on the floor, or there was none.",
+        "To keep it as calibrated: --level off.",
+    ),
+    "world_levelled_as_asked": note(
+        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°) and its floor moved by {floor:.2f} m, as asked for",
+        "The world was to be levelled by the person.",
+    ),
+    "floor_by_feet": warning(
+        "The feet stand {depth:.2f} m below z = 0, so the floor is put there",
+        "The calibration's origin is not on the floor.",
+        "To keep it: --level off.",
+    ),
+    "one_camera_placed": note(
+        "Up and floor are the person's: the camera is {height:.2f} m high and looks {angle:.0f}° {way}",
+        "A single camera was to be levelled by the person, or has no world of its own.",
+    ),
+    "one_camera_up_by_person": warning(
+        "The person stands {angle:.0f}° off the calibration's up: up and floor are taken from the person",
+        "The calibration of the single camera has another up axis than Z, or no world at all.",
+        "To keep the calibration's: --level off.",
+    ),
+}

@@ -4,30 +4,28 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.calibration.units import UNIT_ASSUMED
 from solver_backend.io.recognition.person_unit import unit_by_person
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.people.calibration_fit import CalibrationFit, fit_calibration
 from solver_backend.people.detections import Detections
 
-KEEP = "To keep it as written: --as-calibrated."
-READ_AS = "Lengths are read as"
-"""How the note on a calibration's unit begins."""
-
 
 def as_meant(calibration: Calibration, detections: Detections, up_axis: str | None = None) -> Calibration:
-    """Return the calibration read as the views say it is meant, with what was corrected among its problems.
+    """Return the calibration read as the views show it is meant, with what was corrected among its problems.
 
     Args:
         calibration: of the cameras of the detections.
         detections: in step.
-        up_axis: axis of the file's world that was said to point up.
+        up_axis: axis of the file's world that was stated to point up.
     """
     return as_fitted(calibration, fit_as_meant(calibration, detections, up_axis))
 
 
 def fit_as_meant(calibration: Calibration, detections: Detections, up_axis: str | None) -> CalibrationFit:
-    """Return how the views say that a calibration is meant.
+    """Return how the views show that a calibration is meant.
 
     Args: those of ``as_meant``.
     """
@@ -43,8 +41,8 @@ def as_fitted(calibration: Calibration, fit: CalibrationFit) -> Calibration:
     """
     if not fit.changed:
         return calibration
-    problems = (*calibration.problems, f"{fit.sentence()} {KEEP}")
-    return replace(calibration, cameras=fit.cameras, problems=problems)
+    found = diagnostic("calibration_corrected", meanings=fit.meanings(), agreement=fit.agreement, written=fit.written)
+    return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, found))
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:
@@ -58,6 +56,6 @@ def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: b
     found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
     if not found.problems:
         return calibration, found.to_plausible
-    notes = tuple(note for note in calibration.notes if not note.startswith(READ_AS))
+    notes = tuple(note for note in calibration.notes if note.code != UNIT_ASSUMED)
     problems = (*calibration.problems, *found.problems)
     return replace(calibration, cameras=found.cameras, notes=notes, problems=problems), 1.0

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types import Cameras
 
@@ -49,9 +50,9 @@ class Calibration:
     """Whether the file states each camera's image size."""
     guessed_unit: str = ""
     """The unit that only the distance of the cameras suggests; '' where it is stated."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """Units and axes found."""
-    problems: tuple[str, ...] = field(default=())
+    problems: tuple[Diagnostic, ...] = ()
     """What the user should know."""
 
 

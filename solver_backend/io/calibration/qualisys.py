@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.files import LARGEST_TEXT, read_bytes
@@ -23,8 +24,8 @@ _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
 """Names of a rotation's numbers, row by row."""
 
 
-def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
-    """Return the cameras in metres, and sentences on what the user should know.
+def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]]:
+    """Return the cameras in metres, and what the user should know.
 
     The file holds for each camera its centre ``c`` in mm in a world with Z up and the rows ``r1, r2, r3`` of the
     rotation world to camera: right, up and backward. Hence ``R = diag(1, -1, -1) [r1; r2; r3]`` and ``t = -R c``.
@@ -50,8 +51,7 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[str, ...]]:
     videos = [n for n in nodes if "video" in n.get("model", "").lower()]
     used = [n for n in (videos or nodes) if n.get("active", "1") != "0"]
     problems = tuple(
-        f"The view of {n.get('serial')} is turned by {n.get('viewrotation')}°; "
-        "if its video is turned too, the calibration does not fit it."
+        diagnostic("qualisys_view_turned", cameras=[n.get("serial", "")], angle=n.get("viewrotation"))
         for n in used
         if n.get("viewrotation", "0") not in ("0", "")
     )

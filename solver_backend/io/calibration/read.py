@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
@@ -120,7 +121,7 @@ def _finished(
     kind: str,
     unit: str | None,
     up_axis: str | None,
-    problems: Sequence[str] = (),
+    problems: Sequence[Diagnostic] = (),
 ) -> Calibration | None:
     if not entries:
         return None
@@ -128,8 +129,7 @@ def _finished(
     if len(set(names)) < len(names):
         raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
     if kind == "Qualisys":
-        metric, unit_note = entries, "Lengths are read as mm, focal lengths as 1/64 pixel (Qualisys)."
-        guessed = ""
+        metric, unit_note, guessed = entries, diagnostic("calibration_unit_of_qualisys"), ""
     else:
         metric, unit_note, guessed = in_metres(entries, unit)
     try:
@@ -137,10 +137,9 @@ def _finished(
     except CalibrationInvalid as error:
         where = error.where if str(path) in error.where else f"{path}, {error.where}"
         raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
-    axis = (up_axis or "z").upper()
-    reason = "as stated" if up_axis else ("as Qualisys has it" if kind == "Qualisys" else "the default")
-    axis_note = f"The calibration's world is taken with {axis} up ({reason})."
-    note = f"Calibration: {len(entries)} cameras from {path.name} ({kind})."
+    how = "stated" if up_axis else ("of_qualisys" if kind == "Qualisys" else "assumed")
+    axis_note = diagnostic(f"calibration_up_{how}", axis=(up_axis or "z").upper())
+    note = diagnostic("calibration_read", file=path.name, count=len(entries), kind=kind)
     return Calibration(
         cameras=with_up_axis(cameras, up_axis or "z"),
         source=path,

@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
     CalibrationInvalid,
     CalibrationMismatch,
@@ -69,7 +70,7 @@ def find_calibration(
         recorded: names of the recorded cameras.
         unit: length unit of the calibration, see ``read_calibration``.
         up_axis: axis of its world that points up.
-        names: calibrated names of recorded cameras whose own names do not say them.
+        names: calibrated names of recorded cameras whose own names do not give them.
         by_views: assigns calibrated cameras to the recorded ones by what they see, given the assignment by counting;
             asked where no calibration has the recorded names and none were given.
 
@@ -120,11 +121,8 @@ def _found_by_views(
     found: Calibration, order: list[int], recorded: Sequence[str], calibrated: Sequence[str]
 ) -> Calibration:
     pairs = [f"{name} is {calibrated[i]}" for name, i in zip(recorded, order, strict=True)]
-    message = (
-        f"The calibration has other names for its cameras; by the agreement of the views {listing(pairs)}. "
-        f"Another assignment: --camera {recorded[0]}={calibrated[order[0]]} and so on."
-    )
-    return replace(found, problems=(*found.problems, message))
+    assigned = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs, calibrated=calibrated[order[0]])
+    return replace(found, problems=(*found.problems, assigned))
 
 
 def _called(recorded: Sequence[str], names: Mapping[str, str]) -> list[str]:
@@ -155,10 +153,11 @@ def _subfolders(folder: Path) -> list[Path]:
 def ordered(found: Calibration, order: list[int], recorded: Sequence[str] = ()) -> Calibration:
     """Return a calibration with its cameras in this order; its notes name those left out, and names that differ."""
     left_out = [name for i, name in enumerate(found.cameras.names) if i not in order]
-    notes = (f"Calibrated but not recorded: {listing(left_out)}.",) if left_out else ()
+    notes = (diagnostic("calibrated_not_recorded", cameras=left_out),) if left_out else ()
     pairs = zip(recorded, (found.cameras.names[i] for i in order), strict=bool(recorded))
-    if renamed := [f"{name} is {camera}" for name, camera in pairs if name_key(name) != name_key(camera)]:
-        notes = (*notes, f"Recorded cameras by their names in the calibration: {listing(renamed)}.")
+    if renamed := [(name, camera) for name, camera in pairs if name_key(name) != name_key(camera)]:
+        named = [f"{name} is {camera}" for name, camera in renamed]
+        notes = (*notes, diagnostic("camera_names_matched", cameras=[name for name, _ in renamed], pairs=named))
     return replace(
         found,
         cameras=found.cameras.subset(order),

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
@@ -13,10 +14,12 @@ from solver_backend.types import Cameras
 
 WIDEST_RIG_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
+UNIT_ASSUMED = "calibration_unit_assumed"
+"""Code of the note on a unit that only the distances between the cameras suggest."""
 
 
-def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], str, str]:
-    """Return the entries in metres, a sentence on how the unit was found, and the unit where it is guessed, else "".
+def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], Diagnostic, str]:
+    """Return the entries in metres, how the unit was found, and the unit where it is guessed, else "".
 
     Args:
         entries: cameras in the file's unit.
@@ -30,12 +33,12 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     if unit is None:
         width = _rig_width(entries)
         unit = "mm" if width > WIDEST_RIG_M else "m"
-        reason = f"the cameras are up to {width:.4g} units apart"
+        note = diagnostic(UNIT_ASSUMED, unit=unit, width=width)
     else:
-        reason = "as stated"
+        note = diagnostic("calibration_unit_stated", unit=unit)
     scale = metres_in(unit)
     metric = [replace(e, t=np.asarray(e.t) * scale) for e in entries]
-    return metric, f"Lengths are read as {unit} ({reason}).", unit if guessed else ""
+    return metric, note, unit if guessed else ""
 
 
 def _rig_width(entries: list[CameraEntry]) -> float:

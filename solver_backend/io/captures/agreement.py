@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import corrected
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.solve_settings import SYNC_OFF
-from solver_backend.io.calibration.as_meant import KEEP, as_fitted, as_meant, fit_as_meant
+from solver_backend.io.calibration.as_meant import as_fitted, as_meant, fit_as_meant
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
@@ -35,8 +36,8 @@ class Agreeing:
     """Detections at moments that cameras recorded together."""
     resampled: tuple[bool, ...]
     """Of each camera, whether its rows are no longer the frames of its video."""
-    problems: tuple[str, ...] = ()
-    """What was done to frame rates."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What was done to detections and their frame rates."""
 
 
 def bring_to_agreement(
@@ -72,7 +73,7 @@ def bring_to_agreement(
         if searched and not exchanged and fit is not None and (ratios == 1).all():
             calibration, ratios = _explained(calibration, fit, detections, options)
         if (ratios != 1).any():
-            detections, problems = at_one_rate(detections, ratios.tolist()), _said(detections, ratios, fps)
+            detections, problems = at_one_rate(detections, ratios.tolist()), (_other_rates(detections, ratios, fps),)
     in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
     if fit is not None and calibration is written and not in_time.first_rows and (ratios == 1).all():
         calibration = as_fitted(calibration, fit)  # of the same rows
@@ -83,16 +84,16 @@ def bring_to_agreement(
 
 def _unflipped(
     calibration: Calibration, detections: Detections, options: ReadOptions
-) -> tuple[Detections, CalibrationFit, tuple[str, ...]]:
+) -> tuple[Detections, CalibrationFit, tuple[Diagnostic, ...]]:
     """Return the detections with what is flipped in all views undone, how they fit in step, and what is wrong."""
     in_step = as_numbered(detections, options)
     fit = fit_as_meant(calibration, in_step, options.up_axis)
     found = find_flip(fit, in_step, calibration.cameras)
     if found.flip is None:
-        return detections, fit, (found.doubt,) if found.doubt else ()
+        return detections, fit, (diagnostic("person_mirrored"),) if found.is_mirrored else ()
     detections = flipped(detections, found.flip, found.image_size)
     fit = fit_as_meant(calibration, as_numbered(detections, options), options.up_axis)
-    return detections, fit, (f"{found.flip.sentence()} {KEEP}",)
+    return detections, fit, (diagnostic("detections_corrected", found=found.flip.meaning()),)
 
 
 def _unexchanged(calibration: Calibration, detections: Detections, options: ReadOptions) -> tuple[Calibration, bool]:
@@ -104,15 +105,14 @@ def _unexchanged(calibration: Calibration, detections: Detections, options: Read
     if order is None or order == list(range(len(names))):
         return calibration, False
     swapped = calibration.cameras.subset(order)
-    pairs = [
-        f"{name} is the calibration's {names[i]}" for i, name in zip(order, names, strict=True) if names[i] != name
-    ]
-    message = f"Cameras bear each other's names: by the agreement of the views {', '.join(pairs)}. {KEEP}"
+    others = {name: names[i] for i, name in zip(order, names, strict=True) if names[i] != name}
+    pairs = [f"{name} is the calibration's {other}" for name, other in others.items()]
+    exchanged = diagnostic("camera_names_exchanged", cameras=list(others), pairs=pairs)
     changed = replace(
         calibration,
         cameras=replace(swapped, names=names),
         size_known=tuple(calibration.size_known[i] for i in order),
-        problems=(*calibration.problems, message),
+        problems=(*calibration.problems, exchanged),
     )
     return changed, True
 
@@ -135,28 +135,27 @@ def _explained(
     readings = explain_unlike(in_file, detections)
     if readings is None:
         return calibration, ratios
-    if (message := _corrected(detections.cameras, readings)) is not None:
+    if (found := _corrected(detections.cameras, readings)) is not None:
         cameras = corrected(in_file, [reading.correction for reading in readings])
         cameras = replace(cameras, R=cameras.R @ to_world.T)
-        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, message))
+        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, found))
     return calibration, np.array([reading.rate for reading in readings])
 
 
-def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> str | None:
+def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> Diagnostic | None:
     """Return what was corrected in the calibration, None where nothing was."""
     meanings: dict[str, list[str]] = {}
     for name, reading in zip(names, readings, strict=True):
         if reading.correction.changes:
-            meanings.setdefault(reading.correction.sentence(), []).append(name)
+            meanings.setdefault(reading.correction.meaning(), []).append(name)
     if not meanings:
         return None
     parts = [f"{meaning} ({', '.join(cameras)})" for meaning, cameras in meanings.items()]
-    return f"The calibration is corrected: {'; '.join(parts)}. As written the views agree at no time. {KEEP}"
+    changed = [name for named in meanings.values() for name in named]
+    return diagnostic("calibration_corrected_out_of_step", cameras=changed, meanings="; ".join(parts))
 
 
-def _said(detections: Detections, ratios: np.ndarray, fps: float) -> tuple[str, ...]:
-    parts = [f"{n} {r * fps:.4g}" for n, r in zip(detections.cameras, ratios.tolist(), strict=True) if r != 1.0]
-    return (
-        f"Cameras have other frame rates than the take's {fps:.4g} a second: {', '.join(parts)}. Their detections are "
-        "brought to it; their videos are not shown.",
-    )
+def _other_rates(detections: Detections, ratios: np.ndarray, fps: float) -> Diagnostic:
+    rates = {name: ratio * fps for name, ratio in zip(detections.cameras, ratios.tolist(), strict=True) if ratio != 1.0}
+    named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
+    return diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)

@@ -1,4 +1,4 @@
-"""The world of a single camera: what a lifted person says of up and floor where the calibration says neither."""
+"""The world of a single camera: what a lifted person shows of up and floor where the calibration has neither."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.world_settings import OFF, ON, WorldSettings
 from solver_backend.priors.lifted_take import lift_take, lowest_feet, up_by_floor
 from solver_backend.priors.prior_on_body import prior_on_body
@@ -15,7 +16,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Cameras, Keypoints2D
 
 TILT_DEG = 30.0
-"""Between the calibration's up and the person's; the lifter errs by 3 to 10 degrees."""
+"""Between the calibration's up and the person's; the lifter is off by 3 to 10 degrees."""
 
 
 @dataclass(frozen=True)
@@ -24,9 +25,9 @@ class OneCameraWorld:
 
     camera: Cameras
     """One camera."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What was done because it was asked for."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What was done unasked."""
     from_person: bool = False
     """Up, floor and scale are the person's."""
@@ -38,7 +39,7 @@ def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSetti
     Args:
         camera: one calibrated camera, metres.
         keypoints: of one person.
-        settings: say whether the world is levelled; the stature is the person's.
+        settings: whether the world is levelled; the stature is the person's.
     """
     if settings.level == ON:
         return replace(stand_camera(camera, keypoints, settings.stature), problems=())
@@ -48,11 +49,7 @@ def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSetti
     if off < TILT_DEG or settings.level == OFF:
         return OneCameraWorld(camera)
     stood = stand_camera(camera, keypoints, settings.stature)
-    problem = (
-        f"The person stands {off:.0f}° off the calibration's up: up and floor are taken from the person; --level off "
-        "keeps the calibration's."
-    )
-    return replace(stood, notes=(), problems=(problem,))
+    return replace(stood, notes=(), problems=(diagnostic("one_camera_up_by_person", angle=off),))
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> OneCameraWorld:
@@ -76,8 +73,8 @@ def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0
     centre = np.array([0.0, 0.0, height])
     stood = replace(camera, R=R[None], t=-(R @ centre)[None])
     tilt = float(np.degrees(np.arcsin(np.clip(-up[2], -1.0, 1.0))))
-    looks = "down" if tilt > 0 else "up"
-    note = f"Up and floor are the person's: the camera is {height:.2f} m high and looks {abs(tilt):.0f}° {looks}."
+    way = "down" if tilt > 0 else "up"
+    note = diagnostic("one_camera_placed", height=height, angle=abs(tilt), way=way)
     return OneCameraWorld(stood, (note,), from_person=True)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.people.detections import Detections
@@ -36,7 +37,7 @@ class PersonUnit:
     """In metres, where a known unit explains the person."""
     to_plausible: float = 1.0
     """Factor by which people in these cameras are found: 1 where the person has a possible size."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What was corrected."""
 
 
@@ -44,7 +45,7 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
     """Return cameras in the unit that makes the person possible.
 
     Args:
-        cameras: in metres as far as their calibration says.
+        cameras: in metres as far as their calibration shows.
         detections: of everybody; the largest person of each picture counts, if the views agree on that one.
         guessed: the unit that the calibration was read in, where only the cameras' distance suggests it; '' where it is
             known, and stays.
@@ -57,11 +58,8 @@ def unit_by_person(cameras: Cameras, detections: Detections, guessed: str = "") 
     if len(fitting) != 1:
         return PersonUnit(cameras, MEAN_STATURE_M / stature)
     (unit,) = fitting
-    message = (
-        f"The calibration's lengths are read as {unit}: the person is {stature * factors[unit]:.2f} m tall with that, "
-        f"and {stature:.3g} m as {guessed}. To keep them: --unit {guessed}."
-    )
-    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(message,))
+    found = diagnostic("unit_by_person", unit=unit, stature=stature * factors[unit], read=stature, guessed=guessed)
+    return PersonUnit(replace(cameras, t=cameras.t * factors[unit]), problems=(found,))
 
 
 def stature_between(cameras: Cameras, detections: Detections) -> float:

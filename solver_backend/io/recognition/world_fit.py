@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
 from solver_backend.io.calibration.units import with_up_axis
@@ -19,7 +20,7 @@ from solver_backend.people.person_selection import SelectedPerson
 from solver_backend.types import Cameras, Keypoints2D
 
 SURELY_UPRIGHT = np.cos(np.radians(6.0))
-"""Cosine of a person's angle with Z within which a world whose floor is under her feet is not looked at closer."""
+"""Cosine of a person's angle with Z within which a world whose floor is under the feet is not looked at closer."""
 SAME_SCALE = 0.2
 """Logarithm of a scale up to which people found before it stay the same."""
 
@@ -30,16 +31,18 @@ class WorldFit:
 
     cameras: Cameras
     check: WorldCheck
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What was done because it was asked for."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What was done unasked."""
     from_person: bool = False
     """Up and floor of a single camera's world are the person's."""
 
 
-def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings) -> tuple[Cameras, tuple[str, ...]]:
-    """Return the cameras in the scale that was asked for, and a sentence where that is another one.
+def scale_world(
+    cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings
+) -> tuple[Cameras, tuple[Diagnostic, ...]]:
+    """Return the cameras in the scale that was asked for, and a note where that is another one.
 
     A world ``s`` times as large leaves every picture as it is: ``x_cam = R x + t`` becomes ``R x + s t``.
 
@@ -56,14 +59,11 @@ def scale_world(cameras: Cameras, keypoints: Keypoints2D, settings: WorldSetting
     if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
         return cameras, ()
     if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own
-        message = f"The calibration's lengths are taken {settings.scale:g} times, as asked for."
-        return replace(cameras, t=cameras.t * settings.scale), (message,)
+        note = diagnostic("scale_as_asked", scale=settings.scale)
+        return replace(cameras, t=cameras.t * settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
-    message = (
-        f"The calibration's lengths are taken {scale:.4g} times (± {share:.1%}), so that the person is "
-        f"{settings.stature:g} m tall."
-    )
-    return replace(cameras, t=cameras.t * scale), (message,)
+    note = diagnostic("scale_by_stature", scale=scale, share=share, stature=settings.stature)
+    return replace(cameras, t=cameras.t * scale), (note,)
 
 
 def find_people(
@@ -71,7 +71,7 @@ def find_people(
     select: Callable[[Cameras], tuple[SelectedPerson, ...]],
     settings: WorldSettings,
     to_plausible: float = 1.0,
-) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[str, ...]]:
+) -> tuple[Cameras, tuple[SelectedPerson, ...], tuple[Diagnostic, ...]]:
     """Return the cameras in the scale that was asked for, who is seen by them, and what was done.
 
     Who belongs together is measured in metres, so people are found again where the scale is another one.
@@ -87,10 +87,10 @@ def find_people(
     """
     plausible = replace(cameras, t=cameras.t * to_plausible) if to_plausible != 1.0 else cameras
     people = select(plausible)
-    scaled, message = scale_world(cameras, people[0].keypoints, settings)
+    scaled, notes = scale_world(cameras, people[0].keypoints, settings)
     size = [float(np.abs(c.t).max()) + 1e-9 for c in (plausible, scaled)]
-    again = bool(message) and abs(np.log(size[1] / size[0])) > SAME_SCALE
-    return scaled, select(scaled) if again else people, message
+    again = bool(notes) and abs(np.log(size[1] / size[0])) > SAME_SCALE
+    return scaled, select(scaled) if again else people, notes
 
 
 def fit_world(
@@ -103,8 +103,8 @@ def fit_world(
     Args:
         cameras: C cameras, in metres.
         keypoints: detections of one person.
-        settings: say whether the world is levelled.
-        up_axis: the axis that the user said points up, which stays the nearest one.
+        settings: whether the world is levelled.
+        up_axis: the axis that the user stated to point up, which stays the nearest one.
 
     Raises:
         NoDetections: the world was to be levelled, and nobody stands in it.
@@ -115,21 +115,20 @@ def fit_world(
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis):
-        cameras, name = with_up_axis(cameras, axis), axis.upper()
-        problems = (
-            f"The person stands along {name} of the calibration's world: {name} is taken as up; --up-axis z keeps Z.",
-        )
+        cameras, problems = with_up_axis(cameras, axis), (diagnostic("up_by_person", axis=axis.upper()),)
         world = check_world(cameras, keypoints)
-    levelled, messages = _level(cameras, keypoints, world, settings.level)
+    levelled, found = _level(cameras, keypoints, world, settings.level)
     if levelled is not cameras:
         world = check_world(levelled, keypoints)
     if settings.level == AUTO:
-        return WorldFit(levelled, world, problems=(*problems, *messages))
-    return WorldFit(levelled, world, messages, problems)
+        return WorldFit(levelled, world, problems=(*problems, *found))
+    return WorldFit(levelled, world, found, problems)
 
 
-def _level(cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str) -> tuple[Cameras, tuple[str, ...]]:
-    """Return the cameras in a level world, and a sentence; the same cameras where nothing is done."""
+def _level(
+    cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str
+) -> tuple[Cameras, tuple[Diagnostic, ...]]:
+    """Return the cameras in a level world, and what was done; the same cameras where nothing is done."""
     fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
     if how == OFF or (how == AUTO and fits):
         return cameras, ()
@@ -140,12 +139,10 @@ def _level(cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str
             return cameras, ()
         raise
     if level.is_tilted or how != AUTO:
-        return _moved(cameras, level.turn, level.floor_upright_m), (_sentence(level, how),)
+        return _moved(cameras, level.turn, level.floor_upright_m), (_levelled(level, how),)
     if level.is_above_feet:
-        message = (
-            f"The feet stand {-level.floor_m:.2f} m below z = 0, so the floor is put there. To keep it: --level off."
-        )
-        return _moved(cameras, np.eye(3), level.floor_m), (message,)
+        found = diagnostic("floor_by_feet", depth=-level.floor_m)
+        return _moved(cameras, np.eye(3), level.floor_m), (found,)
     return cameras, ()
 
 
@@ -160,12 +157,12 @@ def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
     return replace(cameras, R=R, t=cameras.t + floor_m * R[..., 2])
 
 
-def _sentence(level: Level, how: str) -> str:
+def _levelled(level: Level, how: str) -> Diagnostic:
+    figures = {
+        "tilt": np.degrees(level.tilt), "sigma": np.degrees(level.sigma), "floor": abs(level.floor_upright_m),
+    }  # fmt: skip
+    if how != AUTO:
+        return diagnostic("world_levelled_as_asked", **figures)
     shown = (("the balance", level.balance), ("the floor under the feet", level.floor), ("the cameras", level.cameras))
-    why = "as asked for"
-    if how == AUTO:
-        why = f"as {' and '.join(name for name, gain in shown if gain > 0)} show; to keep it as calibrated: --level off"
-    return (
-        f"The world is levelled by {np.degrees(level.tilt):.1f}° (± {np.degrees(level.sigma):.1f}°) and "
-        f"its floor moved by {abs(level.floor_upright_m):.2f} m, {why}."
-    )
+    witnesses = " and ".join(name for name, gain in shown if gain > 0)
+    return diagnostic("world_levelled", witnesses=witnesses, **figures)

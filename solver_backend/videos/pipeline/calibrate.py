@@ -16,6 +16,7 @@ from solver_backend.camera_calibration.extrinsics.session_folders import BoardFo
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
@@ -164,13 +165,14 @@ def _by_one_camera(
     stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
     write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
+    placed = tuple(sentence(item) for item in stood.notes)
     if name in lenses:
-        return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), ())
+        return TakeCalibration(ONE_CAMERA, (*placed, *words), ())
     message = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
     if not focal.sigma:
-        return TakeCalibration(ONE_CAMERA, (*stood.notes, message, *words), ())
+        return TakeCalibration(ONE_CAMERA, (*placed, message, *words), ())
     doubt = f"{message} Distances may be off by as much: give the lens with --lenses or --focal."
-    return TakeCalibration(ONE_CAMERA, (*stood.notes, *words), (doubt,))
+    return TakeCalibration(ONE_CAMERA, (*placed, *words), (doubt,))
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:

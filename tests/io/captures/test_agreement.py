@@ -56,7 +56,8 @@ def test_half_size_and_other_lengths(tmp_path: Path) -> None:
         path.unlink()
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
-    assert any("0.5 times as large" in problem for problem in words(capture.problems))
+    (corrected,) = [item for item in capture.problems if item.code.startswith("calibration_corrected")]
+    assert "0.5 times as large" in corrected.values["meanings"]
 
 
 @pytest.mark.parametrize("filmed", [False, True])
@@ -70,15 +71,15 @@ def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     assert capture.fps == 60.0
     assert capture.num_frames == pytest.approx(KEYPOINTS.num_frames, abs=3)
     assert median_error_m(capture, 0) < 0.03
-    (said,) = [problem for problem in words(capture.problems) if "frame rates than" in problem]
-    assert f"{NAMES[3]} 30" in said
+    (found,) = [item for item in capture.problems if item.code == "camera_rates_differ"]
+    assert found.where.cameras == (NAMES[3],) and found.values == {"rate": 60.0, "rates": [f"{NAMES[3]} 30"]}
     assert [path is not None for path in capture.footage] == [True, True, True, False] * filmed
 
 
 def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
     write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
     capture = load_capture(tmp_path, as_calibrated=True)
-    assert not any("corrected" in problem for problem in words(capture.problems))
+    assert not any("corrected" in item.code for item in capture.problems)
     np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)
 
 
@@ -88,10 +89,10 @@ def test_v_counted_from_below(tmp_path: Path) -> None:
     write_trial(tmp_path, cameras=CAMERAS, people=[(xy, KEYPOINTS.confidence)], names=NAMES, calibrated=NAMES)
     capture = load_capture(tmp_path)
     assert median_error_m(capture, 0) < 0.03
-    said = [problem for problem in words(capture.problems) if "v counts from the bottom" in problem]
-    assert len(said) == 1 and "--as-calibrated" in said[0]
+    (found,) = [item for item in capture.problems if item.code == "detections_corrected"]
+    assert "v counts from the bottom" in found.values["found"] and "--as-calibrated" in words([found])[0]
     kept = load_capture(tmp_path, as_calibrated=True)
-    assert not any("v counts" in problem for problem in words(kept.problems))
+    assert "detections_corrected" not in [item.code for item in kept.problems]
 
 
 def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
@@ -103,4 +104,4 @@ def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
     write_trial(tmp_path, cameras=CAMERAS, people=people, names=NAMES, calibrated=NAMES)
     capture = load_capture(tmp_path, joint_set=JointSet.MPII_15)
     assert capture.num_frames == 40
-    assert not any("frame rates" in problem for problem in words(capture.problems))
+    assert "camera_rates_differ" not in [item.code for item in capture.problems]

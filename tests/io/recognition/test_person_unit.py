@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.load import load_capture
 from solver_backend.io.recognition.person_unit import PersonUnit, stature_between, unit_by_person
 from solver_backend.people.detections import Detections
@@ -33,7 +34,9 @@ def test_the_unit_is_that_of_the_person(unit: str, guessed: str) -> None:
     found = unit_of(UNITS[unit], guessed)
     np.testing.assert_allclose(found.cameras.t, CAMERAS.t, rtol=1e-9)
     assert found.to_plausible == 1.0
-    assert [f"read as {unit}" in problem for problem in words(found.problems)] == [True] * (unit != guessed)
+    read_as = [(item.code, item.values["unit"], item.values["guessed"]) for item in found.problems]
+    assert read_as == [("unit_by_person", unit, guessed)] * (unit != guessed)
+    assert all(f"read as {unit}" in problem for problem in words(found.problems))
 
 
 def test_lengths_of_no_known_unit_stay_and_people_are_found_by_a_factor() -> None:
@@ -70,10 +73,11 @@ def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: st
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
     capture = load_capture(tmp_path)
     np.testing.assert_allclose(capture.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
-    assert any(f"read as {unit}" in problem for problem in words(capture.problems))
-    assert not any("read as mm (" in note for note in words(capture.notes))
+    assert [item.values["unit"] for item in capture.problems if item.code == "unit_by_person"] == [unit]
+    assert "calibration_unit_assumed" not in [item.code for item in capture.notes]
     kept = load_capture(tmp_path, unit=unit)
-    assert not any("read as" in problem for problem in words(kept.problems))
+    assert "unit_by_person" not in [item.code for item in kept.problems]
+    assert diagnostic("calibration_unit_stated", unit=unit) in kept.notes
     np.testing.assert_allclose(kept.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
 
 
@@ -81,6 +85,7 @@ def test_a_trial_in_squares_of_a_board_is_found_and_scaled_by_a_stature(tmp_path
     scaled = replace(CAMERAS, t=CAMERAS.t * 14.7)
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
     odd = load_capture(tmp_path)
-    assert any("m tall" in problem for problem in words(odd.problems))
+    assert "stature_unlikely" in [item.code for item in odd.problems]
+    assert "calibration_unit_assumed" in [item.code for item in odd.notes]
     known = load_capture(tmp_path, stature=1.75)
     np.testing.assert_allclose(known.require_multiview()[0].t, CAMERAS.t, rtol=0.05, atol=0.05)

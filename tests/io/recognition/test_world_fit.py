@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.world_settings import LEVELS, WorldSettings
 from solver_backend.geometry.rotations import exp_so3
@@ -61,15 +62,15 @@ def test_the_person_shows_which_axis_points_up(short: Capture, axis: str) -> Non
     fit = fit_world(cameras, short.keypoints)
     np.testing.assert_allclose(fit.cameras.R, short.cameras.R, atol=1e-12)
     assert fit.check.upright[2] > 0.9
-    assert bool(fit.problems) == (axis != "z")
-    assert axis == "z" or f"{axis.upper()} is taken as up" in words(fit.problems)[0]
+    expected = () if axis == "z" else (diagnostic("up_by_person", axis=axis.upper()),)
+    assert fit.problems == expected
 
 
 def test_an_axis_that_the_user_stated_stays_and_is_doubted(short: Capture) -> None:
     cameras = turned(short.cameras, rotation_to_z_up("-y").T)
     fit = fit_world(cameras, short.keypoints, WorldSettings(level="off"), "z")
     np.testing.assert_array_equal(fit.cameras.R, cameras.R)
-    assert words(fit.problems) == () and "stands along -Y" in words(fit.check.problems())[0]
+    assert fit.problems == () and diagnostic("person_along_axis", axis="-Y") in fit.check.problems()
 
 
 @pytest.mark.parametrize(("degrees", "around"), [(10.6, 0.0), (10.6, 2.5), (35.0, 1.0), (35.0, 4.4)])
@@ -78,6 +79,7 @@ def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: floa
     fit = fit_world(turned(capture.cameras, tilt, -1.3), capture.keypoints)
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
     assert abs(fit.check.lowest_m) < 0.06
+    assert fit.problems[-1].code == "world_levelled"
     assert "The world is levelled by" in words(fit.problems)[-1] and "--level off" in words(fit.problems)[-1]
 
 
@@ -90,12 +92,13 @@ def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
     tilt = exp_so3(np.radians(5.0) * np.array([0.6, 0.8, 0.0]))
     fit = fit_world(turned(capture.cameras, tilt), capture.keypoints, WorldSettings(level="on"))
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
-    assert words(fit.problems) == () and "as asked for" in words(fit.notes)[0]
+    assert fit.problems == () and [item.code for item in fit.notes] == ["world_levelled_as_asked"]
 
 
 def test_a_floor_above_the_feet_is_moved_and_a_stage_is_not(short: Capture) -> None:
     lower = fit_world(turned(short.cameras, np.eye(3), -0.9), short.keypoints)
-    assert abs(lower.check.lowest_m) < 0.06 and "so the floor is put there" in words(lower.problems)[0]
+    assert abs(lower.check.lowest_m) < 0.06 and [item.code for item in lower.problems] == ["floor_by_feet"]
+    assert lower.problems[0].values["depth"] == pytest.approx(0.9, abs=0.06)
     stage = turned(short.cameras, np.eye(3), 0.5)
     assert fit_world(stage, short.keypoints).cameras is stage
 
@@ -130,17 +133,17 @@ def test_who_climbs_or_lies_tilts_no_world(walked: np.ndarray, stand, rolls: flo
 
 def test_a_recorded_balance_tilts_no_world(shared_data) -> None:
     found = load_capture(shared_data / BALANCING_TRIAL)
-    assert not any("levelled" in problem for problem in words(found.problems))
+    assert not {"world_levelled", "floor_by_feet"} & {item.code for item in found.problems}
 
 
 def test_the_world_is_scaled_to_a_stature(short: Capture) -> None:
     squares = replace(short.cameras, t=3.3 * short.cameras.t)
-    cameras, said = scale_world(squares, short.keypoints, WorldSettings(stature=1.76))
+    cameras, notes = scale_world(squares, short.keypoints, WorldSettings(stature=1.76))
     np.testing.assert_allclose(cameras.t, short.cameras.t, rtol=0.02)
-    assert "so that the person is 1.76 m tall" in said[0]
-    by_factor, said = scale_world(squares, short.keypoints, WorldSettings(scale=1 / 3.3))
+    assert "so that the person is 1.76 m tall" in words(notes)[0]
+    by_factor, notes = scale_world(squares, short.keypoints, WorldSettings(scale=1 / 3.3))
     np.testing.assert_allclose(by_factor.t, short.cameras.t)
-    assert "as asked for" in said[0]
+    assert notes == (diagnostic("scale_as_asked", scale=1 / 3.3),)
     assert scale_world(squares, short.keypoints, WorldSettings())[0] is squares
 
 
@@ -179,7 +182,7 @@ def test_our_own_capture_changes_only_where_it_is_asked_for(short: Capture, tmp_
     np.testing.assert_array_equal(load_capture(path).cameras.t, turned(short.cameras, np.eye(3), -0.9).t)
     half = load_capture(path, scale=0.5)
     np.testing.assert_allclose(half.cameras.centres, 0.5 * load_capture(path).cameras.centres, atol=1e-9)
-    assert any("0.5 times" in note for note in words(half.notes)) and half.truth == {}
+    assert diagnostic("scale_as_asked", scale=0.5) in half.notes and half.truth == {}
 
 
 def test_a_recording_of_markers_has_no_world_to_level() -> None:

@@ -1,0 +1,95 @@
+"""Diagnostics of calibrations: what a file was taken for, whose cameras it has, and how the views show it is meant."""
+
+from __future__ import annotations
+
+from .entry import DiagnosticEntry, note, warning
+
+_KEEP = "To keep it as written: --as-calibrated."
+
+CALIBRATION: dict[str, DiagnosticEntry] = {
+    "calibration_read": note(
+        "Calibration: {count} cameras from {file} ({kind})",
+        "Every capture of calibrated cameras names the file that they come from.",
+    ),
+    "calibration_unit_stated": note(
+        "Lengths are read as {unit} (as stated)",
+        "The unit was given.",
+    ),
+    "calibration_unit_assumed": note(
+        "Lengths are read as {unit} (the cameras are up to {width:.4g} units apart)",
+        "Files of calibrations state no unit; how far apart the cameras are suggests one.",
+    ),
+    "calibration_unit_of_qualisys": note(
+        "Lengths are read as mm, focal lengths as 1/64 pixel (Qualisys)",
+        "Qualisys writes these units and no other.",
+    ),
+    "calibration_up_stated": note(
+        "The calibration's world is taken with {axis} up (as stated)",
+        "The up axis was given.",
+    ),
+    "calibration_up_assumed": note(
+        "The calibration's world is taken with {axis} up (the default)",
+        "Files of calibrations state no up axis; most worlds have Z up.",
+    ),
+    "calibration_up_of_qualisys": note(
+        "The calibration's world is taken with {axis} up (as Qualisys has it)",
+        "Qualisys writes worlds with Z up.",
+    ),
+    "qualisys_view_turned": warning(
+        "The view of {camera} is turned by {angle}°",
+        "The camera is mounted on its side, and Qualisys Track Manager shows its pictures upright.",
+        "If its video is turned too, the calibration does not fit it.",
+    ),
+    "calibrated_not_recorded": note(
+        "Calibrated but not recorded: {cameras}",
+        "The recording has fewer cameras than the calibration.",
+    ),
+    "camera_names_matched": note(
+        "Recorded cameras by their names in the calibration: {pairs}",
+        "Names of recorded and calibrated cameras differ in more than fillers and leading zeros.",
+    ),
+    "cameras_assigned_by_views": warning(
+        "The calibration has other names for its cameras; by the agreement of the views {pairs}",
+        "The names of recorded and calibrated cameras have nothing in common.",
+        "Another assignment: --camera {camera}={calibrated} and so on.",
+    ),
+    "camera_names_exchanged": warning(
+        "Cameras bear each other's names: by the agreement of the views {pairs}",
+        "Folders of cameras were named in another order than the calibration's.",
+        _KEEP,
+    ),
+    "calibration_corrected": warning(
+        "The calibration is corrected: {meanings}. With that {agreement:.0%} of the keypoints agree between views, as "
+        "written {written:.0%}",
+        "The calibration was made with pictures of another size or turn, or is written in another convention.",
+        _KEEP,
+    ),
+    "calibration_corrected_out_of_step": warning(
+        "The calibration is corrected: {meanings}. As written the views agree at no time",
+        "The calibration was made with pictures of another size or turn, and the cameras did not start together.",
+        _KEEP,
+    ),
+    "detections_corrected": warning(
+        "The detections of all cameras are corrected: {found}",
+        "A detector or exporter counts pixels from another edge, mirrors pictures, or exchanges left and right.",
+        _KEEP,
+    ),
+    "person_mirrored": warning(
+        "The person is the mirror image of a body: left and right may be exchanged in the keypoints' names, or the "
+        "pictures may be mirrored. Which of them is unknown, so the detections stay as they are",
+        "A detector or exporter mirrors pictures, or exchanges left and right.",
+        "",
+    ),
+    "camera_rates_differ": warning(
+        "Cameras have other frame rates than the take's {rate:.4g} a second: {rates}. Their detections are brought to "
+        "it; their videos are not shown",
+        "Cameras were set to different frame rates, or their videos were converted.",
+        "",
+    ),
+    "cameras_refined": note(
+        "Cameras were refined by the people they film: {before:.1f} px before, {after:.1f} px after (median of views, "
+        "on other frames than those fitted to)",
+        "The cameras of this capture were refined.",
+    ),
+}
+"""By code."""
