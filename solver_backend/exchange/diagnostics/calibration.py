@@ -59,8 +59,8 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         _KEEP,
     ),
     "calibration_corrected": warning(
-        "The calibration is corrected: {meanings}. With that {agreement:.0%} of the keypoints agree between views, as "
-        "written {written:.0%}",
+        "The calibration is corrected: {meanings}. With that {percent:.0f} % of the keypoints agree between views, as "
+        "written {percent_written:.0f} %",
         "The calibration was made with pictures of another size or turn, or is written in another convention.",
         _KEEP,
     ),
@@ -78,13 +78,13 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "The person is the mirror image of a body: left and right may be exchanged in the keypoints' names, or the "
         "pictures may be mirrored. Which of them is unknown, so the detections stay as they are",
         "A detector or exporter mirrors pictures, or exchanges left and right.",
-        "",
+        "Correct the names or the pictures where they come from.",
     ),
     "camera_rates_differ": warning(
         "Cameras have other frame rates than the take's {rate:.4g} a second: {rates}. Their detections are brought to "
         "it; their videos are not shown",
         "Cameras were set to different frame rates, or their videos were converted.",
-        "",
+        "Record all cameras at one frame rate to see their videos.",
     ),
     "cameras_refined": note(
         "Cameras were refined by the people they film: {before:.1f} px before, {after:.1f} px after (median of views, "

@@ -41,7 +41,9 @@ def as_fitted(calibration: Calibration, fit: CalibrationFit) -> Calibration:
     """
     if not fit.changed:
         return calibration
-    found = diagnostic("calibration_corrected", meanings=fit.meanings(), agreement=fit.agreement, written=fit.written)
+    found = diagnostic(
+        "calibration_corrected", meanings=fit.meanings(), percent=100 * fit.agreement, percent_written=100 * fit.written
+    )
     return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, found))
 
 

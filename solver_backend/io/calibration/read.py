@@ -137,8 +137,8 @@ def _finished(
     except CalibrationInvalid as error:
         where = error.where if str(path) in error.where else f"{path}, {error.where}"
         raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
-    how = "stated" if up_axis else ("of_qualisys" if kind == "Qualisys" else "assumed")
-    axis_note = diagnostic(f"calibration_up_{how}", axis=(up_axis or "z").upper())
+    assumed = "calibration_up_of_qualisys" if kind == "Qualisys" else "calibration_up_assumed"
+    axis_note = diagnostic("calibration_up_stated" if up_axis else assumed, axis=(up_axis or "z").upper())
     note = diagnostic("calibration_read", file=path.name, count=len(entries), kind=kind)
     return Calibration(
         cameras=with_up_axis(cameras, up_axis or "z"),

@@ -62,7 +62,7 @@ def scale_world(
         note = diagnostic("scale_as_asked", scale=settings.scale)
         return replace(cameras, t=cameras.t * settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
-    note = diagnostic("scale_by_stature", scale=scale, share=share, stature=settings.stature)
+    note = diagnostic("scale_by_stature", scale=scale, percent=100 * share, stature=settings.stature)
     return replace(cameras, t=cameras.t * scale), (note,)
 
 
