@@ -6,6 +6,7 @@ from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
+from .labels import LABELS
 from .markers import MARKERS
 from .ranges import RANGES
 from .recording import RECORDING
@@ -24,7 +25,8 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
-    "Marker files and labels": MARKERS,
+    "Marker files": MARKERS,
+    "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
