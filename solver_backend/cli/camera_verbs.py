@@ -153,7 +153,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
             cameras.names, found.camera_px, found.worst_region, found.worst_region_px, strict=True
         )
     ]
-    lines += [f"  finding     {word}" for word in found.findings]
+    lines += [f"  finding     {sentence(item)}" for item in found.findings]
     return Outcome("\n".join(lines), found.as_dict())
 
 
@@ -182,6 +182,7 @@ def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
             **data,
             "notes": [sentence(item) for item in capture.notes],
             "problems": [sentence(item) for item in capture.problems],
+            "diagnostics": [item.as_dict() for item in (*capture.problems, *capture.notes)],
         },
     )
 

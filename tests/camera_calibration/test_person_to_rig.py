@@ -19,6 +19,7 @@ from solver_backend.camera_calibration.extrinsics.person_session import (
     refine_by_person,
 )
 from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, pose_from_essential
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3
@@ -83,10 +84,11 @@ def test_a_camera_that_was_moved_is_found_and_put_right(noisy: Capture) -> None:
     moved = replace(
         cameras, R=R, t=np.where(np.arange(4)[:, None] == 2, (R @ -cameras.centres[..., None])[..., 0], cameras.t)
     )
-    assert not any("moved" in word for word in check_calibration(cameras, keypoints).findings)
+    assert "camera_moved" not in [item.code for item in check_calibration(cameras, keypoints).findings]
     checked = check_calibration(moved, keypoints)
-    [said] = [word for word in checked.findings if "moved after calibration" in word]
-    assert said.startswith(f"{cameras.names[2]} seems to have moved")
+    [moved_one] = [item for item in checked.findings if item.code == "camera_moved"]
+    assert moved_one.where.cameras == (cameras.names[2],)
+    assert sentence(moved_one).startswith(f"{cameras.names[2]} seems to have moved after calibration (")
     assert checked.camera_px[2] > 3 * checked.refined_camera_px[2]
     refined = refine_by_person(moved, keypoints)
     assert apart(refined.cameras, cameras, False)[1] < 0.4
@@ -118,9 +120,9 @@ def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     assert check_calibration(cameras, keypoints).findings == ()
     small = check_calibration(replace(cameras, t=0.7 * cameras.t), keypoints)
-    assert any("squares do not have the stated size" in word for word in small.findings)
+    assert "squares_of_other_size" in [item.code for item in small.findings]
     tipped = check_calibration(replace(cameras, R=cameras.R @ exp_so3(np.array([0.8, 0.0, 0.0]))), keypoints)
-    assert any("world's up" in word for word in tipped.findings)
+    assert "world_tilted" in [item.code for item in tipped.findings]
 
 
 def test_the_scale_is_by_stature_or_by_a_known_length(exact: Capture) -> None:

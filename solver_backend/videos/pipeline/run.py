@@ -165,7 +165,8 @@ class _Road:
             if self._capture.is_one_view
             else "the take is too short to check the calibration"
         )  # fmt: skip
-        self.steps.tell("capture", state, [str(plan.capture), fits], () if check is None else check.findings, drawn)
+        doubts = () if check is None else map(sentence, check.findings)
+        self.steps.tell("capture", state, [str(plan.capture), fits], doubts, drawn)
 
     def _of_one(self) -> KnownOfOne:
         """Return what is known where one video alone is solved."""

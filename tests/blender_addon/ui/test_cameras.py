@@ -15,6 +15,7 @@ from blender_addon.ui import camera_view
 from blender_addon.ui.operators.import_results import found_in_reading
 from blender_addon.ui.scene_job import prepare_job
 from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
@@ -49,7 +50,14 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
     assert demo.cameras is not None and demo.keypoints is not None
     assert not bpy.ops.mocap.check_cameras.poll()
     small = replace(demo.cameras, t=0.7 * demo.cameras.t)
-    for name, cameras, wrong in (("fits", demo.cameras, False), ("small", small, True)):
+    turned = demo.cameras.R.copy()
+    turned[2] = exp_so3(np.array([0.01, 0.03, 0.0])) @ turned[2]
+    moved = replace(demo.cameras, R=turned, t=-np.einsum("cij,cj->ci", turned, demo.cameras.centres))
+    for name, cameras, wrong, doubted in (
+        ("fits", demo.cameras, False, ""),
+        ("small", small, True, ""),
+        ("moved", moved, False, demo.cameras.names[2]),
+    ):
         capture = replace(demo, name=name, cameras=cameras, keypoints=demo.keypoints.frames(0, 60), truth={})
         source = write_capture(tmp_path / f"{name}.npz", capture)
         assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
@@ -58,7 +66,7 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert mocap.capture.checked[0].isupper()
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
         assert ("squares do not have the stated size" in mocap.capture.doubts) == wrong
-        assert mocap.capture.doubted == ""
+        assert mocap.capture.doubted == doubted and (mocap.capture.doubts != "") == (wrong or doubted != "")
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 
 
