@@ -9,6 +9,7 @@ from .markers import MARKERS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
+from .rigs import RIGS
 from .videos import VIDEOS
 from .world import WORLD
 
@@ -22,6 +23,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
+    "Calibrating and checking cameras": RIGS,
     "Marker files and labels": MARKERS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
