@@ -71,6 +71,7 @@ class ViewsSession:
         self._clock, self._good = SourceClock(), float("-inf")
         self._number, self._shape_reported, self._world_known = 0, False, False
         self._expected: np.ndarray | None = None
+        self._may_start_anew = True
         self._sides = ExchangedSides(self.joint_set.keypoints)
         self.sides_put_back = 0
         """Pairs of limbs of one view whose sides were exchanged."""
@@ -161,6 +162,11 @@ class ViewsSession:
             self._good = moment.time
         elif moment.time - self._good > LOST_S:
             self._reset()
+        if doubts and self.fit.is_starting and self._may_start_anew:
+            # What is lifted from one moment may have an arm elsewhere, where a fit stays for a second; another has not.
+            self._may_start_anew = False
+            self.fit.restart()
+            return self._nothing(moment, f"starting anew: {doubts}", "waiting")
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(moment.time, 6), "state": "tracking" if off_m < BAD_M and not doubts
@@ -209,7 +215,7 @@ class ViewsSession:
 
     def _reset(self) -> None:
         self.fit.restart()
-        self._expected, self._good = None, float("-inf")
+        self._expected, self._good, self._may_start_anew = None, float("-inf"), True
 
     def _nothing(self, moment: ViewMoment, why: str, state: str) -> dict[str, Any]:
         self._number += 1

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from .calibration import CALIBRATION
 from .captures import CAPTURES
+from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
+from .labels import LABELS
 from .markers import MARKERS
 from .ranges import RANGES
 from .recording import RECORDING
@@ -19,12 +21,14 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
-    "Detections and people": CAPTURES,
+    "Detections": DETECTIONS,
+    "Recordings of views": CAPTURES,
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
     "Calibrating and checking cameras": RIGS,
-    "Marker files and labels": MARKERS,
+    "Marker files": MARKERS,
+    "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
@@ -35,5 +39,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, RANGES, CALIBRATION, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys()
 """Codes of what is found before a solve."""

@@ -230,7 +230,8 @@ class _Road:
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), self._clocks.findings, [drawn])
+        doubts = map(sentence, self._clocks.findings)
+        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), doubts, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""
