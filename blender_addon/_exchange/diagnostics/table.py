@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from .calibration import CALIBRATION
 from .captures import CAPTURES
+from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
 from .labels import LABELS
 from .markers import MARKERS
@@ -19,7 +20,8 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
-    "Detections and people": CAPTURES,
+    "Detections": DETECTIONS,
+    "Recordings of views": CAPTURES,
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
