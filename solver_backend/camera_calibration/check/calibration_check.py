@@ -48,9 +48,9 @@ class CalibrationCheck:
     tilt_deg: float
     """Between the world's up and the person's."""
     tilt_sigma_deg: float
-    """Standard deviation of that angle, by what a person's stance tells of gravity."""
+    """Standard deviation of that angle, by what a person's stance shows of gravity."""
     findings: tuple[Diagnostic, ...]
-    """What is wrong."""
+    """What is wrong, with what to do."""
 
     @property
     def verdict(self) -> str:
@@ -63,7 +63,7 @@ class CalibrationCheck:
         """What the report shows."""
         return CameraFits(
             self.verdict, self.region_px, self.camera_px, self.refined_camera_px, self.epipolar_px, self.stature_m,
-            self.tilt_deg, self.tilt_sigma_deg, tuple(map(sentence, self.findings)),
+            self.tilt_deg, self.tilt_sigma_deg, tuple(sentence(item) for item in self.findings),
         )  # fmt: skip
 
     @property
@@ -124,13 +124,13 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D) -> CalibrationCh
     tilt, tilt_sigma = (float(np.degrees(a)) for a in (np.arccos(np.clip(upright.R[2, 2], -1, 1)), upright.tilt_sigma))
     by_camera = np.array([np.nanmedian(e) for e in error])
     everything = float(np.nanmedian(error))
-    found = (
-        *_of_cameras(cameras, by_camera, regions, everything, best_by_camera),
-        *_over_time(cameras, epipolar),
-        *_of_world(stature, scale, tilt, tilt_sigma),
+    words = (
+        *_camera_words(cameras, by_camera, regions, everything, best_by_camera),
+        *_time_words(cameras, epipolar),
+        *_world_words(stature, scale, tilt, tilt_sigma),
     )
     return CalibrationCheck(
-        by_camera, regions, epipolar, best, everything, best_by_camera, stature, tilt, tilt_sigma, found
+        by_camera, regions, epipolar, best, everything, best_by_camera, stature, tilt, tilt_sigma, words
     )
 
 
@@ -174,23 +174,23 @@ def _epipolar(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
     return np.array([[float(np.median(np.concatenate(w or [empty]))) for w in row] for row in values])
 
 
-def _of_cameras(
+def _camera_words(
     cameras: Cameras, by_camera: np.ndarray, regions: np.ndarray, everything: float, best: np.ndarray
 ) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
+    words: list[Diagnostic] = []
     worse = (by_camera > WORSE * best) & (by_camera - best > 1.0)
     if worse.any():
         c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
-        found.append(diagnostic("camera_moved", cameras=[cameras.names[c]], size=by_camera[c], best=best[c]))
+        words.append(diagnostic("camera_moved_since", cameras=[cameras.names[c]], size=by_camera[c], best=best[c]))
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
         if np.isfinite(inner) and rim > 3.0 * inner and rim > 2.0 * everything:
-            found.append(diagnostic("lens_of_other_mode", cameras=[name], rim=rim, inner=inner))
-    return found
+            words.append(diagnostic("lens_off_at_rim", cameras=[name], size=rim, inner=inner))
+    return words
 
 
-def _over_time(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
+def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
+    words: list[Diagnostic] = []
     usual = float(np.nanmedian(epipolar))
     for c, name in enumerate(cameras.names):
         track = epipolar[c][np.isfinite(epipolar[c])]
@@ -202,14 +202,14 @@ def _over_time(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
             half = len(track) // 2
             first, last = float(np.median(track[:half])), float(np.median(track[half:]))
             if max(first, last) > DRIFT * min(first, last):
-                found.append(diagnostic("camera_fit_changes", cameras=[name], first=first, last=last))
-    return found
+                words.append(diagnostic("camera_drifts", cameras=[name], first=first, last=last))
+    return words
 
 
-def _of_world(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[Diagnostic]:
-    found: list[Diagnostic] = []
+def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[Diagnostic]:
+    words: list[Diagnostic] = []
     if abs(np.log(scale)) > SCALE_DOUBT:
-        found.append(diagnostic("squares_of_other_size", stature=stature))
+        words.append(diagnostic("scale_doubted", stature=stature))
     if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
-        found.append(diagnostic("world_tilted", tilt=tilt))
-    return found
+        words.append(diagnostic("tilt_doubted", angle=tilt))
+    return words

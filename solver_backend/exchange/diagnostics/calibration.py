@@ -91,33 +91,5 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "on other frames than those fitted to)",
         "The cameras of this capture were refined.",
     ),
-    "camera_moved": warning(
-        "{camera} seems to have moved after calibration ({size:.1f} px, {best:.1f} px if refined)",
-        "The camera was touched between the calibration and the take.",
-        "Refine it.",
-    ),
-    "lens_of_other_mode": warning(
-        "{camera} is off by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens is of another "
-        "zoom or mode",
-        "The lens was calibrated at another zoom, or the camera crops its picture in the mode that it records in.",
-        "Calibrate its intrinsics in the mode of the takes.",
-    ),
-    "camera_fit_changes": warning(
-        "{camera} fits by {first:.1f} px in the first half of the take and {last:.1f} px in the second: it was "
-        "touched, or its clock runs at another rate",
-        "Somebody touched the camera during the take, or its recording loses or repeats pictures.",
-        "Compare its footage of both halves, and solve them apart if it was touched.",
-    ),
-    "squares_of_other_size": warning(
-        "The person would be {stature:.2f} m tall: the board's squares do not have the stated size",
-        "A board is printed at another scale than its file has.",
-        "Measure one, or give the stature.",
-    ),
-    "world_tilted": warning(
-        "The person stands {tilt:.0f} degrees from the world's up: the board lay on no level floor, or another axis is "
-        "up",
-        "The board that stands for the floor leaned, or the calibration's world has another axis up.",
-        "Give the axis with --up-axis if another one is up.",
-    ),
 }
 """By code."""

@@ -165,7 +165,7 @@ class _Road:
             if self._capture.is_one_view
             else "the take is too short to check the calibration"
         )  # fmt: skip
-        doubts = () if check is None else map(sentence, check.findings)
+        doubts = () if check is None else [sentence(item) for item in check.findings]
         self.steps.tell("capture", state, [str(plan.capture), fits], doubts, drawn)
 
     def _of_one(self) -> KnownOfOne:
