@@ -22,9 +22,9 @@ Told = Mapping[tuple[int, int], str]
 
 
 LEAST_NAMED, LEAST_PLACES = 0.75, 20
-"""Share of the points, and markers, that the network names where it knows the layout. Where labels say nothing it names
-83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of clusters
-and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+"""Share of the points, and markers, that the network names where it knows the layout. Where labels mean nothing it
+names 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of
+clusters and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
@@ -53,7 +53,7 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def told_by(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return what a half-labelled take's own names tell of every stretch of theirs: they bind."""
+    """Return what a half-labelled take's own names give every stretch of theirs: they bind."""
     if cloud.labels is None:
         return {}
     known = name_markers([label for label in cloud.labels if not is_unnamed(label)]).known

@@ -11,6 +11,7 @@ from .markers import MARKERS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
+from .rigs import RIGS
 from .videos import VIDEOS
 from .world import WORLD
 
@@ -25,6 +26,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
+    "Calibrating and checking cameras": RIGS,
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,

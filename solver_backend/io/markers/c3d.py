@@ -59,14 +59,14 @@ def read_c3d(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
         up_axis: its axis that points up; None takes POINT:Y_SCREEN, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is truncated, is not C3D, or states no frame rate.
-        NoDetections: it holds no markers (but forces, say), or none is ever seen.
+        NoDetections: it holds no markers (but forces, perhaps), or none is ever seen.
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = Path(path)
@@ -130,7 +130,7 @@ def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> Ma
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
     """Find the frames; no count is trusted beyond the file's own length.
 
-    Where there are more than ``MOST`` frames and no parameter says so, the header's last frame stays at ``MOST`` or
+    Where there are more than ``MOST`` frames and no parameter states it, the header's last frame stays at ``MOST`` or
     begins again at 0: the file's length decides.
 
     Raises:
@@ -165,7 +165,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
-    """Return what the file says in several places about its number of frames, and the number of the first."""
+    """Return what the file states in several places of its number of frames, and the number of the first."""
     first = header.first
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))

@@ -177,7 +177,7 @@ def read_live_recording(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the recording says, or its times.
+        fps: frames per second; None takes what the recording states, or its times.
         unit: the points' unit; None takes the one that the live run found.
         up_axis: their axis that points up; None takes the one that the live run found.
 

@@ -48,8 +48,8 @@ def read_motive_csv(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states.
         up_axis: its axis that points up; None takes Y, or how the body stands.
 
     Raises:

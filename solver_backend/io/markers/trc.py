@@ -42,8 +42,8 @@ def read_trc(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
         up_axis: its axis that points up, which no TRC file states; None infers it from how the body stands.
 
     Raises:

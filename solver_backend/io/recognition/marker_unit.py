@@ -16,7 +16,7 @@ PERSON_M = (0.25, 4.0)
 """Spread of the markers of a person, in metres."""
 
 _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
-"""Units by how their names begin: files say mm, Millimeters, METERS, mete, m, inches, ft."""
+"""Units by how their names begin: files have mm, Millimeters, METERS, mete, m, inches, ft."""
 
 
 @dataclass(frozen=True)

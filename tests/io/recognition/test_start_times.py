@@ -146,7 +146,7 @@ def test_movement_that_repeats_is_a_problem_with_both_offsets():
     assert problem.code == "start_ambiguous" and not found.first_rows and not found.notes
     assert problem.where.cameras == (in_place.cameras.names[1], in_place.cameras.names[0])
     one, other = problem.values["one"], problem.values["other"]
-    assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, and whole periods of the walk from there"
+    assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, or whole periods of the walk from there"
     assert f"by {one:+d} or {other:+d} frames against" in words([problem])[0]
     with pytest.raises(NotSynchronised, match="as in movement that repeats"):
         read_rows(in_place, (0, 45, 0, 0), 400, sync="on")
