@@ -28,7 +28,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck:
-    """What was found, px unless said."""
+    """What was found, px unless stated otherwise."""
 
     camera_px: np.ndarray
     """(C,) median distance of keypoints to where the other cameras have them."""
@@ -47,7 +47,7 @@ class CalibrationCheck:
     tilt_deg: float
     """Between the world's up and the person's."""
     tilt_sigma_deg: float
-    """Standard deviation of that angle, by what a person's stance tells of gravity."""
+    """Standard deviation of that angle, by how well a person's stance shows gravity."""
     findings: tuple[str, ...]
     """What is wrong, with what to do."""
 

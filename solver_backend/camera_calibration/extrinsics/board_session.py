@@ -133,7 +133,7 @@ def calibrate_by_board(
     progress("Halves of the footage", 0, 1)
     found = widen_by_halves(result_of("board", rig.adjusted), ordered, board, seen)
     R, t, note = _world(rig, options.origin_frame)
-    told: dict[str, dict[str, object]] = {n: lenses[n][1] for n in names if lenses[n][1]}
+    lens_notes: dict[str, dict[str, object]] = {n: lenses[n][1] for n in names if lenses[n][1]}
     words = [f"{n}: {word}" for n in names for word in _list(lenses[n][1].get("advice"))]
     return replace(
         moved_world(found, R, t),
@@ -143,7 +143,7 @@ def calibrate_by_board(
             *found.notes,
             f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict, are left out.",
         ),
-        lenses=told,
+        lenses=lens_notes,
     )  # fmt: skip
 
 
