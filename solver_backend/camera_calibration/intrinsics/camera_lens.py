@@ -1,4 +1,4 @@
-"""One camera's lens from its pictures: chosen views, chosen model, bad pictures left out, and words on it."""
+"""One camera's lens from its pictures: chosen views, chosen model, bad pictures left out, and what to film again."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.intrinsics.lens_fit import fitted_lens, tilted
 from solver_backend.camera_calibration.intrinsics.model_choice import LensChoice, chosen_lens
 from solver_backend.camera_calibration.intrinsics.view_selection import advice, selected_views
+from solver_backend.exchange.diagnostics import Diagnostic
 
 BAD_VIEW = 4.0
 """A picture whose error is so many times the median, and above half a pixel, is left out."""
@@ -28,7 +29,7 @@ class CameraLens:
     """Pictures that were used."""
     left_out: tuple[int, ...]
     """Pictures that contradict the others."""
-    advice: tuple[str, ...]
+    advice: tuple[Diagnostic, ...]
     """What to film again."""
 
     @property
@@ -42,6 +43,7 @@ def camera_lens(
     sightings: Mapping[int, BoardSighting],
     image_size: tuple[int, int],
     models: Sequence[str] = tuple(LENS_MODELS),
+    name: str = "camera",
 ) -> CameraLens:
     """Find a lens from the sightings of one camera.
 
@@ -50,6 +52,7 @@ def camera_lens(
         sightings: by frame.
         image_size: width and height, px.
         models: names of ``LENS_MODELS`` to choose from.
+        name: of the camera, for the advice.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or no model fits them.
@@ -66,4 +69,4 @@ def camera_lens(
     views = [sightings[f] for f in kept]
     choice = chosen_lens(board, views, image_size, models)
     turned = int(tilted(board, views, choice.fit.lens).sum())
-    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned))
+    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned, name))

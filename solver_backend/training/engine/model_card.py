@@ -15,7 +15,7 @@ _SOURCES = """## Data and licence
 {table}
 
 - **CMU motion capture** (mocap.cs.cmu.edu; sources `asfamc`, `amc`, `mb2`, `expmap`, `max`, `daz`, `segments`,
-  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, to evaluate on, `far` by way of repositories
+  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, only to evaluate, `far` by way of repositories
   under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this project
   was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." Free to copy, modify
   and redistribute; not for direct resale.
