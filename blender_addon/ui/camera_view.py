@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -63,9 +62,8 @@ def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) ->
     """Return the colour of a camera: by whether it is used, and whether a problem or a check names it."""
     if not item.use:
         return UNUSED
-    problems = [message.text for message in capture.messages if message.is_problem] + capture.doubts.splitlines()
-    name = re.compile(rf"(?<![\w-]){re.escape(item.name)}(?![\w-])")
-    return DOUBTFUL if any(name.search(text) for text in problems) else SURE
+    named = [message.cameras for message in capture.messages if message.is_problem] + [capture.doubted]
+    return DOUBTFUL if any(item.name in names.split("\n") for names in named) else SURE
 
 
 def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:

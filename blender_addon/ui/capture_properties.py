@@ -14,6 +14,7 @@ class MocapMessage(bpy.types.PropertyGroup):
 
     text: bpy.props.StringProperty(name="Text")
     is_problem: bpy.props.BoolProperty(name="Problem")
+    cameras: bpy.props.StringProperty(name="Cameras", description="Names of the cameras it is about, a line each")
 
 
 class MocapCamera(bpy.types.PropertyGroup):
@@ -161,6 +162,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
     checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
     doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
+    doubted: bpy.props.StringProperty(name="Doubted", description="Names of the cameras it found wrong, a line each")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",
         subtype="FILE_PATH", options=RELATIVE,

@@ -8,6 +8,7 @@ import numpy as np
 
 from research.simulation.filming import FilmSettings, around, film
 from solver_backend.body.body import Body
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import TakeTooShort
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
@@ -85,6 +86,6 @@ def benchmark_capture(
         keypoints=Keypoints2D(found.xy, found.confidence, JOINT_SET, take.fps),
         footage=(None,) * len(cameras),
         sources=(take.name,),
-        notes=("Synthetic capture: recorded motion, simulated cameras and detector; the truth is known.",),
+        notes=(diagnostic("synthetic", origin="recorded motion, simulated cameras and detector"),),
         truth=truth,
     )

@@ -116,6 +116,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the lenses alone and add them to a library."""
+    from solver_backend.camera_calibration.intrinsics.camera_lens import named
     from solver_backend.camera_calibration.intrinsics.library import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 
@@ -131,10 +132,11 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, "
             f"left out {len(lens.left_out)}"
         )
-        lines += [f"  finding     {name}: {word}" for word in lens.advice]
+        advice = [sentence(item) for item in named(name, lens.advice)]
+        lines += [f"  finding     {item}" for item in advice]
         data[name] = {"model": fit.model.name, "held_out_px": lens.choice.held_out, "pictures": list(lens.frames),
                       "view_rmse_px": fit.view_rmse_px.tolist(), "left_out": list(lens.left_out),
-                      "findings": list(lens.advice)}  # fmt: skip
+                      "findings": advice}  # fmt: skip
     return Outcome("\n".join([*lines, f"  written     {args.out}"]), {"lenses": str(args.out), "cameras": data})
 
 
@@ -153,7 +155,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
             cameras.names, found.camera_px, found.worst_region, found.worst_region_px, strict=True
         )
     ]
-    lines += [f"  finding     {word}" for word in found.findings]
+    lines += [f"  finding     {sentence(item)}" for item in found.findings]
     return Outcome("\n".join(lines), found.as_dict())
 
 
@@ -204,13 +206,14 @@ def _outcome(found: Any, path: Path, kind: str) -> Outcome:
         data.append({"name": name, "rmse_px": float(found.camera_rmse_px[c]), "centre_m": centre.tolist(),
                      "centre_sigma_mm": sigma_mm, "turn_sigma_deg": sigma_deg, "delay_s": float(found.delays_s[c]),
                      **lens})  # fmt: skip
-    lines += [f"  note        {note}" for note in found.notes]
-    lines += [f"  finding     {word}" for word in found.findings]
+    notes, findings = ([sentence(item) for item in part] for part in (found.notes, found.findings))
+    lines += [f"  note        {note}" for note in notes]
+    lines += [f"  finding     {finding}" for finding in findings]
     lines.append(f"  written     {path} ({kind})")
     return Outcome(
         "\n".join(lines),
         {"calibration": str(path), "format": kind, "method": found.method, "rmse_px": found.rmse_px, "cameras": data,
-         "findings": list(found.findings), "notes": list(found.notes)},
+         "findings": findings, "notes": notes},
     )  # fmt: skip
 
 

@@ -68,7 +68,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
             check_output(path, overwrite=overwrite)
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
-    from solver_backend.fitters.label_first import labelled_capture, said_of
+    from solver_backend.fitters.label_first import labelled_capture, named_in
     from solver_backend.io.native.told_file import read_told
     from solver_backend.report.labelling import labelling_html
 
@@ -83,10 +83,9 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
     _write(args.out, labelled, overwrite=overwrite)
-    messages = said_of(take)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
     problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
-    return Outcome("\n  ".join([*messages, f"written     {args.out}"]), {**data, "problems": problems})
+    return Outcome(f"{sentence(named_in(take))}\n  written     {args.out}", {**data, "problems": problems})
 
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
@@ -100,7 +99,7 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
     _write(args.out, labelled, overwrite=bool(args.overwrite))
     problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
     data = {"labelled": str(args.out), "like": str(args.like), "problems": problems}
-    return Outcome("\n  ".join([sentence(labelled.notes[-1]), f"written     {args.out}"]), data)
+    return Outcome(f"{sentence(labelled.notes[-1])}\n  written     {args.out}", data)
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:

@@ -71,7 +71,7 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
         for moment in chain.moments():
             progress("Recording OAKs", 0, 1)
             if not isinstance(moment, LiveMoment):
-                findings.append(moment.said)
+                findings.append(moment.message)
                 continue
             begin = begin or moment.arrived
             points.append(len(moment.tracked.points))

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.marker_verbs import check_ending
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -73,12 +74,12 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
         "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps,
         "points": round(float(seen.sum(1).mean()), 2),
         "columns": seen.shape[1], "sigma_mm": round(sigma_mm, 3), "sensors": take.frames,
-        "findings": list(take.findings),
+        "findings": [sentence(item) for item in take.findings],
     }  # fmt: skip
     lines = [
         f"{len(seen)} frames, {seen.sum(1).mean():.1f} points a frame, ± {sigma_mm:.1f} mm in the median",
         *(f"  sensor      {name}: {count} frames" for name, count in take.frames.items()),
-        *(f"  finding     {message}" for message in take.findings), f"  written     {args.out}",
+        *(f"  finding     {sentence(item)}" for item in take.findings), f"  written     {args.out}",
     ]  # fmt: skip
     return Outcome("\n".join(lines), data)
 
@@ -93,7 +94,7 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
             if isinstance(moment, LiveMoment):
                 progress("Recording", 0, 1)
             else:
-                findings.append(moment.said)
+                findings.append(moment.message)
     data = {"recording": str(args.out), **chain_summary(chain), "findings": findings}
     lines = [f"{n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
     lines += [f"finding     {message}" for message in findings]

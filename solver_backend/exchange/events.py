@@ -27,7 +27,10 @@ def _texts(value: Any) -> bool:
 
 def _diagnostics(value: Any) -> bool:
     return isinstance(value, list) and all(
-        isinstance(item, dict) and _text(item.get("code")) and _text(item.get("severity")) for item in value
+        isinstance(item, dict)
+        and all(_text(item.get(key)) for key in ("code", "severity"))
+        and all(isinstance(item.get(key, {}), dict) for key in ("where", "values"))
+        for item in value
     )
 
 
@@ -59,14 +62,14 @@ def _people(value: Any) -> bool:
 _CAPTURE: dict[str, _Test] = {
     "capture": _text, "name": _text, "frames": _whole, "fps": _number, "joint_set": _or_none(_text),
     "markers": _or_none(_whole), "cameras": _cameras, "people": _people, "person": _text,
-    "notes": _texts, "problems": _texts,
+    "notes": _texts, "problems": _texts, "diagnostics": _or_none(_diagnostics),
 }  # fmt: skip
 _SOLVED: dict[str, _Test] = {
     "motion": _text, "report": _or_none(_text), "diagnostics": _diagnostics, "frames": _whole,
     "reprojection_median_px": _or_none(_number), "unsure_frames": _whole, "unseen_frames": _whole,
 }  # fmt: skip
 _RESULTS: dict[str, dict[str, _Test]] = {"convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED}
-"""What the results of the verbs hold that somebody acts on."""
+"""What the results of the verbs hold that somebody acts on; earlier solvers write no diagnostics of what is read."""
 
 
 def _each(tests: dict[str, _Test]) -> _Test:
@@ -98,10 +101,11 @@ def _takes_of_videos(value: Any) -> bool:
 
 _RESULTS["check-cameras"] = {
     "verdict": _text, "findings": _texts, "stature_m": _number, "tilt_deg": _number, "tilt_sigma_deg": _number,
+    "diagnostics": _or_none(_diagnostics),
 }  # fmt: skip
 _RESULTS["fit-cameras"] = {
     "calibration": _text, "format": _text, "cameras": _texts, "residual_px": _or_none(_number),
-    "stature_m": _or_none(_number), "notes": _texts, "problems": _texts,
+    "stature_m": _or_none(_number), "notes": _texts, "problems": _texts, "diagnostics": _or_none(_diagnostics),
 }  # fmt: skip
 _RESULTS["from-videos"] = {"takes": _takes_of_videos}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.recipes.live import fit_average_person
@@ -21,9 +22,9 @@ Told = Mapping[tuple[int, int], str]
 
 
 LEAST_NAMED, LEAST_PLACES = 0.75, 20
-"""Share of the points, and markers, that the network names where it knows the layout. Where labels say nothing it names
-83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of clusters
-and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+"""Share of the points, and markers, that the network names where it knows the layout. Where labels mean nothing it
+names 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of
+clusters and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
@@ -52,7 +53,7 @@ def has_own_names(cloud: MarkerCloud) -> bool:
 
 
 def told_by(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
-    """Return what a half-labelled take's own names tell of every stretch of theirs: they bind."""
+    """Return what a half-labelled take's own names give every stretch of theirs: they bind."""
     if cloud.labels is None:
         return {}
     known = name_markers([label for label in cloud.labels if not is_unnamed(label)]).known
@@ -97,11 +98,7 @@ def labelled_capture(
             raise
         return capture, None
     if persistent and not (always or knows_layout(take)):
-        share = 100.0 * float(_named(take).mean())
-        doubt = (
-            "The labels name too few places, and the labelling network, which knows whole bodies, names only "
-            f"{share:.0f} % of the markers: its names are not used."
-        )
+        doubt = diagnostic("layout_unknown_to_network", percent=100.0 * float(_named(take).mean()))
         return replace(capture, problems=(*capture.problems, doubt)), None
     share = float(_named(take).mean()) if take.labels.size else 1.0
     if not (always or persistent) and share < LEAST_UNNAMED:
@@ -112,8 +109,8 @@ def labelled_capture(
             "Blender or with --labels, and solve the labelled file.",
         )  # fmt: skip
     return replace(
-        capture, markers=take.cloud(cloud), notes=(*capture.notes, *said_of(take, persistent=persistent)),
-        problems=(*(item for item in capture.problems if item.code != "few_markers_known"), *doubts_of(take)),
+        capture, markers=take.cloud(cloud), notes=(*capture.notes, named_in(take, persistent=persistent)),
+        problems=(*(item for item in capture.problems if item.code != "few_markers_known"), *unnamed_in(take)),
     ), take  # fmt: skip
 
 
@@ -123,22 +120,19 @@ def knows_layout(take: LabelledTake) -> bool:
     return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_PLACES
 
 
-def said_of(take: LabelledTake, *, persistent: bool = False) -> list[str]:
-    """Return sentences on what was named.
+def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
+    """Return a note on what was named, in per cent of the points.
 
     Args:
         take: labelled.
-        persistent: the points had names, which say nothing of places.
+        persistent: the points had names, but not those of places.
     """
     labels = take.labels[np.isfinite(take.confidence)]
-    shares = [100.0 * float(np.mean(group)) if len(labels) else 0.0 for group in (
-        _named(take), labels == GHOST, labels < 0,
-    )]  # fmt: skip
-    what = "The labels of the markers name no places" if persistent else "The points had no names"
-    return [
-        f"{what}: a network named {shares[0]:.1f} % of them, as {len(_places(take))} markers; "
-        f"{shares[1]:.1f} % are none of a person's, {shares[2]:.1f} % stay unknown."
-    ]
+    named, nobody, unknown = (
+        100.0 * float(np.mean(group)) if len(labels) else 0.0 for group in (_named(take), labels == GHOST, labels < 0)
+    )
+    code = "labels_named" if persistent else "points_named"
+    return diagnostic(code, count=len(_places(take)), named=named, nobody=nobody, unknown=unknown)
 
 
 def _named(take: LabelledTake) -> np.ndarray:
@@ -150,10 +144,10 @@ def _places(take: LabelledTake) -> set[int]:
     return set(take.labels[np.isfinite(take.confidence)][_named(take)].tolist())
 
 
-def doubts_of(take: LabelledTake) -> list[str]:
-    """Return a sentence if many points stay unknown."""
+def unnamed_in(take: LabelledTake) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic if many points stay unknown."""
     there = np.isfinite(take.confidence)
     unknown = float((take.labels[there] < 0).mean()) if there.any() else 1.0
     if unknown < 0.05:
-        return []
-    return [f"{100 * unknown:.0f} % of the points could not be named surely; they are left out of the solve."]
+        return ()
+    return (diagnostic("points_not_named", percent=100.0 * unknown),)

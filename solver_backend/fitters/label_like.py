@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.label_first import has_own_names
@@ -53,8 +54,9 @@ def labelled_like(
     there = np.isfinite(cloud.positions).all(-1)
     found = take.point_labels[there]
     unknown, places = float((found < 0).mean()), len(set(found[found >= 0].tolist()))
-    note = f"Named after {like.name}: {100 * (1 - unknown):.1f} % of the points, as {places} markers."
-    doubts = [f"{100 * unknown:.0f} % of the points could not be named surely."] if unknown > UNSURE_SHARE else []
+    note = diagnostic("points_named_after", take=like.name, named=100.0 * (1.0 - unknown), count=places)
+    unsure = unknown > UNSURE_SHARE
+    doubts = [diagnostic("points_not_named_after", percent=100.0 * unknown)] if unsure else []
     kept = [item for item in capture.problems if item.code != "few_markers_known"]
     return replace(
         capture, markers=take.cloud(cloud), notes=(*capture.notes, note), problems=(*kept, *doubts)

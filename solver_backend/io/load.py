@@ -9,6 +9,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any, TypeVar
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, MotionInvalid
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
@@ -67,7 +68,7 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
         capture.require_views()
     capture = checked(capture)
     if capture.num_frames == 1:
-        capture = replace(capture, problems=(*capture.problems, "The take is a single frame: a pose, not a motion."))
+        capture = replace(capture, problems=(*capture.problems, diagnostic("single_frame")))
     return capture
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.world_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
@@ -26,7 +27,7 @@ def _is_npz(path: Path) -> bool:
 def _read_capture(path: Path, options: ReadOptions) -> Capture:
     """Read a capture file; a given frame rate or joint set replaces the file's.
 
-    What the file says of its world is not believed: it may have been changed since. It is looked at as any reader's.
+    What the file holds of its world is looked at anew as any reader's: the cameras may have been changed since.
     """
     capture = read_capture(path)
     found, markers = capture.keypoints, capture.markers
@@ -69,17 +70,16 @@ CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)
 MOTION = Reader("our own motion .npz", _is_npz, lambda path, options: read_motion(path))
 
 
-def marker_problems(cloud: MarkerCloud) -> tuple[str, ...]:
-    """Return a sentence each on markers of another size than a person's, and on a body that does not stand along Z."""
+def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
+    """Return what is odd of markers in metres, Z up: another size than a person's, or a body that stands elsewhere."""
     if not np.isfinite(cloud.positions).any():
         return ()
-    found: list[str] = []
+    found: list[Diagnostic] = []
     unit = find_unit(cloud.positions, "m", None, "m")
-    if unit.problem:
-        hint = f" They look like {unit.name}." if unit.name != "m" else ""
-        found.append(f"The markers spread over {spread(cloud.positions):.3g} m, which is no person.{hint}")
+    if unit.problem is not None:
+        code = "markers_not_in_metres" if unit.name == "m" else "markers_look_like_unit"
+        found.append(diagnostic(code, spread=spread(cloud.positions), unit=unit.name))
     axis = find_up_axis(cloud.positions * unit.metres, cloud.labels or ("",) * cloud.positions.shape[1], "z", None, "z")
-    if axis.problem:
-        stands = axis.problem.partition("the body stands along ")[2][:2].strip(",;. ")
-        found.append(f"The markers' body stands along {stands}, not along Z: is Z up in the capture?")
+    if axis.problem is not None:
+        found.append(diagnostic("markers_along_axis", along=axis.problem.values["along"]))
     return tuple(found)

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import JointSet
 
 
@@ -14,7 +15,7 @@ class Detections:
     """What the detectors wrote: C cameras, F frames, up to P people, K keypoints."""
 
     cameras: tuple[str, ...]
-    """One name a camera, as the folders say it."""
+    """One name a camera, as the folders are called."""
     xy: np.ndarray
     """(C, F, P, K, 2) float32 pixels; NaN where a keypoint or a person is missing."""
     confidence: np.ndarray
@@ -29,9 +30,9 @@ class Detections:
     """The same of each camera, where each was read from its own first; () where all begin with ``first_frame``."""
     lengths: tuple[int, ...] = ()
     """Frames from each camera's first to its last, then; () where all have as many."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What was found and assumed."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What the user should know."""
 
     @property

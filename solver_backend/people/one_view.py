@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import SelectedPerson
@@ -61,9 +62,9 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     return tuple(selected)
 
 
-def _notes(kept: list[_Track], count: int, frames: int) -> tuple[str, ...]:
-    first = f"One camera: the person is whoever is largest for longest, in {len(kept[0].frames)} of {frames} frames."
-    others = () if count == 1 else (f"{count - 1} other tracks are seen; {len(kept) - 1} of them can be solved.",)
+def _notes(kept: list[_Track], count: int, frames: int) -> tuple[Diagnostic, ...]:
+    first = diagnostic("largest_person_chosen", seen=len(kept[0].frames), of=frames)
+    others = () if count == 1 else (diagnostic("other_tracks", count=count - 1, solvable=len(kept) - 1),)
     return (first, *others)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person
 from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS
@@ -39,12 +40,10 @@ def take_cuts(detections: Detections) -> list[int]:
     return (np.flatnonzero(jumps) + 1).tolist()
 
 
-def cut_sentence(cuts: list[int], num_frames: int) -> tuple[str, ...]:
+def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:
     """Return what is reported of cuts: nothing where there are none."""
     if not cuts:
         return ()
-    at = ", ".join(str(cut) for cut in cuts[:6])
     return (
-        f"The person jumps in all views at frame {at}: several takes may follow one another. Solve each by itself: "
-        f"--frames 0 {cuts[0] - 1}, and --frames {cuts[-1]} {num_frames - 1}.",
-    )
+        diagnostic("takes_joined", cuts=cuts, first_end=cuts[0] - 1, last_start=cuts[-1], end=num_frames - 1),
+    )  # fmt: skip

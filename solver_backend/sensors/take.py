@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.acquisition.settings import DEFAULT as ACQUISITION
@@ -34,8 +35,8 @@ class SensorTake:
     """Points without names, with covariances; the residual is each point's standard deviation."""
     frames: dict[str, int]
     """Frames of each sensor."""
-    findings: tuple[str, ...]
-    """What was wrong, one sentence each."""
+    findings: tuple[Diagnostic, ...]
+    """What was wrong."""
 
 
 def cloud_of(
@@ -60,19 +61,21 @@ def cloud_of(
     gatherer = Gatherer(folder.cameras.names, 1.0 / folder.fps)
     tracks, builder = MarkerTracks(fusion), CloudBuilder()
     frames: Counter[str] = Counter()
-    ended: list[str] = []
+    ended: list[Diagnostic] = []
     expected = max((device.count() for device in folder.devices), default=0)
     for moment in _moments(folder, gatherer, finders, frames, ended):
         builder.add(tracks.update(fuse(moment, fusion)))
         progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
     cloud = builder.cloud(folder.fps)
     if not cloud.positions.shape[1]:
+        hint = "; ".join(map(sentence, counted(gatherer.findings)))
         raise NoMarkers(
-            "No sensor saw a marker in any frame.", where=str(folder.path),
-            hint="; ".join(said_of(gatherer.findings)) or "Check that the markers are retro-reflective and lit.",
-        )  # fmt: skip
-    missing = [f"Sensor {name} is in the calibration and not in the folder." for name in folder.missing]
-    return SensorTake(cloud, dict(frames), (*missing, *ended, *said_of(gatherer.findings)))
+            "No sensor saw a marker in any frame.",
+            where=str(folder.path),
+            hint=hint or "Check that the markers are retro-reflective and lit.",
+        )
+    missing = [diagnostic("sensor_missing", cameras=[name]) for name in folder.missing]
+    return SensorTake(cloud, dict(frames), (*missing, *ended, *counted(gatherer.findings)))
 
 
 def capture_from(folder: SensorFolder, take: SensorTake, name: str) -> Capture:
@@ -87,14 +90,19 @@ def capture_of(folder: SensorFolder, *, progress: Progress = silent) -> Capture:
     return capture_from(folder, cloud_of(folder, progress=progress), folder.path.name)
 
 
-def said_of(findings: list[Finding]) -> list[str]:
-    """Return what was found as sentences, each once, with how often."""
-    count = Counter((finding.kind, finding.said) for finding in findings)
-    first = {(f.kind, f.said): f.time for f in reversed(findings)}
-    return [
-        f"{message} (at {first[kind, message]:.2f} s{f', {number} times' if number > 1 else ''})"
-        for (kind, message), number in count.items()
-    ]
+def counted(findings: Sequence[Finding]) -> list[Diagnostic]:
+    """Return what was found, each once, with its first time and how often."""
+    alike: dict[str, list[Finding]] = {}
+    for finding in findings:
+        alike.setdefault(finding.message, []).append(finding)
+    return [_with_time(same[0], len(same)) for same in alike.values()]
+
+
+def _with_time(first: Finding, times: int) -> Diagnostic:
+    when = [f"at {first.time:.2f} s"] if np.isfinite(first.time) else []
+    when += [f"{times} times"] if times > 1 else []
+    words = f" ({', '.join(when)})" if when else ""
+    return replace(first.found, values={**first.found.values, "when": words, "times": times})
 
 
 def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -> dict[str, np.ndarray]:
@@ -107,7 +115,7 @@ def masks_of(empty: SensorFolder, settings: AcquisitionSettings = ACQUISITION) -
 
 
 def _moments(
-    folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[str]
+    folder: SensorFolder, gatherer: Gatherer, finders: list[Acquisition], frames: Counter[str], ended: list[Diagnostic]
 ) -> Iterator[list[SensorSightings]]:
     """Yield the moments of a folder; a sensor that fails in mid-take ends, the others go on."""
     for name in folder.missing:
@@ -123,7 +131,7 @@ def _moments(
             del going[finder]
             gatherer.ended(finder.index)
         except SensorFailed as error:
-            ended.append(f"Sensor {finder.lens.name} ended: {error}")
+            ended.append(diagnostic("sensor_ended", cameras=[finder.lens.name], reason=str(error)))
             del going[finder]
             gatherer.ended(finder.index)
         else:

@@ -70,7 +70,7 @@ def _frames(chain: MarkerChain) -> Iterator[PointFrame]:
             tracked = moment.tracked
             yield PointFrame(tracked.time, tracked.points[tracked.score > 0], moment.arrived)
         elif moment.kind != "sensor_silent":
-            sys.stdout.write(f"  {moment.said}\n")
+            sys.stdout.write(f"  {moment.message}\n")
 
 
 def _resident_mb() -> list[float]:

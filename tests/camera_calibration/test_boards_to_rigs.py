@@ -17,6 +17,7 @@ from solver_backend.camera_calibration.extrinsics.result import result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.intrinsics.camera_lens import camera_lens
 from solver_backend.camera_calibration.intrinsics.lens_fit import fitted_lens
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -103,9 +104,9 @@ def test_a_lens_of_another_zoom_is_named() -> None:
     K = lenses[1].K * np.array([[1.15, 1, 1], [1, 1.15, 1], [1, 1, 1]])
     wrong = [lenses[0], replace(lenses[1], K=K), lenses[2]]
     assert zoom_doubts(rig_from_board(cameras.names, lenses, BOARD, seen)) == ()
-    [said] = zoom_doubts(rig_from_board(cameras.names, wrong, BOARD, seen))
-    assert said.startswith("cam2 has a focal length of 11")
-    assert "1288 px as stated" in said
+    [finding] = zoom_doubts(rig_from_board(cameras.names, wrong, BOARD, seen))
+    assert sentence(finding).startswith("cam2 has a focal length of 11")
+    assert "1288 px as stated" in sentence(finding)
 
 
 def test_too_few_pictures_are_named() -> None:
@@ -128,7 +129,7 @@ def test_a_mirrored_camera_is_refused_by_name(tmp_path: Path, monkeypatch: pytes
     some = sorted(seen["cam2"])
     few = {f: replace(s, mirrored=f in some[:2]) for f, s in seen["cam2"].items()}
     found = calibrate_by_board(filmed_folder(tmp_path, monkeypatch, {**seen, "cam2": few}), BOARD, lenses)
-    assert any("cam2 shows the board mirrored in 2 pictures" in word for word in found.findings)
+    assert diagnostic("board_mirrored", cameras=["cam2"], count=2) in found.findings
     seen["cam2"] = {f: replace(s, mirrored=True) for f, s in seen["cam2"].items()}
     with pytest.raises(CalibrationInvalid, match="The board is mirrored") as caught:
         calibrate_by_board(filmed_folder(tmp_path, monkeypatch, seen), BOARD, lenses)

@@ -19,6 +19,7 @@ from solver_backend.camera_calibration.extrinsics.person_session import (
     refine_by_person,
 )
 from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, pose_from_essential
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationInvalid, JobInvalid, NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3, log_so3
@@ -76,23 +77,24 @@ def test_rough_lenses_are_improved(exact: Capture) -> None:
     assert off.max() < 0.5 * before.max()
 
 
-def test_a_camera_that_was_moved_is_found_and_put_right(noisy: Capture) -> None:
+def test_a_camera_that_was_moved_is_found_and_corrected(noisy: Capture) -> None:
     cameras, keypoints = noisy.require_multiview()
     R = cameras.R.copy()
     R[2] = exp_so3(np.array([0.01, 0.03, 0.0])) @ R[2]
     moved = replace(
         cameras, R=R, t=np.where(np.arange(4)[:, None] == 2, (R @ -cameras.centres[..., None])[..., 0], cameras.t)
     )
-    assert not any("moved" in word for word in check_calibration(cameras, keypoints).findings)
+    assert not any("moved" in finding.code for finding in check_calibration(cameras, keypoints).findings)
     checked = check_calibration(moved, keypoints)
-    [said] = [word for word in checked.findings if "moved after calibration" in word]
-    assert said.startswith(f"{cameras.names[2]} seems to have moved")
+    [finding] = [item for item in checked.findings if item.code == "camera_moved_since"]
+    assert sentence(finding).startswith(f"{cameras.names[2]} seems to have moved after calibration")
     assert checked.camera_px[2] > 3 * checked.refined_camera_px[2]
     refined = refine_by_person(moved, keypoints)
     assert apart(refined.cameras, cameras, False)[1] < 0.4
     assert apart(moved, cameras, False)[1] > 1.0
-    assert [word.split()[0] for word in refined.findings] == [cameras.names[2]]
-    assert re.search(r"points 1\.[5-9]°", refined.findings[0]) and "was moved" in refined.findings[0]
+    [finding] = refined.findings
+    assert (finding.code, finding.where.cameras) == ("camera_moved", (cameras.names[2],))
+    assert re.search(r"points 1\.[5-9]°", sentence(finding)) and "was moved" in sentence(finding)
 
 
 def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> None:
@@ -100,7 +102,7 @@ def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> 
     refined = refine_by_person(cameras, keypoints)
     np.testing.assert_array_equal(refined.cameras.R, cameras.R)
     np.testing.assert_array_equal(refined.cameras.t, cameras.t)
-    assert refined.findings == () and "it is kept" in refined.notes[0]
+    assert refined.findings == () and [note.code for note in refined.notes] == ["rig_kept"]
 
 
 def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
@@ -118,9 +120,9 @@ def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     assert check_calibration(cameras, keypoints).findings == ()
     small = check_calibration(replace(cameras, t=0.7 * cameras.t), keypoints)
-    assert any("squares do not have the stated size" in word for word in small.findings)
+    assert "scale_doubted" in [finding.code for finding in small.findings]
     tipped = check_calibration(replace(cameras, R=cameras.R @ exp_so3(np.array([0.8, 0.0, 0.0]))), keypoints)
-    assert any("world's up" in word for word in tipped.findings)
+    assert "tilt_doubted" in [finding.code for finding in tipped.findings]
 
 
 def test_the_scale_is_by_stature_or_by_a_known_length(exact: Capture) -> None:

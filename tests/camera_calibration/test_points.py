@@ -11,6 +11,7 @@ import pytest
 from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.camera_calibration.extrinsics.points_session import Clicks, calibrate_by_points, read_clicks
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from tests.support.carried_board import ring
 
@@ -44,8 +45,9 @@ def test_points_of_unknown_place_help_and_a_false_click_is_named() -> None:
     px = {c: dict(points) for c, points in clicks.px.items()}
     px["cam2"]["p3"] = px["cam2"]["p3"][0] + 60.0, px["cam2"]["p3"][1]
     found = calibrate_by_points(Clicks(px, known), lenses)
-    assert "10 points, 8 of them" in found.notes[0]
-    assert any(word.startswith("p3 was clicked") and word.endswith("cam2.") for word in found.findings)
+    assert found.notes == (diagnostic("points_clicked", count=10, known=8),)
+    clicks_far = [(item.values["point"], item.where.cameras) for item in found.findings if item.code == "click_far"]
+    assert ("p3", ("cam2",)) in clicks_far
     assert np.linalg.norm(found.cameras.centres - cameras.centres, axis=1).max() < 0.04
 
 

@@ -18,6 +18,7 @@ from solver_backend.camera_calibration.extrinsics.evidence import (
 from solver_backend.camera_calibration.extrinsics.points_session import Clicks
 from solver_backend.camera_calibration.extrinsics.together import calibrate_together
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Cameras, JointSet, Keypoints2D
@@ -71,7 +72,7 @@ def test_all_sources_at_once_are_nearer_the_truth_than_each_and_as_sure_as_they_
         squares.append([(off(one.cameras, truth) ** 2).mean() for one in (alone, found)])
         told.append((found.centre_sigma_m**2).mean())
         assert found.findings == ()
-        assert len(found.notes) == 4 and found.notes[-1].startswith("Origin")
+        assert len(found.notes) == 4 and found.notes[-1] == diagnostic("world_by_places")
         assert (found.centre_sigma_m < alone.centre_sigma_m).all()
     clicks_alone, together = np.sqrt(np.mean(squares, axis=0))
     assert together < 0.8 * clicks_alone
@@ -105,8 +106,9 @@ def test_a_camera_moved_between_the_board_and_the_take_is_found() -> None:
     board = board_evidence(truth, BOARD, carried(truth, 12, seed=1))
     assert calibrate_together(truth, [board, person_evidence(truth, walked(truth, 0))]).findings == ()
     found = calibrate_together(truth, [board, person_evidence(truth, walked(moved, 0))])
-    [word] = found.findings
-    assert word.startswith("What cam3 saw of the person")
+    [finding] = found.findings
+    assert (finding.code, finding.where.cameras) == ("source_contradicts", ("cam3",))
+    assert sentence(finding).startswith("What cam3 saw of the person")
 
 
 def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:
@@ -116,8 +118,9 @@ def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:
     now = replace(truth, t=-(truth.R @ centre[..., None])[..., 0])
     found = calibrate_together(truth, [person_evidence(truth, walked(now, 0, noise_px=2.0))], hold_m=0.005)
     assert off(found.cameras, now).max() < 0.02
-    [said] = found.findings
-    assert said.startswith("cam2 stands 2")
+    [finding] = found.findings
+    assert (finding.code, finding.where.cameras) == ("camera_off_held", ("cam2",))
+    assert 200 <= finding.values["size"] < 300
     same = calibrate_together(truth, [person_evidence(truth, walked(truth, 0))], hold_m=0.002)
     free = calibrate_together(truth, [person_evidence(truth, walked(truth, 0))])
     assert off(same.cameras, truth).max() < 0.004 < off(free.cameras, truth).max()

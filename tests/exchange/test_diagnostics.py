@@ -24,6 +24,9 @@ from solver_backend.exchange.diagnostics import (
     summarise,
     word,
 )  # fmt: skip
+from solver_backend.exchange.diagnostics.recording import RECORDING
+from solver_backend.exchange.diagnostics.result import RESULT
+from solver_backend.exchange.diagnostics.table import GROUPS, READING
 
 LEGS = diagnostic("limbs_exchanged", cameras=["b"], frames=[(30, 59)], remedy=Remedy.REPAIRED, part="legs", size=8.0)
 FAR = diagnostic("frames_unsure", frames=[(3, 9), (12, 12)], percent=4.0)
@@ -39,6 +42,11 @@ def filled(code: str) -> Diagnostic:
     given = {str(name): 5.0 if spec and spec[-1] in "fg" else "a part" for _, name, spec, _ in parts}
     values = {name: value for name, value in given.items() if name not in places}
     return diagnostic(code, frames=[(3, 9)], file="f", person="Ann", **names, **values)
+
+
+def test_no_code_is_in_two_groups():
+    assert sum(map(len, GROUPS.values())) == len(TABLE)
+    assert {"starts_apart", "earlier_warning"} <= READING and not READING & {*RECORDING, *RESULT}
 
 
 @pytest.mark.parametrize("code", TABLE)

@@ -43,5 +43,7 @@ def test_a_message_of_a_capture_is_plain_in_the_panel() -> None:
     from blender_addon.ui.operators import import_results
 
     message = SimpleNamespace(text="", is_problem=False)
-    import_results._say(SimpleNamespace(messages=SimpleNamespace(add=lambda: message)), HOSTILE, is_problem=True)
+    import_results._add_message(
+        SimpleNamespace(messages=SimpleNamespace(add=lambda: message)), HOSTILE, is_problem=True
+    )
     assert "\x1b" not in message.text and message.is_problem

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
     KeypointCountMismatch,
 )
@@ -152,7 +153,8 @@ def test_joint_set_from_config(trial: Path) -> None:
     assert "Joint set BODY_25B, from Config.toml." in words(load_capture(trial).notes)
     (trial / "Config.toml").write_text("[pose]\npose_model = 'Body_with_feet'\n[project]\nframe_range = [3, 9]\n")
     found = load_capture(trial)
-    assert "Config.toml names HALPE_26, but the keypoints are BODY_25B's." in words(found.problems)
+    assert diagnostic("joint_set_contradicts", configured="HALPE_26", joint_set="BODY_25B") in found.problems
+    assert any("names HALPE_26, but the keypoints are BODY_25B's." in problem for problem in words(found.problems))
     assert found.num_frames == 6 and any(
         note.startswith("Frames 3 to 8 of 20, from Config.toml") for note in words(found.notes)
     )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
     CalibrationInvalid,
     CalibrationMismatch,
@@ -200,7 +201,10 @@ def test_one_frame_is_a_problem_not_an_error(trial: Path) -> None:
     write_trial(trial, frames=1)
     found = load_capture(trial)
     assert found.num_frames == 1
-    assert "The take is a single frame: a pose, not a motion." in words(found.problems)
+    assert diagnostic("single_frame") in found.problems
+    assert any(
+        problem.startswith("The take is a single frame: a pose, not a motion. ") for problem in words(found.problems)
+    )
 
 
 def test_damaged_detections_and_settings(trial: Path) -> None:

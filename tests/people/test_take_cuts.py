@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.people.detections import Detections
-from solver_backend.people.take_cuts import cut_sentence, take_cuts
+from solver_backend.people.take_cuts import report_cuts, take_cuts
 from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.support.words import words
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 
@@ -20,11 +21,12 @@ def rows(*frames: int) -> Detections:
 def test_two_takes_in_one() -> None:
     both = rows(*range(60, 120), *range(290, 350))
     assert take_cuts(both) == [60]
-    assert "--frames 0 59" in cut_sentence([60], 120)[0] and "--frames 60 119" in cut_sentence([60], 120)[0]
+    [found] = words(report_cuts([60], 120))
+    assert "at frame 60:" in found and "--frames 0 59" in found and "--frames 60 119" in found
 
 
 def test_a_whole_take_at_a_third_of_its_rate_and_a_jump_in_one_view_are_none() -> None:
-    assert take_cuts(rows(*range(360))) == [] and cut_sentence([], 360) == ()
+    assert take_cuts(rows(*range(360))) == [] and report_cuts([], 360) == ()
     assert take_cuts(rows(*range(0, 360, 3))) == []
     both = rows(*range(60, 120), *range(290, 350))
     one = Detections(both.cameras, both.xy.copy(), both.confidence, both.joint_set)

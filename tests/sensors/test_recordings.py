@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.sensors.devices.device import Device
@@ -84,7 +85,7 @@ def test_a_sensor_that_was_unplugged_leaves_the_others(copy: Path) -> None:
     about["sensors"] = about["sensors"][:1]
     (copy / "recording.json").write_text(json.dumps(about))
     alone = cloud_of(open_folder(copy))
-    assert alone.findings == ("Sensor sensor1 is in the calibration and not in the folder.",)
+    assert [(item.code, item.where.cameras) for item in alone.findings] == [("sensor_missing", ("sensor1",))]
 
 
 def test_a_clock_of_its_own_and_one_that_jumps_are_put_right(copy: Path) -> None:
@@ -95,8 +96,9 @@ def test_a_clock_of_its_own_and_one_that_jumps_are_put_right(copy: Path) -> None
     index.write_text("\n".join([lines[0], *moved]) + "\n")
     take = cloud_of(open_folder(copy))
     assert take.cloud.positions.shape == (FRAMES, 8, 3)
-    [said] = take.findings
-    assert "sensor1" in said and "jumped" in said
+    [jump] = take.findings
+    assert jump.code == "sensor_clock_jumped" and jump.where.cameras == ("sensor1",)
+    assert "jumped" in sentence(jump) and "(at " in sentence(jump)
 
 
 def test_a_picture_that_is_damaged_ends_its_sensor_only(tmp_path: Path) -> None:
@@ -104,7 +106,7 @@ def test_a_picture_that_is_damaged_ends_its_sensor_only(tmp_path: Path) -> None:
     (folder / "sensor1" / "depth" / "000002.png").write_bytes(b"no picture")
     take = cloud_of(open_folder(folder))
     assert take.frames == {"sensor0": 4, "sensor1": 2}
-    assert len(take.findings) == 1 and "000002.png" in take.findings[0]
+    assert [item.code for item in take.findings] == ["sensor_ended"] and "000002.png" in sentence(take.findings[0])
 
 
 def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> None:
@@ -119,8 +121,9 @@ def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> N
     take = cloud_of(open_folder(folder))
     assert take.frames == {"sensor0": 4, "sensor1": 4}
     assert (np.isfinite(take.cloud.positions).all(-1).sum(1) == 8).all(), "the other goes on, and it comes back"
-    [said] = take.findings
-    assert "sensor1" in said and "bright" in said and "2 times" in said
+    [sun] = take.findings
+    assert sun.code == "sensor_sunlight" and sun.where.cameras == ("sensor1",) and sun.values["times"] == 2
+    assert "bright" in sentence(sun) and "2 times" in sentence(sun)
 
     for sensor in CAMERAS.names:
         for frame in range(4):

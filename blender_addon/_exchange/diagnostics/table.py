@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from .calibration import CALIBRATION
 from .captures import CAPTURES
+from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
+from .labels import LABELS
 from .markers import MARKERS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
+from .rigs import RIGS
 from .videos import VIDEOS
 from .world import WORLD
 
@@ -18,11 +21,14 @@ _EARLIER: dict[str, DiagnosticEntry] = {
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
-    "Detections and people": CAPTURES,
+    "Detections": DETECTIONS,
+    "Recordings of views": CAPTURES,
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
-    "Marker files and labels": MARKERS,
+    "Calibrating and checking cameras": RIGS,
+    "Marker files": MARKERS,
+    "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
@@ -33,5 +39,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(code for part in (CAPTURES, RANGES, CALIBRATION, WORLD, MARKERS, VIDEOS, _EARLIER) for code in part)
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys()
 """Codes of what is found before a solve."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from .entry import DiagnosticEntry, note
+from .entry import DiagnosticEntry, note, warning
 
 VIDEOS: dict[str, DiagnosticEntry] = {
     "detector_used": note(
@@ -18,4 +18,131 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "A noise map was given that was measured of another detector.",
         "These detections are of {detector}.",
     ),
+    "clock_in_sync": note(
+        "Clock of {camera}: in sync, by {method}",
+        "The camera's clock differs from the first camera's by no more than the uncertainty of the estimate.",
+    ),
+    "clock_estimated": note(
+        "Clock of {camera}: {offset_ms:+.2f} ms (± {offset_sigma_ms:.2f}), {rate_ppm:+.1f} ppm "
+        "(± {rate_sigma_ppm:.1f}), by {method}",
+        "The cameras were started by hand, or their clocks run at different rates. The detections are moved in time.",
+    ),
+    "clocks_assumed": warning(
+        "The clocks are taken to agree: {reason}",
+        "Neither the person's movement nor the sound shows when the recordings started.",
+        "Let the person clap in sight of all cameras, or choose another way with --sync.",
+    ),
+    "wand_clocks_assumed": note(
+        "The clocks are taken to agree at first: {reason}",
+        "The wand's speed does not show how the clocks differ. The calibration still estimates small delays.",
+        "Wave the wand so that all sensors see it speed up and slow down.",
+    ),
+    "rolling_shutter": warning(
+        "Rolling shutter is not modelled: rows of a picture may differ by up to a frame",
+        "Cameras that are not in step with each other also read their rows at different times.",
+        "Use cameras with a common trigger where fast movement must be exact.",
+    ),
+    "clocks_disagree": warning(
+        "{camera} and {other_camera} do not agree by {method}; the others decide",
+        "The lag between these two contradicts what all other pairs measure, and is left out.",
+        "Look at the picture of the clocks.",
+    ),
+    "clocks_contradict": warning(
+        "The lags of the cameras by {method} contradict each other by {off_ms:.0f} ms",
+        "Pairs of cameras measure lags that no set of clocks explains, and too few pairs are left to leave one out.",
+        "Try another way with --sync, or give the offsets.",
+    ),
+    "claps_ambiguous": warning(
+        "The claps that {camera} saw fit {off_ms:+.0f} ms from there nearly as well",
+        "Claps at even intervals look alike when one is skipped.",
+        "Clap three times at uneven intervals, with both hands in sight of all cameras.",
+    ),
+    "common_time_short": warning(
+        "All videos together show {span:.1f} s of the longest video's {longest:.1f} s",
+        "A camera was started late or stopped early, or the estimated offset is wrong.",
+        "Leave out the camera that was started or stopped at another time, or check the clocks.",
+    ),
+    "video_rates_mixed": note(
+        "The videos run at {rates} pictures a second; all are read at {rate:g}",
+        "The cameras record at different rates. Detections between pictures are interpolated.",
+    ),
+    "intervals_uneven": note(
+        "{file} has uneven intervals, up to {gap_ms:.0f} ms; read by its times",
+        "Telephones record at a varying rate, and cameras drop pictures.",
+    ),
+    "picture_cut": note(
+        "{camera}: made at {made}, filmed at {filmed} px; taken to be cut, not scaled",
+        "The calibration's pictures are a little larger or smaller: a coder cuts them to whole blocks.",
+    ),
+    "calibration_scaled": note(
+        "{camera}: made at {made}, filmed at {filmed} px; the calibration was scaled",
+        "The camera was calibrated at another resolution than it filmed in.",
+    ),
+    "person_seen_most": note(
+        "The person is whoever is seen most in each view: no calibration yet",
+        "Without calibrated cameras the views cannot be compared.",
+    ),
+    "cameras_not_calibrated": warning(
+        "The cameras are not calibrated",
+        "Detections were made without a calibration.",
+        "Calibrate them before you solve.",
+    ),
+    "detected_live": note(
+        "Detected live by {source}; the poses of then are in {file}",
+        "The capture was recorded while it was solved live.",
+    ),
+    "sensor_missing": warning(
+        "Sensor {camera} is in the calibration and not in the folder",
+        "The sensor was not recorded, or its folder has another name.",
+        "Check the folder if the sensor should be there.",
+    ),
+    "sensor_ended": warning(
+        "Sensor {camera} ended: {reason}",
+        "The sensor was unplugged, or its recording is damaged. The others go on.",
+        "Check its cable and its files.",
+    ),
+    "sensor_trouble": warning(
+        "Sensor {camera}: {reason}",
+        "The sensor or its recording failed. The others go on.",
+        "Check its cable and the disk.",
+    ),
+    "sensor_gap": warning(
+        "Sensor {camera}: nothing came from it for {gap:.2f} s{when}",
+        "The sensor, its cable or the computer paused.",
+        "Check its cable, and what else the computer does.",
+    ),
+    "sensor_silent": warning(
+        "Sensor {camera}: nothing comes from it; the others go on{when}",
+        "The sensor was unplugged or its process hangs.",
+        "Check its cable.",
+    ),
+    "sensor_back": warning(
+        "Sensor {camera}: it is back{when}",
+        "The sensor was silent and sends frames again.",
+        "Until then the points are of the other sensors alone.",
+    ),
+    "sensor_clock_jumped": warning(
+        "Sensor {camera}: its clock jumped by {step:.3f} s; the host's goes on{when}",
+        "The sensor's clock was set, or it restarted.",
+        "Times about there are less exact.",
+    ),
+    "sensor_time_missing": warning(
+        "Sensor {camera}: a frame without a time is left out{when}",
+        "The recording's index is damaged, or the sensor sent a time that is not a number.",
+        "Look at the index of the recording.",
+    ),
+    "sensor_sunlight": warning(
+        "Sensor {camera}: too much of the picture is bright{when}",
+        "Sunlight, a window or a lamp shines at the sensor. Its markers are not found there.",
+        "Take the light out of its sight, or record the empty scene for a mask.",
+    ),
+    "synthetic": note(
+        "Synthetic capture: {origin}; the truth is known",
+        "The capture was computed, not recorded.",
+    ),
+    "perturbed": note(
+        "Perturbed: {faults}",
+        "Errors were added to a synthetic capture on purpose.",
+    ),
 }
+"""By code."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import bpy
 
+from ..._exchange.diagnostics import read_diagnostics
 from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
 from ...conventions.numbered import next_path
@@ -80,6 +81,8 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         ]
         capture.checked = "\n".join(plain(word) for word in words)
         capture.doubts = "\n".join(plain(word) for word in result["findings"])
+        found = read_diagnostics(result.get("diagnostics"))
+        capture.doubted = "\n".join(dict.fromkeys(name for item in found for name in item.where.cameras))
         self.report({"WARNING"} if result["findings"] else {"INFO"}, words[0])
         return {"FINISHED"}
 
@@ -175,7 +178,7 @@ def _retaken(
     take_capture(scene, result, file_of(source) if source else None)  # footage lies where the recording does
     capture = scene.mocap.capture
     capture.source = source
-    capture.checked = capture.doubts = ""
+    capture.checked = capture.doubts = capture.doubted = ""
     return capture
 
 

@@ -14,7 +14,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
-from ..._exchange.diagnostics import Diagnostic, read_diagnostics, sentence, warnings_in
+from ..._exchange.diagnostics import EARLIER_NOTE, Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
@@ -42,7 +42,7 @@ _HEIGHTS = 2.2
 
 
 def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
-    """Set up a capture the solver has read, and keep what it said in the scene's settings.
+    """Set up a capture the solver has read, and keep what it found in the scene's settings.
 
     Args:
         scene: the scene.
@@ -74,11 +74,14 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     take_markers(capture, result, stage)
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
-    capture.checked = capture.doubts = ""
-    for problem in (*result["problems"], *stage.notes, *refused):
-        _say(capture, problem, is_problem=True)
-    for note in result["notes"]:
-        _say(capture, note, is_problem=False)
+    capture.checked = capture.doubts = capture.doubted = ""
+    found = found_in_reading(result)
+    for item in warnings_in(found):
+        _add_message(capture, sentence(item), is_problem=True, cameras=item.where.cameras)
+    for text in (*stage.notes, *refused):
+        _add_message(capture, text, is_problem=True)
+    for item in notes_in(found):
+        _add_message(capture, sentence(item), is_problem=False, cameras=item.where.cameras)
     unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
@@ -95,6 +98,13 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
         review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
+
+
+def found_in_reading(result: dict[str, Any]) -> tuple[Diagnostic, ...]:
+    """Return what reading a capture found; of a solver that writes no diagnostics yet, its sentences."""
+    if result.get("diagnostics") is not None:
+        return read_diagnostics(result["diagnostics"])
+    return read_diagnostics(result["problems"]) + read_diagnostics(result["notes"], EARLIER_NOTE)
 
 
 def _folder_of(source: Path | None) -> list[Path]:
@@ -274,6 +284,6 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
     return f"laid by time into the scene's {rate}"
 
 
-def _say(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool) -> None:
+def _add_message(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool, cameras: Sequence[str] = ()) -> None:
     message = capture.messages.add()
-    message.text, message.is_problem = plain(text), is_problem
+    message.text, message.cameras, message.is_problem = plain(text), "\n".join(cameras), is_problem

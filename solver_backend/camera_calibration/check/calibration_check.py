@@ -12,6 +12,7 @@ from solver_backend.camera_calibration.extrinsics.from_person import refined_by_
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
 from solver_backend.report.calibration import COLUMNS, ROWS, CameraFits
@@ -28,7 +29,7 @@ SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 @dataclass(frozen=True)
 class CalibrationCheck:
-    """What was found, px unless said."""
+    """What was found, px unless stated."""
 
     camera_px: np.ndarray
     """(C,) median distance of keypoints to where the other cameras have them."""
@@ -47,8 +48,8 @@ class CalibrationCheck:
     tilt_deg: float
     """Between the world's up and the person's."""
     tilt_sigma_deg: float
-    """Standard deviation of that angle, by what a person's stance tells of gravity."""
-    findings: tuple[str, ...]
+    """Standard deviation of that angle, by what a person's stance shows of gravity."""
+    findings: tuple[Diagnostic, ...]
     """What is wrong, with what to do."""
 
     @property
@@ -62,7 +63,7 @@ class CalibrationCheck:
         """What the report shows."""
         return CameraFits(
             self.verdict, self.region_px, self.camera_px, self.refined_camera_px, self.epipolar_px, self.stature_m,
-            self.tilt_deg, self.tilt_sigma_deg, self.findings,
+            self.tilt_deg, self.tilt_sigma_deg, tuple(sentence(item) for item in self.findings),
         )  # fmt: skip
 
     @property
@@ -89,7 +90,7 @@ class CalibrationCheck:
             "refined_px": round(self.refined_px, 3), "refined_camera_px": number(self.refined_camera_px),
             "stature_m": round(self.stature_m, 3),
             "tilt_deg": round(self.tilt_deg, 2), "tilt_sigma_deg": round(self.tilt_sigma_deg, 2),
-            "findings": list(self.findings),
+            "findings": [sentence(item) for item in self.findings],
         }  # fmt: skip
 
 
@@ -174,27 +175,21 @@ def _epipolar(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
 
 def _camera_words(
     cameras: Cameras, by_camera: np.ndarray, regions: np.ndarray, everything: float, best: np.ndarray
-) -> list[str]:
-    words = []
+) -> list[Diagnostic]:
+    words: list[Diagnostic] = []
     worse = (by_camera > WORSE * best) & (by_camera - best > 1.0)
     if worse.any():
         c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
-        words.append(
-            f"{cameras.names[c]} seems to have moved after calibration ({by_camera[c]:.1f} px, {best[c]:.1f} px if "
-            "refined). Refine it."
-        )
+        words.append(diagnostic("camera_moved_since", cameras=[cameras.names[c]], size=by_camera[c], best=best[c]))
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
         if np.isfinite(inner) and rim > 3.0 * inner and rim > 2.0 * everything:
-            words.append(
-                f"{name} is off by {rim:.1f} px at the picture's rim and {inner:.1f} px in its middle: its lens "
-                "is of another zoom or mode. Calibrate its intrinsics in the mode of the takes."
-            )
+            words.append(diagnostic("lens_off_at_rim", cameras=[name], size=rim, inner=inner))
     return words
 
 
-def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[str]:
-    words = []
+def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
+    words: list[Diagnostic] = []
     usual = float(np.nanmedian(epipolar))
     for c, name in enumerate(cameras.names):
         track = epipolar[c][np.isfinite(epipolar[c])]
@@ -206,23 +201,14 @@ def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[str]:
             half = len(track) // 2
             first, last = float(np.median(track[:half])), float(np.median(track[half:]))
             if max(first, last) > DRIFT * min(first, last):
-                words.append(
-                    f"{name} fits by {first:.1f} px in the first half of the take and {last:.1f} px in the second: it "
-                    "was touched, or its clock runs at another rate."
-                )
+                words.append(diagnostic("camera_drifts", cameras=[name], first=first, last=last))
     return words
 
 
-def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[str]:
-    words = []
+def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[Diagnostic]:
+    words: list[Diagnostic] = []
     if abs(np.log(scale)) > SCALE_DOUBT:
-        words.append(
-            f"The person would be {stature:.2f} m tall: the board's squares do not have the stated size. "
-            "Measure one, or give the stature."
-        )
+        words.append(diagnostic("scale_doubted", stature=stature))
     if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
-        words.append(
-            f"The person stands {tilt:.0f} degrees from the world's up: the board lay on no level floor, or another "
-            "axis is up (--up-axis)."
-        )
+        words.append(diagnostic("tilt_doubted", angle=tilt))
     return words

@@ -16,10 +16,11 @@ from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
-from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
+from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens, named
 from solver_backend.camera_calibration.intrinsics.coverage_picture import write_coverage_png
 from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
 from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
@@ -133,25 +134,25 @@ def calibrate_by_board(
     progress("Halves of the footage", 0, 1)
     found = widen_by_halves(result_of("board", rig.adjusted), ordered, board, seen)
     R, t, note = _world(rig, options.origin_frame)
-    told: dict[str, dict[str, object]] = {n: lenses[n][1] for n in names if lenses[n][1]}
-    words = [f"{n}: {word}" for n in names for word in _list(lenses[n][1].get("advice"))]
+    measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
+    advice = [item for n, lens in measured.items() for item in named(n, lens.advice)]
     return replace(
         moved_world(found, R, t),
-        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *found.findings, *words),
+        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *found.findings, *advice),
         notes=(
             note,
             *found.notes,
-            f"The {board} was seen at {len(rig.moments)} moments; {rig.left_out} corners contradict, are left out.",
+            diagnostic("board_seen", board=str(board), count=len(rig.moments), left_out=rig.left_out),
         ),
-        lenses=told,
+        lenses={n: _facts(n, lens) for n, lens in measured.items()},
     )  # fmt: skip
 
 
 def _lenses(
     footage: BoardFootage, board: Board, known: dict[str, Lens], seen: Sequence[Sightings],
     sizes: Sequence[tuple[int, int]], options: BoardOptions, progress: Progress,
-) -> dict[str, tuple[Lens, dict[str, object]]]:  # fmt: skip
-    """Return lens and facts of each camera: known, from footage of its own, or from the rig's.
+) -> dict[str, tuple[Lens, CameraLens | None]]:  # fmt: skip
+    """Return the lens of each camera, and how it was measured: known, from footage of its own, or from the rig's.
 
     Lenses that the product chooses are of one family: of the known ones, else of the one that predicts best.
     """
@@ -168,14 +169,15 @@ def _lenses(
     family = families.pop() if len(families) == 1 else choose_family(found, options.models)
     if family is not None:
         found = {n: in_family(board, lens, views[n], family, options.models) for n, lens in found.items()}
-    return {n: (known[n], {}) if n in known else (found[n].lens, _facts(found[n])) for n in footage.rig}
+    return {n: (known[n], None) if n in known else (found[n].lens, found[n]) for n in footage.rig}
 
 
-def _facts(lens: CameraLens) -> dict[str, object]:
+def _facts(name: str, lens: CameraLens) -> dict[str, object]:
     """Return what is reported of a lens."""
     return {
         "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
-        "focal_sigma_px": lens.choice.fit.focal_sigma_px, "advice": list(lens.advice),
+        "focal_sigma_px": lens.choice.fit.focal_sigma_px,
+        "advice": [sentence(item) for item in named(name, lens.advice)],
     }  # fmt: skip
 
 
@@ -191,8 +193,8 @@ def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> list[Lens]:
     )
 
 
-def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[str, ...]:
-    words = []
+def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:
+    words: list[Diagnostic] = []
     for name, sightings in zip(names, seen, strict=True):
         mirrored = sum(s.mirrored for s in sightings.values())
         if sightings and mirrored > len(sightings) / 2:
@@ -202,30 +204,26 @@ def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[str, ...
                 hint="Switch the camera's mirroring (selfie view) off, or turn the printed sheet over.",
             )
         if mirrored:
-            words.append(f"{name} shows the board mirrored in {mirrored} pictures, as in a mirror or a window.")
+            words.append(diagnostic("board_mirrored", cameras=[name], count=mirrored))
     return tuple(words)
 
 
-def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple[str, ...]:
-    words = []
+def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple[Diagnostic, ...]:
+    words: list[Diagnostic] = []
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
-            words.append(
-                f"{name} is off by {found.camera_rmse_px[c]:.1f} px: its lens was filmed in another zoom or mode, "
-                "it was moved, or the board was not held still."
-            )
+            words.append(diagnostic("camera_off_board", cameras=[name], size=found.camera_rmse_px[c]))
         if abs(found.delays_s[c]) > 0.005:
-            words.append(
-                f"{name} is {'later' if found.delays_s[c] > 0 else 'earlier'} than {names[0]} by "
-                f"{abs(found.delays_s[c]) * 1000:.0f} ms; the takes are too: synchronise them."
-            )
+            way = "later" if found.delays_s[c] > 0 else "earlier"
+            late_ms = abs(found.delays_s[c]) * 1000
+            words.append(diagnostic("camera_delayed", cameras=[name, names[0]], way=way, size=late_ms))
     share = rig.left_out / max(len(rig.seen.px) + rig.left_out, 1)
     if share > 0.1:
-        words.append(f"{share:.0%} of the corners contradict the others; a camera was moved or is not synchronous.")
+        words.append(diagnostic("corners_contradict", percent=100 * share))
     return tuple(words)
 
 
-def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, str]:
+def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
     """Return the move into a world with Z up: by the board on the floor, else by the cameras' own upright."""
     bodies = rig.adjusted.bodies
     if origin is not None:
@@ -235,7 +233,7 @@ def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, s
             )
         i = rig.moments.index(origin)
         R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
-        return R, -R @ bodies.t[i], f"Origin, axes and floor are the board's at frame {origin}."
+        return R, -R @ bodies.t[i], diagnostic("world_by_board", frame=origin)
     cameras = rig.adjusted.cameras
     up = -cameras.R[:, 1].mean(0)
     z = up / max(float(np.linalg.norm(up)), 1e-9)
@@ -243,8 +241,4 @@ def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, s
     x = x / max(float(np.linalg.norm(x)), 1e-9)
     R = np.stack([x, np.cross(z, x), z])
     centre = np.median(bodies.t, axis=0)
-    return R, -R @ centre, "Up is the cameras' own upright; lay the board on the floor to know it (--origin)."
-
-
-def _list(value: object) -> list[str]:
-    return [str(v) for v in value] if isinstance(value, list) else []
+    return R, -R @ centre, diagnostic("world_upright")

@@ -16,6 +16,7 @@ from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.boards.motion import point_velocities
 from solver_backend.camera_calibration.extrinsics.chained_poses import Pose, chained, composed, inverted, relative_pose
 from solver_backend.camera_calibration.intrinsics.lens_fit import CORNER_SIGMA_PX, board_poses
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.types import Cameras
 
@@ -97,10 +98,10 @@ def rig_from_board(
     return BoardRig(found, moments, seen.where(kept), together, int((~kept).sum()))
 
 
-def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
-    """Return a sentence on each camera whose lens was found in another zoom or mode: another focal length fits better.
+def zoom_doubts(rig: BoardRig) -> tuple[Diagnostic, ...]:
+    """Return each camera whose lens was found in another zoom or mode: another focal length fits better.
 
-    All lenses are freed; told are focal lengths that change by more than 3 % and five standard deviations where the
+    All lenses are freed; reported are focal lengths that change by more than 3 % and five standard deviations where the
     error then falls by a quarter or more.
     """
     names, told = rig.adjusted.cameras.names, rig.adjusted.cameras
@@ -121,8 +122,7 @@ def zoom_doubts(rig: BoardRig) -> tuple[str, ...]:
     far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
     worst = np.abs(change) > 0.5 * np.abs(change).max()
     return tuple(
-        f"{names[c]} has a focal length of {focal[1][c]:.0f} px here, not {focal[0][c]:.0f} px as stated: its lens was "
-        "filmed in another zoom or mode. Film the board again in the mode of the takes."
+        diagnostic("lens_of_another_zoom", cameras=[names[c]], size=focal[1][c], stated=focal[0][c])
         for c in np.flatnonzero(far & worst)
     )
 

@@ -16,6 +16,7 @@ from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -48,13 +49,9 @@ def widen_by_halves(
             half = [{f: sighting for f, sighting in one.items() if f in kept} for one in seen]
             halves.append(rig_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
     except (CalibrationInvalid, np.linalg.LinAlgError):
-        word = "Halves of the footage are too short to check how sure the cameras are: film the board for longer."
-        return replace(found, findings=(*found.findings, word))
+        return replace(found, findings=(*found.findings, diagnostic("halves_short")))
     apart, turned = _difference(*halves)
-    note = (
-        f"Halves of the footage differ by {1000 * np.median(apart):.1f} mm and {np.degrees(np.median(turned)):.2f}° "
-        "(median of the cameras)."
-    )
+    note = diagnostic("halves_differ", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
     return replace(
         found, centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
         turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma, notes=(*found.notes, note),

@@ -11,6 +11,7 @@ from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.extrinsics.from_person import PersonRig, refined_by_person, rig_from_person
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.cameras.calibration_refinement import view_distances
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.recognition.gravity import upright_from_person
@@ -65,33 +66,28 @@ def calibrate_by_person(
     if options.known_length is not None:
         a, b, length = options.known_length
         scale = scale_from_length(rig.points, joints, (a, b), length)
-        note, doubt = f"The scale is by {a} to {b}, {length:g} m.", ()
+        note, words = diagnostic("rig_scale_by_length", joints=[a, b], length=length), list[Diagnostic]()
     else:
         scale, share = scale_from_stature(rig.points, joints, options.stature_m)
-        who = f"a stature of {options.stature_m:g} m" if options.stature_m else "people's mean stature"
-        note = f"The scale is by {who}, {share:.1%} sure."
-        doubt = () if options.stature_m else (f"The stature is unknown: lengths may be wrong by {2 * share:.0%}.",)
+        percent = 100 * share
+        if options.stature_m:
+            note, words = diagnostic("rig_scale_by_stature", stature=options.stature_m, percent=percent), []
+        else:
+            note = diagnostic("rig_scale_by_mean", percent=percent)
+            words = [diagnostic("rig_stature_unknown", percent=2 * percent)]
     upright = upright_from_person(scale * rig.points, joints)
     found = _result("person", rig)
     calibration = moved_world(found, upright.R, upright.t, scale)
-    words = list(doubt)
     if upright.tilt_sigma > SURE_TILT:
-        words.append(
-            f"Up is known to {np.degrees(upright.tilt_sigma):.0f} degrees only: let the person stand tall and walk."
-        )
+        words.append(diagnostic("rig_up_unsure", angle=np.degrees(upright.tilt_sigma)))
     if upright.walked_m < WALKED_M:
-        words.append(
-            f"The person stayed within {upright.walked_m:.1f} m, which constrains cameras poorly; let them walk "
-            "through all of the space that takes will use."
-        )
+        words.append(diagnostic("rig_person_stayed", size=upright.walked_m))
     if rig.inlier_share < 0.8:
-        words.append(
-            f"{1 - rig.inlier_share:.0%} of the keypoints fit no cameras: is it one person, are views synchronous?"
-        )
+        words.append(diagnostic("rig_keypoints_left", percent=100 * (1 - rig.inlier_share)))
     return replace(
         calibration,
         findings=tuple(words),
-        notes=(note, f"Keypoints of {len(rig.frames)} frames err by {rig.sigma_px:.1f} px per axis."),
+        notes=(note, diagnostic("rig_keypoints_off", count=len(rig.frames), size=rig.sigma_px)),
     )
 
 
@@ -115,27 +111,26 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     xy, confidence = keypoints.xy[:, rig.frames], keypoints.confidence[:, rig.frames]
     before, after = (float(np.nanmean(view_distances(c, xy, confidence))) for c in (cameras, refined.cameras))
     if not after < (1.0 - LEAST_GAIN) * before:
-        kept = f"Refined cameras explain the take to {after:.1f} px, the calibration to {before:.1f} px: it is kept."
-        return replace(refined, cameras=cameras, notes=(kept,))
-    note = f"The take's keypoints are {after:.1f} px from where the cameras agree; as calibrated, {before:.1f} px."
+        return replace(refined, cameras=cameras, notes=(diagnostic("rig_kept", after=after, before=before),))
+    note = diagnostic("rig_refined", after=after, before=before)
     return replace(refined, findings=_moved(refined, cameras), notes=(note,))
 
 
-def _moved(refined: RigCalibration, cameras: Cameras) -> tuple[str, ...]:
-    """Return a sentence for each camera that moved beyond doubt: its own, and that of the world by the others."""
+def _moved(refined: RigCalibration, cameras: Cameras) -> tuple[Diagnostic, ...]:
+    """Return each camera that moved beyond doubt: its own, and that of the world by the others."""
     far, away = (np.sqrt(s**2 + (s**2).mean()) for s in (refined.centre_sigma_m, refined.turn_sigma))
     moved = np.linalg.norm(refined.cameras.centres - cameras.centres, axis=1)
     turned = np.linalg.norm(log_so3(refined.cameras.R @ cameras.R.swapaxes(-1, -2)), axis=-1)
-    words = []
+    found: list[Diagnostic] = []
     for c, name in enumerate(cameras.names):
-        parts = []
+        parts: list[str] = []
         if moved[c] > MOVED_SIGMAS * far[c]:
             parts.append(f"stands {1000 * moved[c]:.0f} mm (± {1000 * far[c]:.0f}) from")
         if turned[c] > MOVED_SIGMAS * away[c]:
             parts.append(f"points {np.degrees(turned[c]):.1f}° (± {np.degrees(away[c]):.1f}) away from")
         if parts:
-            words.append(f"{name} {' and '.join(parts)} where it was calibrated; it was moved, or calibrated badly.")
-    return tuple(words)
+            found.append(diagnostic("camera_moved", cameras=[name], moves=" and ".join(parts)))
+    return tuple(found)
 
 
 def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray, float]:

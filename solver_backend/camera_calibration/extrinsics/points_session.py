@@ -17,6 +17,7 @@ from solver_backend.camera_calibration.extrinsics.resection import resected_pose
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
 from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
 from solver_backend.io.files import read_text
 from solver_backend.types import Cameras
@@ -115,7 +116,7 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> RigCalibr
     return replace(
         result_of("points", found),
         findings=_far_clicks(found.error, seen, names, [p for p, u in zip(points, used, strict=True) if u]),
-        notes=(f"{int(used.sum())} points, {int(np.isfinite(known).all(-1).sum())} of them with known places.",),
+        notes=(diagnostic("points_clicked", count=int(used.sum()), known=int(np.isfinite(known).all(-1).sum())),),
     )
 
 
@@ -144,11 +145,13 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     return R @ axes, t - R @ axes @ middle
 
 
-def _far_clicks(error: np.ndarray, seen: BodySightings, names: tuple[str, ...], points: list[str]) -> tuple[str, ...]:
-    """Return a sentence on each click that is far from where the others have it."""
+def _far_clicks(
+    error: np.ndarray, seen: BodySightings, names: tuple[str, ...], points: list[str]
+) -> tuple[Diagnostic, ...]:
+    """Return each click that is far from where the others have it."""
     far = np.linalg.norm(error, axis=-1)
     bar = max(6.0 * CLICK_SIGMA_PX, 5.0 * float(np.median(far)))
     return tuple(
-        f"{points[seen.body[i]]} was clicked {far[i]:.0f} px from where it should be in {names[seen.camera[i]]}."
+        diagnostic("click_far", cameras=[names[seen.camera[i]]], point=points[seen.body[i]], size=far[i])
         for i in np.flatnonzero(far > bar)
     )

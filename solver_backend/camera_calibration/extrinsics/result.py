@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Adjusted
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
@@ -29,9 +30,9 @@ class RigCalibration:
     """(C,) of its direction, radians."""
     delays_s: Float[np.ndarray, " cameras"]
     """(C,) seconds by which each camera's frames are late."""
-    findings: tuple[str, ...] = ()
+    findings: tuple[Diagnostic, ...] = ()
     """What is wrong or odd, with what to do."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What was done and assumed."""
     lenses: dict[str, dict[str, object]] = field(default_factory=dict)
     """Of each camera: model, held-out error, pictures."""

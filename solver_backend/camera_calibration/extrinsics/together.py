@@ -13,6 +13,7 @@ from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodie
 from solver_backend.camera_calibration.extrinsics.evidence import Evidence
 from solver_backend.camera_calibration.extrinsics.points_session import PLACE_SIGMA_M
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.types import Cameras
@@ -75,7 +76,7 @@ def calibrate_together(
         for word in _contradictions(e.name, start.names, before, after)
     ]
     notes = [
-        f"{e.name}: {len(e.seen.px)} points, err by {s * float(np.median(e.seen.sigma)):.2f} px per axis."
+        diagnostic("source_points", source=e.name, count=len(e.seen.px), size=s * float(np.median(e.seen.sigma)))
         for e, s in zip(sources, errors, strict=True)
     ]
     result = result_of("together", found, measured=True)
@@ -83,7 +84,7 @@ def calibrate_together(
     if hold_m is not None:
         moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
         words += [
-            f"{name} stands {1000 * far:.0f} mm from where it was calibrated; it was moved, or was calibrated badly."
+            diagnostic("camera_off_held", cameras=[name], size=1000 * far)
             for name, far in zip(start.names, moved, strict=True)
             if far > _ROBUST * hold_m
         ]
@@ -137,13 +138,12 @@ def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
     return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for s, e in zip(told, sources, strict=True)]
 
 
-def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[str]:
-    """Return a sentence on the cameras whose errors (C,) px in a source grew beside the others, the worst alone."""
+def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:
+    """Return the cameras whose errors (C,) px in a source grew beside the others, the worst alone."""
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     return [
-        f"What {names[c]} saw of the {source} is {after[c]:.1f} px off beside the other sources, {before[c]:.1f} px "
-        "alone: the camera was moved between them, or one of them is of another rig or size."
+        diagnostic("source_contradicts", cameras=[names[int(c)]], source=source, after=after[c], before=before[c])
         for c in np.flatnonzero(far)
     ]
 
@@ -161,10 +161,10 @@ def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]
 def _in_world(
     result: RigCalibration, found: Adjusted, start: Cameras, sources: Sequence[Evidence], *, held: bool,
     origin: int | None,
-) -> tuple[RigCalibration, str]:  # fmt: skip
-    """Return the calibration in its world, and a sentence on which that is."""
+) -> tuple[RigCalibration, Diagnostic]:  # fmt: skip
+    """Return the calibration in its world, and which that is."""
     if any(e.bodies.known is not None and np.isfinite(e.bodies.known).any() for e in sources):
-        return result, "Origin, axes and floor are those of the known places."
+        return result, diagnostic("world_by_places")
     if origin is not None:
         first = 0
         for e in sources:
@@ -175,17 +175,14 @@ def _in_world(
                     )
                 i = first + e.moments.index(origin)
                 R = np.diag([1.0, -1.0, -1.0]) @ found.bodies.R[i].T
-                return moved_world(result, R, -R @ found.bodies.t[i]), (
-                    f"Origin, axes and floor are the board's at frame {origin}."
-                )
+                return moved_world(result, R, -R @ found.bodies.t[i]), diagnostic("world_by_board", frame=origin)
             first += len(e.bodies.t)
         raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
     if held:
-        return result, "The world is that of the calibration that is held."
+        return result, diagnostic("world_held")
     metric, cameras = any(e.metric for e in sources), result.cameras
     spread = [float(np.linalg.norm(c.centres - c.centres.mean(0))) for c in (start, cameras)]
     scale = 1.0 if metric else spread[0] / max(spread[1], 1e-9)
     R = np.asarray(nearest_rotation((np.swapaxes(start.R, 1, 2) @ cameras.R).sum(0)))
     t = (start.centres - scale * cameras.centres @ R.T).mean(0)
-    told = "the sources'" if metric else "the start's"
-    return moved_world(result, R, t, scale), f"The world is the start's; scale is {told}."
+    return moved_world(result, R, t, scale), diagnostic("world_of_start_scaled" if metric else "world_of_start")

@@ -1,9 +1,9 @@
-"""One camera's lens from its pictures: chosen views, chosen model, bad pictures left out, and words on it."""
+"""One camera's lens from its pictures: chosen views, chosen model, bad pictures left out, and what to film again."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -13,6 +13,7 @@ from solver_backend.camera_calibration.boards.detection import BoardSighting
 from solver_backend.camera_calibration.intrinsics.lens_fit import fitted_lens, tilted
 from solver_backend.camera_calibration.intrinsics.model_choice import LensChoice, chosen_lens
 from solver_backend.camera_calibration.intrinsics.view_selection import advice, selected_views
+from solver_backend.exchange.diagnostics import Diagnostic
 
 BAD_VIEW = 4.0
 """A picture whose error is so many times the median, and above half a pixel, is left out."""
@@ -28,13 +29,18 @@ class CameraLens:
     """Pictures that were used."""
     left_out: tuple[int, ...]
     """Pictures that contradict the others."""
-    advice: tuple[str, ...]
-    """What to film again."""
+    advice: tuple[Diagnostic, ...]
+    """What to film again, see ``named``."""
 
     @property
     def lens(self) -> Lens:
         """The lens."""
         return self.choice.fit.lens
+
+
+def named(name: str, advice: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return the advice on a lens with the name of its camera."""
+    return tuple(replace(item, where=replace(item.where, cameras=(name,))) for item in advice)
 
 
 def camera_lens(

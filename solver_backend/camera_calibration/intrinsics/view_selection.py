@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 
 MOST_VIEWS = 40
 """Pictures a lens is fitted to."""
@@ -60,17 +61,17 @@ def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.
     return count
 
 
-def advice(sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int) -> tuple[str, ...]:
-    """Return what to film again, one sentence each; nothing where the pictures suffice.
+def advice(sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int) -> tuple[Diagnostic, ...]:
+    """Return what to film again, of no camera by name yet; nothing where the pictures suffice.
 
     Args:
         sightings: the pictures that were used.
         image_size: width and height, px.
         tilted: how many of them show the board turned by more than 15 degrees.
     """
-    words = []
+    words: list[Diagnostic] = []
     if len(sightings) < 12:
-        words.append(f"Only {len(sightings)} pictures show the board; film 20 or more.")
+        words.append(diagnostic("board_pictures_few", count=len(sightings)))
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape
     parts = {
@@ -79,12 +80,12 @@ def advice(sightings: list[BoardSighting], image_size: tuple[int, int], tilted: 
     }  # fmt: skip
     bare = [name for name, part in parts.items() if part.mean() < 0.4]
     if bare:
-        words.append(f"The board was hardly ever at the picture's {', '.join(bare)}; carry it there.")
+        words.append(diagnostic("board_parts_bare", parts=bare))
     if tilted < min(5, len(sightings)):
-        words.append(f"The board was tilted in {tilted} pictures; turn it by 20 to 45 degrees, each way.")
+        words.append(diagnostic("board_tilts_few", count=tilted))
     share = float(np.median([_extent(v) for v in sightings])) / min(image_size) if sightings else 0.0
     if sightings and share < 0.25:
-        words.append(f"The board fills {share:.0%} of the picture's height; bring it nearer.")
+        words.append(diagnostic("board_small", percent=100 * share))
     return tuple(words)
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.files import read_text, read_toml
@@ -23,6 +24,8 @@ _LEVELS = 5
 """Folders above the file that may be the project's."""
 MEDIAPIPE_POINTS = 33
 """Points of larger numbers are those of hands and face."""
+DEFAULT_FPS = 30.0
+"""Frames a second that are assumed where no project states them, which is reported as a problem; chosen by hand."""
 LARGEST_TAKE_FRAMES = 1_000_000
 """Frames of a take at most, over four hours at 60 a second; chosen by hand."""
 
@@ -117,18 +120,18 @@ def _project(source: Path) -> Path | None:
     return next((p for p in above if (p / "config.toml").is_file() or (p / "camera_array.toml").is_file()), None)
 
 
-def _rate(options: ReadOptions, project: Path | None) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+def _rate(options: ReadOptions, project: Path | None) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate, a note on where it is from, and a problem where it is assumed."""
     if options.fps is not None:
-        return options.fps, (f"{options.fps:g} frames a second, as given.",), ()
+        return options.fps, (diagnostic("frame_rate_given", rate=options.fps),), ()
     stated = (
         read_toml(project / "config.toml").get("fps_recording")
         if project and (project / "config.toml").is_file()
         else None
     )
     if isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5:
-        return float(stated), (f"{stated:g} frames a second, from config.toml.",), ()
-    return 30.0, (), ("No config.toml states fps_recording; 30 fps is assumed.",)
+        return float(stated), (diagnostic("frame_rate_configured", rate=stated, file="config.toml"),), ()
+    return DEFAULT_FPS, (), (diagnostic("frame_rate_not_recorded", rate=DEFAULT_FPS),)
 
 
 READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read)

@@ -9,9 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
-from solver_backend.io.calibration.search import find_calibration, levels_above
+from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
 from solver_backend.io.detections.own_keypoints import find_own_keypoints
@@ -20,7 +21,6 @@ from solver_backend.io.detections.search import camera_sources, listed_paths
 from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
 from solver_backend.io.footage.mp4 import VideoHeader
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.io.recognition.start_times import as_numbered, reads_apart
@@ -29,7 +29,7 @@ from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
-from solver_backend.people.take_cuts import cut_sentence, take_cuts
+from solver_backend.people.take_cuts import report_cuts, take_cuts
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
@@ -46,7 +46,7 @@ def _recognises(path: Path) -> bool:
 
 
 def _read(root: Path, options: ReadOptions) -> Capture:
-    """Read everybody's detections with their calibration, and tell the people apart.
+    """Read everybody's detections with their calibration, and keep the people apart.
 
     Raises:
         CalibrationMissing, CalibrationMismatch, CalibrationInvalid: see ``find_calibration``.
@@ -107,7 +107,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         agreeing.problems,
         length_problems,
         in_time.problems,
-        cut_sentence(take_cuts(detections), detections.num_frames),
+        report_cuts(take_cuts(detections), detections.num_frames),
         person.problems,
     )
     capture = Capture(
@@ -142,41 +142,39 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
     if (first, stop) == (0, capture.num_frames):
         return capture
     if first >= stop:
-        asked = "-".join(str(n) for n in config.frame_range)
-        problem = f"Config.toml restricts the frames to {asked}, which the take lacks; all are read."
+        problem = diagnostic("frames_configured_lacking", first=config.frame_range[0], stop=config.frame_range[1])
         return replace(capture, problems=(*capture.problems, problem))
-    note = f"Frames {first} to {stop - 1} of {capture.num_frames}, from Config.toml; others: --frames FIRST LAST."
+    note = diagnostic("frames_configured", first=first, last=stop - 1, count=capture.num_frames)
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
 
 
 def _frame_rate(
     given: float | None, config: TrialConfig, videos: Sequence[VideoHeader | None]
-) -> tuple[float, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate, where it is from, and what is doubtful about it."""
-    told = [round(header.fps, 3) for header in videos if header is not None]
-    rates = [rate for rate in told if rate > 0]  # a forged header may tell an hour a frame
-    problems: list[str] = []
+    stated = [round(header.fps, 3) for header in videos if header is not None]
+    rates = [rate for rate in stated if rate > 0]  # a forged header may state an hour a frame
+    problems: list[Diagnostic] = []
     if len(set(rates)) > 1:
-        problems.append(f"The videos have different frame rates: {listing(f'{rate:g}' for rate in rates)} fps.")
+        problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))
     video = float(np.median(rates)) if rates else None
     if given is not None:
-        return given, (f"{given:g} frames a second, as given.",), tuple(problems)
+        return given, (diagnostic("frame_rate_given", rate=given),), tuple(problems)
     if config.fps is not None:
         if video is not None and abs(video - config.fps) > 0.02 * config.fps:
-            problems.append(f"Config.toml states {config.fps:g} fps, the videos {video:g}; {config.fps:g} is used.")
-        return config.fps, (f"{config.fps:g} frames a second, from Config.toml.",), tuple(problems)
+            problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
+        return config.fps, (diagnostic("frame_rate_configured", rate=config.fps, file=CONFIG),), tuple(problems)
     if video is not None:
-        return video, (f"{video:g} frames a second, from the videos.",), tuple(problems)
-    problems.append(f"Neither Config.toml nor a video states the frame rate; {DEFAULT_FPS:g} fps is assumed.")
+        return video, (diagnostic("frame_rate_of_videos", rate=video),), tuple(problems)
+    problems.append(diagnostic("frame_rate_assumed", rate=DEFAULT_FPS))
     return DEFAULT_FPS, (), tuple(problems)
 
 
-def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple[str, ...]:
-    problems: list[str] = []
+def _length_problems(videos: Sequence[VideoHeader | None], frames: int) -> tuple[Diagnostic, ...]:
     lengths = sorted({header.num_frames for header in videos if header is not None})
     if lengths and lengths != [frames]:
-        problems.append(f"The videos have {listing(str(n) for n in lengths)} frames, the detections {frames}.")
-    return tuple(problems)
+        return (diagnostic("video_lengths_differ", lengths=lengths, count=frames),)
+    return ()
 
 
 READER = Reader(_KIND, _recognises, _read)

@@ -12,7 +12,6 @@ from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.subjects import of_subject
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.types import Capture
 
 
@@ -45,40 +44,30 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
         markers=take.cloud,
         others=take.others,
         sources=(str(path),),
-        notes=(*report.notes, *_said(names, report.unlabelled)),
+        notes=(*report.notes, *_labels(names, report.unlabelled)),
         problems=(*report.problems, *([] if names is None else _few(names))),
     )
 
 
-def _said(names: MarkerNames | None, unlabelled: tuple[str, ...]) -> list[str]:
-    """Return sentences on the markers that the solve leaves out."""
+def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagnostic]:
+    """Return notes on how labels are read, and on the markers that the solve leaves out."""
     if names is None:
         return []
-    attached = names.unknown
-    shared = ((names.affixes.prefix, "begins"), (names.affixes.suffix, "ends"))
-    messages = [
-        f"'{text}' {does} nearly all labels and is read as no part of their names." for text, does in shared if text
-    ]
+    shared = (("label_prefix_shared", names.affixes.prefix), ("label_suffix_shared", names.affixes.suffix))
+    notes = [diagnostic(code, text=text) for code, text in shared if text]
     if names.ambiguous:
-        either = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
-        messages.append(
-            f"Labels that may name either of two places, which are not guessed: {_first(tuple(either), 4)}."
-        )
+        choices = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
+        notes.append(diagnostic("labels_ambiguous", markers=tuple(names.ambiguous), choices=choices))
     joints = any(is_joint_centre(place) for place in names.known.values())
     if joints:
-        messages.append(f"The labels are joint centres of a skeleton: {len(names.known)} of them are solved as such.")
-    messages += [] if not attached else [
-        f"Labels of no layout ({len(attached)}): {_first(attached)}. The solve finds the bone that each moves with, or "
-        "leaves it out."
-    ]  # fmt: skip
+        notes.append(diagnostic("labels_of_joint_centres", count=len(names.known)))
     groups = (
-        (names.virtual, "joints whose place differs between skeletons" if joints else "points that a program computed"),
-        (names.doubled, "points of places that another marker has"),
-        (unlabelled, "points without names"),
+        ("labels_of_no_layout", names.unknown),
+        ("differing_joints_left_out" if joints else "computed_points_left_out", names.virtual),
+        ("doubled_points_left_out", names.doubled),
+        ("nameless_points_left_out", nameless),
     )
-    return messages + [
-        f"Left out of the solve: {what} ({len(labels)}), {_first(labels)}." for labels, what in groups if labels
-    ]
+    return notes + [diagnostic(code, markers=labels, count=len(labels)) for code, labels in groups if labels]
 
 
 def _few(names: MarkerNames) -> list[Diagnostic]:
@@ -87,7 +76,3 @@ def _few(names: MarkerNames) -> list[Diagnostic]:
         return []
     known = list(names.known)
     return [diagnostic("few_markers_known", markers=known, count=len(known), least=LEAST_MARKERS)]
-
-
-def _first(labels: tuple[str, ...], most: int = 12) -> str:
-    return listing(labels[:most]) + (f" and {len(labels) - most} others" if len(labels) > most else "")

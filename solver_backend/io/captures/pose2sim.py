@@ -49,7 +49,7 @@ def trials_below(root: Path, levels: int = SESSION_LEVELS) -> list[str]:
 
 
 def read_config(levels: Sequence[Path]) -> TrialConfig:
-    """Return what the Config.toml files of a trial and the folders above say; all their lines may be comments.
+    """Return what the Config.toml files of a trial and the folders above state; all their lines may be comments.
 
     Raises:
         FileDamaged: a Config.toml is not TOML.

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
@@ -15,7 +16,6 @@ from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_cameras
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
@@ -95,16 +95,17 @@ def read_detections(
     xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), count))
     chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
     if named:
-        found = (f"Joint set {chosen.value}, by the names of the keypoints{f' and {own.where}' if own else ''}.",)
+        code, file = ("keypoints_named_by_file", own.where) if own else ("keypoints_named", "")
+        found = (diagnostic(code, file=file, joint_set=chosen.value),)
         if unknown := dict.fromkeys(name for camera in named for name in camera.unknown):
-            found += (f"Named keypoints that {chosen.value} lacks are left out: {listing(unknown)}.",)
+            found += (diagnostic("keypoints_unknown", joints=list(unknown), joint_set=chosen.value),)
         doubts += _lacking(tuple(sources), named)
     hands = hands_of(xy, confidence, chosen)
     hands = _written_hands(len(sources), pictures, max(lengths)) if hands is None else hands
     columns = slice(0, chosen.num_keypoints)
     missing = sum(lengths) - len(pictures)
     if missing:
-        doubts += (f"{missing} frame files are missing; nobody is seen there.",)
+        doubts += (diagnostic("frame_files_missing", count=missing),)
     return Detections(
         tuple(sources),
         xy[..., columns, :],
@@ -137,12 +138,13 @@ def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progres
     return pictures
 
 
-def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[str, ...]:
-    """Return which cameras' files lack keypoints that others' have."""
+def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[Diagnostic, ...]:
+    """Return what is reported of each camera whose files lack keypoints that others' have."""
     everything = set().union(*(camera.found for camera in named))
     lacks = {name: sorted(everything - camera.found) for name, camera in zip(cameras, named, strict=True)}
-    parts = [f"{name} lacks {listing(missing[:6])}" for name, missing in lacks.items() if missing]
-    return (f"The cameras' files name different keypoints: {'; '.join(parts)}.",) if parts else ()
+    return tuple(
+        diagnostic("keypoints_lacking", cameras=[name], joints=missing) for name, missing in lacks.items() if missing
+    )
 
 
 def _require_counts(pictures: list[_Picture], counts: list[int]) -> None:
@@ -212,7 +214,7 @@ def _written_hands(cameras: int, pictures: list[_Picture], frames: int) -> np.nd
 
 def _arrays(
     cameras: int, pictures: list[_Picture], size: tuple[int, int]
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return xy (C, F, P, K, 2), confidence (C, F, P, K), notes and problems; ``size`` is (F, K)."""
     most = max(len(picture.people) for picture in pictures)
     values = np.full((cameras, size[0], most, size[1], 3), np.nan, dtype=np.float32)
@@ -222,7 +224,9 @@ def _arrays(
     return _cleaned(values)
 
 
-def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...], tuple[str, ...]]:
+def _cleaned(
+    values: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Split into pixels and confidence; what a detector writes for 'not seen' becomes NaN with confidence 0."""
     xy, confidence = values[..., :2].copy(), values[..., 2].copy()
     contradictory = np.isnan(xy).any(-1) & (confidence > 0)
@@ -234,8 +238,7 @@ def _cleaned(values: np.ndarray) -> tuple[np.ndarray, np.ndarray, tuple[str, ...
     confidence, notes, problems = on_unit_scale(confidence)
     if place is not None:
         u, v = place.tolist()
-        notes += (f"Keypoints at ({u:g}, {v:g}) are taken as not seen: most kinds of keypoints stand there.",)
+        notes += (diagnostic("placeholder_unseen", u=u, v=v),)
     if contradictory.any():
-        count = int(contradictory.sum())
-        problems = (f"{count} keypoints are NaN with a confidence; they are taken as not seen.", *problems)
+        problems = (diagnostic("keypoints_nan", count=int(contradictory.sum())), *problems)
     return xy, confidence, notes, problems

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import resized
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.footage.mp4 import VideoHeader, read_video_header
@@ -81,20 +82,20 @@ def with_sizes_of(
             continue
         if header is None or header.size == size:
             continue
-        words = f"{size[0]} x {size[1]} to {header.size[0]} x {header.size[1]} pixels"
         if _made_for_video(size, header.size, detections.xy[c]):
             cameras = resized(cameras, c, header.size)
-            notes.append(f"The calibration of {name} was scaled from {words}, the size of its video.")
+            notes.append(_of_sizes("calibration_resized", name, size, header.size))
         else:
-            problems.append(
-                f"The video of {name} is {header.size[0]} x {header.size[1]} pixels, its calibration is for "
-                f"{size[0]} x {size[1]}; detections are taken to be in the calibration's pixels."
-            )
+            problems.append(_of_sizes("video_size_differs", name, size, header.size))
     if guessed:
-        problems.append(
-            f"The image size of {', '.join(guessed)} is not stated; it is taken as twice the principal point."
-        )
+        problems.append(diagnostic("image_size_assumed", cameras=guessed))
     return replace(calibration, cameras=cameras, notes=tuple(notes), problems=tuple(problems))
+
+
+def _of_sizes(code: str, camera: str, calibrated: tuple[int, ...], video: tuple[int, int]) -> Diagnostic:
+    return diagnostic(
+        code, cameras=[camera], width=calibrated[0], height=calibrated[1], video_width=video[0], video_height=video[1],
+    )  # fmt: skip
 
 
 def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.ndarray) -> bool:

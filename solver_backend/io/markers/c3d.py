@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_bytes
 from solver_backend.io.markers.c3d_numbers import floats, integers
@@ -22,7 +23,6 @@ from solver_backend.io.markers.c3d_parameters import BLOCK, Header, Parameters, 
 from solver_backend.io.markers.c3d_rotations import SegmentOrigins, read_origins
 from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
 from solver_backend.io.markers.take import MarkerEvent, MarkerTake
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import is_model_output
 
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
@@ -48,7 +48,7 @@ class _Layout:
     """Bytes in a word: 4 in a file of floats, 2 in one of integers."""
     first_frame: int
     """Number of the first frame."""
-    problems: tuple[str, ...]
+    problems: tuple[Diagnostic, ...]
     """What is wrong with the file's counts."""
 
 
@@ -59,14 +59,14 @@ def read_c3d(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
         up_axis: its axis that points up; None takes POINT:Y_SCREEN, or how the body stands.
 
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is truncated, is not C3D, or states no frame rate.
-        NoDetections: it holds no markers (but forces, say), or none is ever seen.
+        NoDetections: it holds no markers (but forces, perhaps), or none is ever seen.
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = Path(path)
@@ -123,17 +123,14 @@ def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> Ma
         default_up_axis="z",
         unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
         up_axis=_screen_up(parameters),
-        notes=(
-            f"The file holds no points but rotations of {len(origins.labels)} segments: their origins are read as "
-            "joint centres. 'motion' reads their rotations, too.",
-        ),
+        notes=(diagnostic("segments_read_as_joints", count=len(origins.labels)),),
     )
 
 
 def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path) -> _Layout:
     """Find the frames; no count is trusted beyond the file's own length.
 
-    Where there are more than ``MOST`` frames and no parameter says so, the header's last frame stays at ``MOST`` or
+    Where there are more than ``MOST`` frames and no parameter states it, the header's last frame stays at ``MOST`` or
     begins again at 0: the file's length decides.
 
     Raises:
@@ -163,16 +160,12 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
         raise FileDamaged(
             f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."
         )
-    problems = ()
-    if not fitting:
-        problems = (
-            f"The file states {listing(f'{c:,}' for c in claims)} frames but holds {frames:,}: it is truncated.",
-        )
+    problems = () if fitting else (diagnostic("file_truncated", stated=claims, count=frames),)
     return _Layout(start, frames, stride, points, word, first, problems)
 
 
 def _frame_counts(header: Header, parameters: Parameters) -> tuple[list[int], int]:
-    """Return what the file says in several places about its number of frames, and the number of the first."""
+    """Return what the file states in several places of its number of frames, and the number of the first."""
     first = header.first
     claims = [header.last - header.first + 1]
     start, end = (parameters.numbers(f"TRIAL:ACTUAL_{name}_FIELD") for name in ("START", "END"))
@@ -199,7 +192,7 @@ def _scale(header: Header, parameters: Parameters, path: Path) -> float:
 
 def _points(
     data: np.ndarray, layout: _Layout, kept: np.ndarray, scale: float, parameters: Parameters
-) -> tuple[np.ndarray, np.ndarray, tuple[str, ...]]:
+) -> tuple[np.ndarray, np.ndarray, tuple[Diagnostic, ...]]:
     """Return positions (F, M, 3) and residuals (F, M) of the kept points, NaN where missing, in the file's unit."""
     frames = data[layout.start : layout.start + layout.frames * layout.stride].reshape(layout.frames, layout.stride)
     raw = frames[:, : 4 * layout.word * layout.points]
@@ -209,17 +202,17 @@ def _points(
     positions = values[..., :3] * (1.0 if layout.word == 4 else scale)
     fourth = np.nan_to_num(values[..., 3].astype(np.float64), nan=-1.0, posinf=-1.0, neginf=-1.0)
     missing = fourth < 0
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     if missing.all() and positions.any():
-        missing, problems = np.zeros_like(missing), ("Every residual marks the point as not seen.",)
+        missing, problems = np.zeros_like(missing), (diagnostic("residuals_mark_nothing"),)
     positions[missing] = np.nan
     residual = (fourth.clip(0, 32767).astype(np.int64) & 255) * scale
     residual[missing] = np.nan
     return positions, residual, problems
 
 
-def _positions_only(labels: tuple[str, ...], parameters: Parameters) -> tuple[np.ndarray, tuple[str, ...]]:
-    """Return the indices of points that are positions, and a sentence on the others."""
+def _positions_only(labels: tuple[str, ...], parameters: Parameters) -> tuple[np.ndarray, tuple[Diagnostic, ...]]:
+    """Return the indices of points that are positions, and a note on the others."""
     outputs = {label for name in MODEL_OUTPUTS for label in parameters.continued_texts(f"POINT:{name}")} - {""}
     kept = [i for i, label in enumerate(labels) if label not in outputs and not is_model_output(label)]
     return np.array(kept, dtype=np.int64), left_out_note(len(labels) - len(kept))

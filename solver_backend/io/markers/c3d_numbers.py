@@ -2,7 +2,7 @@
 
 The fourth byte of the parameter section names the processor (C3D file format user guide, Motion Lab Systems, "The
 parameter header"): 84 Intel, little-endian IEEE; 85 DEC, little-endian integers and VAX F floats; 86 MIPS (SGI),
-big-endian IEEE. Nothing in the header says so, which is why the parameter section is looked up first.
+big-endian IEEE. Nothing in the header states it, which is why the parameter section is looked up first.
 """
 
 from __future__ import annotations

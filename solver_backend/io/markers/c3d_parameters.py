@@ -3,7 +3,7 @@
 Source: the C3D file format user guide (Motion Lab Systems, c3d.org). A file is made of blocks of 512 bytes, counted
 from 1. The header is block 1; its first byte is the block of the parameter section, its second is 0x50. Parameters are
 a chain of records, each with the distance to the next, so unknown ones and descriptions are stepped over. Real files
-break most of the rules; what bytes say is trusted only as far as the file reaches.
+break most of the rules; what bytes state is trusted only as far as the file reaches.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ _BYTES = {-1: 1, 1: 1, 2: 2, 4: 4}
 
 @dataclass(frozen=True)
 class Header:
-    """What the first block says; counts are unsigned, as files of more than 32,767 frames need them."""
+    """What the first block states; counts are unsigned, as files of more than 32,767 frames need them."""
 
     points: int
     """Points in a frame."""

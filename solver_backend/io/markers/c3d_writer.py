@@ -65,7 +65,7 @@ def write_c3d(
 
 @dataclass(frozen=True)
 class C3dSize:
-    """What the head of a file says before its frames are there."""
+    """What the head of a file holds before its frames are there."""
 
     frames: int
     """Number of frames."""
@@ -153,7 +153,7 @@ def _parameter_section(
     """Return the section, filled up to blocks, and the block after it.
 
     Raises:
-        ShapeMismatch: the section would be longer than a file can say.
+        ShapeMismatch: the section would be longer than a file can state.
     """
 
     def records(data_block: int) -> bytes:

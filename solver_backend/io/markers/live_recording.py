@@ -18,6 +18,7 @@ from typing import BinaryIO
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.plausible import FRAME_RATES
@@ -48,7 +49,7 @@ class LiveBlock:
     points: np.ndarray
     """(N, 3) float32 in the source's unit and axes."""
     fps: float | None = None
-    """Nominal rate, None where nobody said one."""
+    """Nominal rate, None where it is not known."""
     to_metres: np.ndarray | None = None
     """(3, 3) what turns the points into metres, Z up; None while it is not known."""
 
@@ -176,7 +177,7 @@ def read_live_recording(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the recording says, or its times.
+        fps: frames per second; None takes what the recording states, or its times.
         unit: the points' unit; None takes the one that the live run found.
         up_axis: their axis that points up; None takes the one that the live run found.
 
@@ -198,13 +199,13 @@ def read_live_recording(
     known = extent.to_metres is not None and unit is None and up_axis is None
     if known:
         positions = positions @ np.asarray(extent.to_metres, np.float32).T
-    damage = f" {extent.damaged} bytes of no whole frame are left out." if extent.damaged else ""
+    problems = [diagnostic("live_recording_unfinished", count=extent.frames, time=extent.last)]
+    if extent.damaged:
+        problems.append(diagnostic("live_recording_damaged", bytes=extent.damaged))
     source = MarkerSource(
         path, "live recording", positions.astype(np.float64), ("",) * extent.most, extent.rate, "m", "z",
         unit="m" if known else "", up_axis="z" if known else "",
-        problems=(
-            f"The live recording was not finished: it ends with frame {extent.frames}, at {extent.last:.2f} s.{damage}",
-        ),
+        problems=tuple(problems),
     )  # fmt: skip
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.markers.text_table import LARGEST
-from solver_backend.io.recognition.camera_names import listing
 
 OUTSIDE = 1.0
 """A sentinel is outside the box of most positions by so many of its longest sides: -9999 mm is by two and more."""
@@ -26,7 +27,7 @@ _NINES = 9999.0
 
 def without_sentinels(
     positions: np.ndarray, labels: Sequence[str]
-) -> tuple[np.ndarray, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[np.ndarray, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return positions that are NaN wherever a marker was not seen, notes on zeros and problems on other sentinels.
 
     Many programs write 0 0 0 for a marker that is not seen; no measured one is exactly there. Others write one number
@@ -43,9 +44,12 @@ def without_sentinels(
     found = np.where(seen[..., None], positions, np.nan)
     sentinel = seen & _sentinels(found)
     found[sentinel] = np.nan
-    message = _sentences(origin, labels, lambda what: f"{what} exactly at the origin in some frames")
-    value = f"{positions[sentinel][0].tolist()}" if sentinel.any() else ""
-    return found, message, _sentences(sentinel, labels, lambda what: f"{what} at {value} or the like in some frames")
+    place = {"place": positions[sentinel][0].tolist()} if sentinel.any() else {}
+    return (
+        found,
+        _unseen("markers_at_origin", origin, labels),
+        _unseen("markers_at_sentinel", sentinel, labels, **place),
+    )
 
 
 def _sentinels(positions: np.ndarray) -> np.ndarray:
@@ -75,8 +79,7 @@ def _is_nines(values: np.ndarray) -> np.ndarray:
     return (whole >= _NINES) & (whole == 10.0**digits - 1.0)
 
 
-def _sentences(where: np.ndarray, labels: Sequence[str], what: Callable[[str], str]) -> tuple[str, ...]:
+def _unseen(code: str, where: np.ndarray, labels: Sequence[str], **values: Any) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic of the markers that are read as not seen somewhere, if there are any."""
     at = [label for label, frames in zip(labels, where.sum(axis=0), strict=True) if frames]
-    if not at:
-        return ()
-    return (f"{what(f'{len(at)} markers are')}, {listing(at[:8])}: read as not seen ({int(where.sum())} positions).",)
+    return (diagnostic(code, markers=at, count=len(at), positions=int(where.sum()), **values),) if at else ()

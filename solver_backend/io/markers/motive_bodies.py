@@ -10,10 +10,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.so3 import matrix_from_quat
 from solver_backend.io.markers.rigid_bodies import RigidBodies
 from solver_backend.io.markers.text_table import triples
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import prefix_of
 
 _TYPE, _TURN, _PLACE = "rigid body", "rotation", "position"
@@ -42,8 +42,8 @@ class BodyColumns:
 
 def motive_bodies(
     header: Sequence[Sequence[str]], labels: Sequence[str], rotation_type: str
-) -> tuple[BodyColumns | None, tuple[str, ...]]:
-    """Return the rigid bodies whose markers a file does not hold, and sentences on the others.
+) -> tuple[BodyColumns | None, tuple[Diagnostic, ...]]:
+    """Return the rigid bodies whose markers a file does not hold, and notes on all of them.
 
     Args:
         header: rows from the types to 'Frame', 'Time (Seconds)', ...
@@ -66,16 +66,14 @@ def motive_bodies(
     worn = {prefix_of(label) for label in labels}
     by_markers = [name for name in found if name in worn or any(label.startswith(f"{name}_") for label in labels)]
     left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]
-    messages = list[str]()
+    notes = list[Diagnostic]()
     if by_markers:
-        messages.append(f"Poses of rigid bodies are left out, as their markers are there: {listing(by_markers[:8])}.")
+        notes.append(diagnostic("body_poses_left_out", bodies=by_markers))
     if left and rotation_type and not rotation_type.lower().startswith("quat"):
-        messages.append(
-            f"Poses of rigid bodies in Euler angles are not supported: {listing(left[:8])}. Export quaternions."
-        )
+        notes.append(diagnostic("body_poses_in_euler_angles", bodies=left))
         left = []
     if not left:
-        return None, tuple(messages)
-    messages.append(f"Rigid bodies ({len(left)}): {listing(left[:8])}.")
+        return None, tuple(notes)
+    notes.append(diagnostic("rigid_bodies_read", count=len(left), bodies=left))
     turns, places = (tuple(starts[name, quantity] for name in left) for quantity in (_TURN, _PLACE))
-    return BodyColumns(tuple(left), turns, places), tuple(messages)
+    return BodyColumns(tuple(left), turns, places), tuple(notes)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.motive_bodies import motive_bodies
@@ -47,8 +48,8 @@ def read_motive_csv(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states.
         up_axis: its axis that points up; None takes Y, or how the body stands.
 
     Raises:
@@ -79,7 +80,7 @@ def read_motive_csv(
     meta = {name.lower(): value for name, value in zip(cells[::2], cells[1::2], strict=False)}
     header = [header_cells(line, delimiter) for line in lines[whole : at + 1] if line.strip(f'{delimiter} "')]
     columns, labels, notes = _markers(header, path)
-    bodies, messages = motive_bodies(header, labels, meta.get("rotation type", ""))
+    bodies, of_bodies = motive_bodies(header, labels, meta.get("rotation type", ""))
     data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
     quoted = bool(data) and '"' in data[0]
     rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
@@ -97,7 +98,7 @@ def read_motive_csv(
         unit=meta.get("length units", ""),
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
         bodies=None if bodies is None else bodies.poses(values),
-        notes=(*notes, *messages),
+        notes=(*notes, *of_bodies),
         problems=frame_problems(numbers, number_in(meta.get("total exported frames"))),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
@@ -116,8 +117,8 @@ def _table(rows: list[list[str]], first_line: int, path: Path, *, comma: bool) -
     return number_table(rows, first_line, path, comma=comma)
 
 
-def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str, ...], tuple[str, ...]]:
-    """Return the first columns and the labels of the markers, and sentences on what is left out.
+def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str, ...], tuple[Diagnostic, ...]]:
+    """Return the first columns and the labels of the markers, and notes on what is left out.
 
     Args:
         header: the rows from the types to 'Frame', 'Time (Seconds)', ...
@@ -147,13 +148,13 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
         raise NoDetections(
             f"The file holds no markers but {what}.", where=str(path), hint="Export it with 'Markers' switched on."
         )
-    notes: list[str] = []
+    notes: list[Diagnostic] = []
     if bones:
-        notes.append(f"{bones} bones are left out: they are computed from the markers.")
+        notes.append(diagnostic("bones_left_out", count=bones))
     if of_type.get(MEASURED) and expected:
-        notes.append(f"{len(expected)} places where assets expect their markers are left out: measured ones are there.")
+        notes.append(diagnostic("expected_places_left_out", count=len(expected)))
     elif expected:
-        notes.append("Markers are where their assets expect them, not as measured: the file holds no others.")
+        notes.append(diagnostic("expected_places_read"))
     return chosen, tuple(names[i] for i in chosen), tuple(notes)
 
 

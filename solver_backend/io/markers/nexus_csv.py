@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
@@ -40,8 +41,8 @@ def read_nexus_csv(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states.
         up_axis: its axis that points up; None takes Z, or how the body stands.
 
     Raises:
@@ -63,7 +64,7 @@ def read_nexus_csv(
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers)]
     problems = frame_problems(blocks[0].numbers, None)
     if len(same) < len(blocks):
-        problems += (f"{len(blocks) - len(same)} blocks of trajectories of other frames are left out.",)
+        problems += (diagnostic("blocks_left_out", count=len(blocks) - len(same)),)
     numbers = blocks[0].numbers
     source = MarkerSource(
         path=path,

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.json_file import read_json_file
 from solver_backend.io.markers.source import MarkerSource, as_take
@@ -64,14 +65,14 @@ def read_point_array(
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 
 
-def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """Return the names of so many points, and a sentence where they are assumed."""
+def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
+    """Return the names of so many points, and a note on where they are from."""
     beside = [path.with_suffix(suffix) for suffix in (".txt", ".json")]
     found = next((p for p in (*beside, path.with_name("names.txt"), path.with_name("names.json")) if p.is_file()), None)
     if found is None:
         sets = [joint_set for joint_set in JointSet.fitting(count) if joint_set.num_keypoints == count]
         if len(sets) == 1:
-            return sets[0].keypoints, (f"The {count} points are taken for {sets[0].value}: no file names them.",)
+            return sets[0].keypoints, (diagnostic("points_taken_for", count=count, joint_set=sets[0].value),)
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
         raise FileMissing(
             f"The names of the array's {count} points are missing.{several}", where=str(path),
@@ -83,7 +84,7 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
             f"The file holds {len(names)} names; the array has {count} points.", where=str(found),
             hint="Write one name for each point, in the array's order.",
         )  # fmt: skip
-    return names, (f"Names are read from {found.name}.",)
+    return names, (diagnostic("point_names_read", file=found.name),)
 
 
 def _json_names(path: Path) -> tuple[str, ...]:

@@ -51,7 +51,7 @@ def qualisys_bodies(header: Mapping[str, Sequence[str]], values: np.ndarray, fra
 
 
 def _rotations(words: np.ndarray, seen: np.ndarray) -> np.ndarray:
-    """Return the (F, B, 3, 3) rotations: Rot[0] to Rot[8] column by column, or row by row where the angles say so."""
+    """Return the (F, B, 3, 3) rotations: Rot[0] to Rot[8] by columns, or by rows where the angles agree with that."""
     columns = np.nan_to_num(words[..., 7:]).reshape(*words.shape[:2], 3, 3)
     x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(
         np.moveaxis(np.radians(np.nan_to_num(words[..., 3:6])), -1, 0), np.eye(3), strict=True,

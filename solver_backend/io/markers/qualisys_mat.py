@@ -29,7 +29,7 @@ def read_qualisys_mat(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
+        fps: frames per second; None takes what the file states.
         unit: its length unit; None takes mm, or estimates it from the markers' spread.
         up_axis: its axis that points up; None takes Z, or how the body stands.
 

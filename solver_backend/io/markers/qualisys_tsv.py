@@ -12,6 +12,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.qualisys_bodies import ENDING, bodies_file, qualisys_bodies
@@ -38,7 +39,7 @@ def read_qualisys_tsv(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
+        fps: frames per second; None takes what the file states.
         unit: its length unit; None takes mm, or estimates it from the markers' spread.
         up_axis: its axis that points up; None takes Z, or how the body stands.
 
@@ -69,7 +70,9 @@ def read_qualisys_tsv(
     before = 2 if "FRAME" in header or _has_frame_columns(values, count) else 0
     numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
     rate = number_in(" ".join(header.get("FREQUENCY", [])))
-    problems = [f"The file states {stated:g} markers but names {count}."] if stated not in (None, count) else []
+    problems: tuple[Diagnostic, ...] = ()
+    if stated not in (None, count):
+        problems = (diagnostic("marker_names_not_as_stated", stated=stated, count=count),)
     frames = number_in(" ".join(header.get(FIRST_LINE, [])))
     source = MarkerSource(
         path=path,

@@ -1,4 +1,4 @@
-"""From what a file of markers says, in its own unit and axes, to markers in our world."""
+"""From what a file of markers holds, in its own unit and axes, to markers in our world."""
 
 from __future__ import annotations
 
@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.marker_names import is_unnamed
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
 from solver_backend.io.markers.missing import without_sentinels
 from solver_backend.io.markers.rigid_bodies import RigidBodies
 from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
-from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
 from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
@@ -56,17 +56,15 @@ class MarkerSource:
     """Events in the file."""
     analog_channels: tuple[str, ...] = ()
     """Analog channels, which are not read."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What the reader assumed."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What the reader found wrong."""
 
 
-def left_out_note(outputs: int) -> tuple[str, ...]:
-    """Return a sentence on points that are no positions."""
-    if not outputs:
-        return ()
-    return (f"{outputs} points that are no positions (angles, forces, moments, powers) are left out.",)
+def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic of points that are no positions, if there are any."""
+    return (diagnostic("model_outputs_left_out", count=outputs),) if outputs else ()
 
 
 def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axis: str | None) -> MarkerTake:
@@ -74,9 +72,9 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
 
     Args:
         source: what a reader found.
-        fps: frames per second; None takes what the file says.
-        unit: the file's length unit; None takes what the file says, or estimates it from the markers' spread.
-        up_axis: the file's axis that points up; None takes what the file says, or how the body stands.
+        fps: frames per second; None takes what the file states.
+        unit: the file's length unit; None takes what the file states, or estimates it from the markers' spread.
+        up_axis: the file's axis that points up; None takes what the file states, or how the body stands.
 
     Raises:
         NoDetections: the file holds no markers, or none is ever seen.
@@ -103,16 +101,22 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
         first_frame=source.first_frame,
         fps=rate,
         unit=found_unit.name,
-        unit_reason=found_unit.reason,
         up_axis=found_axis.name,
-        up_axis_reason=found_axis.reason,
         subjects=subjects_of(labels),
         unlabelled=unlabelled,
         gaps=tuple(gaps.tolist()),
         missing=tuple(missing.tolist()),
         analog_channels=source.analog_channels,
         events=source.events,
-        notes=(*_sentences(source, rate, found_unit, found_axis), *_naming(labels, named=named), *notes, *source.notes),
+        notes=(
+            _described(source, rate),
+            found_unit.note,
+            found_axis.note,
+            *_channels(source),
+            *_naming(labels, named=named),
+            *notes,
+            *source.notes,
+        ),
         problems=(*source.problems, *_found(found_unit, found_axis), *sentinels, *problems, *_still(positions, labels)),
     )
     residual = source.residual * found_unit.metres if source.residual is not None else None
@@ -126,7 +130,7 @@ def _require_markers(source: MarkerSource) -> None:
         channels = len(source.analog_channels)
         what = f" but {channels} analog channels (forces, muscles)" if channels else ""
         raise NoDetections(
-            " ".join((f"The file holds no markers{what}.", *source.notes)),
+            " ".join((f"The file holds no markers{what}.", *map(sentence, source.notes))),
             where=str(source.path),
             hint="Choose the recording's file of markers, or export it with trajectories.",
         )
@@ -134,20 +138,20 @@ def _require_markers(source: MarkerSource) -> None:
         raise NoDetections("The file holds no frames.", where=str(source.path), hint="Export it again.")
 
 
-def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
     """Return labels that are unique, and what was wrong with the file's."""
     labels, doubled = unique_labels(source.labels)
-    problems: list[str] = []
+    problems: list[Diagnostic] = []
     if doubled:
-        problems.append(f"Labels are there more than once: {listing(doubled)}; the later ones are numbered.")
+        problems.append(diagnostic("labels_doubled", markers=doubled))
     empty = sum(not label for label in source.labels)
     if empty and not all(is_unnamed(label) for label in source.labels):
-        problems.append(f"{empty} of {len(labels)} points have no label.")
+        problems.append(diagnostic("points_without_label", count=empty, total=len(labels)))
     return labels, tuple(problems)
 
 
-def _naming(labels: Sequence[str], *, named: bool) -> tuple[str, ...]:
-    return () if named else (f"None of the {len(labels)} points is named: the solve names them.",)
+def _naming(labels: Sequence[str], *, named: bool) -> tuple[Diagnostic, ...]:
+    return () if named else (diagnostic("no_point_named", count=len(labels)),)
 
 
 def _rate(source: MarkerSource, fps: float | None) -> float:
@@ -163,32 +167,26 @@ def _rate(source: MarkerSource, fps: float | None) -> float:
     return float(source.rate)
 
 
-def _sentences(source: MarkerSource, rate: float, unit: Unit, axis: UpAxis) -> list[str]:
+def _described(source: MarkerSource, rate: float) -> Diagnostic:
     frames, markers = source.positions.shape[:2]
-    sentences = [
-        f"{source.format}: {markers} markers in {frames} frames at {rate:g} Hz.",
-        f"Lengths are read as {unit.name} ({unit.reason}).",
-        f"{axis.name.upper()} points up ({axis.reason}).",
-    ]
-    if source.analog_channels:
-        sentences.append(
-            f"{len(source.analog_channels)} analog channels (forces, muscles) are not read: "
-            f"{listing(source.analog_channels[:8])}{', ...' if len(source.analog_channels) > 8 else ''}."
-        )
-    return sentences
+    return diagnostic("markers_read", format=source.format, count=markers, length=frames, fps=rate)
 
 
-def _found(unit: Unit, axis: UpAxis) -> list[str]:
-    return [problem for problem in (unit.problem, axis.problem) if problem]
+def _channels(source: MarkerSource) -> tuple[Diagnostic, ...]:
+    names = source.analog_channels
+    return (diagnostic("analog_channels_left_out", count=len(names), channels=names),) if names else ()
 
 
-def _still(positions: np.ndarray, labels: Sequence[str]) -> list[str]:
-    """Return a sentence on the markers that never move."""
+def _found(unit: Unit, axis: UpAxis) -> tuple[Diagnostic, ...]:
+    return tuple(problem for problem in (unit.problem, axis.problem) if problem is not None)
+
+
+def _still(positions: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
+    """Return a diagnostic of the markers that never move, if there are any."""
     if len(positions) < STILL_FRAMES:
-        return []
+        return ()
     seen = np.isfinite(positions[..., 0])
     first = positions[np.argmax(seen, axis=0), np.arange(positions.shape[1])]
     moved = np.any([(seen & (positions[..., k] != first[:, k])).any(axis=0) for k in range(3)], axis=0)
     still = [labels[int(i)] for i in np.flatnonzero(~moved & (seen.sum(axis=0) >= STILL_FRAMES))]
-    more = f" and {len(still) - 8} others" if len(still) > 8 else ""
-    return [f"Markers that never move: {listing(still[:8])}{more}."] if still else []
+    return (diagnostic("marker_never_moves", markers=still),) if still else ()

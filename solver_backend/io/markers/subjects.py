@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.recognition.camera_names import listing
@@ -43,8 +44,8 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
                 hint=_hint(bodies, places),
             )  # fmt: skip
         chosen = _part(take, (bodies[0],), [name for name in subjects if not places[name]])
-        others = listing(f"{name} ({_size(take, name)} markers)" for name in subjects if name != bodies[0])
-        note = f"{bodies[0]} is solved, the only subject with a body's markers; no part of it: {others}."
+        others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name != bodies[0]]
+        note = diagnostic("subject_chosen", person=bodies[0], others=others)
         return replace(chosen, report=replace(chosen.report, notes=(*chosen.report.notes, note)))
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.types import MarkerCloud
 
 
@@ -20,7 +21,7 @@ class MarkerEvent:
     context: str = ""
     """Such as 'Left'."""
     subject: str = ""
-    """Whom it concerns."""
+    """Name of the subject it concerns."""
 
 
 @dataclass(frozen=True)
@@ -37,12 +38,8 @@ class MarkerReport:
     """Frames per second."""
     unit: str
     """The file's length unit."""
-    unit_reason: str
-    """How the unit was found."""
     up_axis: str
     """The file's axis that points up."""
-    up_axis_reason: str
-    """How the axis was found."""
     subjects: tuple[str, ...] = ()
     """Prefixes of the labels, in the order of the file; empty where labels have none."""
     unlabelled: tuple[str, ...] = ()
@@ -55,10 +52,10 @@ class MarkerReport:
     """Analog channels (forces, muscles) that are in the file and are not read."""
     events: tuple[MarkerEvent, ...] = ()
     """Events in the file."""
-    notes: tuple[str, ...] = ()
-    """What was found and assumed; one sentence each."""
-    problems: tuple[str, ...] = ()
-    """What the user should know before solving; one sentence each."""
+    notes: tuple[Diagnostic, ...] = ()
+    """What was found and assumed, how unit and axis were found among it."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What the user should know before solving."""
 
 
 @dataclass(frozen=True)

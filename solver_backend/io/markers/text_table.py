@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
@@ -119,24 +120,22 @@ def rate_of(times: np.ndarray) -> float | None:
     return next((float(round(rate)) for rate in rates if abs(rate - round(rate)) < 1e-4 * rate), rates[-1])
 
 
-def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[str, ...]:
+def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnostic, ...]:
     """Return what is wrong with the frames: their numbers jump, or are others than the file states.
 
     Args:
         numbers: (F,) the column of frame numbers.
         stated: how many frames the file states, None where it does not.
     """
-    problems: list[str] = []
+    problems: list[Diagnostic] = []
     if stated is not None and stated != len(numbers):
-        problems.append(f"The file states {stated:g} frames but holds {len(numbers)}.")
+        problems.append(diagnostic("frame_count_not_as_stated", stated=stated, count=len(numbers)))
     jumps = np.flatnonzero(np.diff(numbers) != 1)
     if len(jumps):
         at = int(jumps[0])
-        problems.append(
-            f"Frame {numbers[at]:g} is followed by {numbers[at + 1]:g}"
-            + (f" ({len(jumps)} such jumps)" if len(jumps) > 1 else "")
-            + "; frames are read as following each other."
-        )
+        before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
+        code = "frame_numbers_jump" if len(jumps) > 1 else "frame_number_jumps"
+        problems.append(diagnostic(code, before=before, after=after, jumps=len(jumps)))
     return tuple(problems)
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, as_take
@@ -31,7 +32,7 @@ from solver_backend.io.recognition.range_checks import FRAME_RATES
 FILE_TYPE = "pathfiletype"
 """How the files begin, in small letters."""
 _HEADER_LINES, _ROWS_LOOKED_AT = 20, 100
-"""Lines in which the labels must come, and rows that tell how all are written."""
+"""Lines in which the labels must come, and rows that show how all are written."""
 
 
 def read_trc(
@@ -41,8 +42,8 @@ def read_trc(
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
-        unit: its length unit; None takes what the file says, or estimates it from the markers' spread.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes what the file states, or estimates it from the markers' spread.
         up_axis: its axis that points up, which no TRC file states; None infers it from how the body stands.
 
     Raises:
@@ -64,7 +65,9 @@ def read_trc(
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
     stated = number_in(header.get("nummarkers"))
-    problems = [f"The file states {stated:g} markers but holds {count}."] if stated not in (None, count) else []
+    problems: tuple[Diagnostic, ...] = ()
+    if stated not in (None, count):
+        problems = (diagnostic("marker_count_not_as_stated", stated=stated, count=count),)
     rate, rate_problems = _rate(header, values)
     numbers = values[:, 0] if len(values) else np.zeros(0)
     source = MarkerSource(
@@ -138,15 +141,15 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
     return rows
 
 
-def _rate(header: dict[str, str], values: np.ndarray) -> tuple[float | None, list[str]]:
-    """Return the frame rate, and a sentence where the header and the column of times differ."""
+def _rate(header: dict[str, str], values: np.ndarray) -> tuple[float | None, tuple[Diagnostic, ...]]:
+    """Return the frame rate, and a diagnostic where the header and the column of times differ."""
     stated = number_in(header.get("datarate"))
     timed = rate_of(values[:, 1]) if values.shape[1] > 1 else None
     if stated is None or stated <= 0:
-        return (timed if timed is not None else stated), []
+        return (timed if timed is not None else stated), ()
     # Times have few decimals: a step of 4 ms may be written as 0.00 or 0.01.
     if timed is not None and abs(timed - stated) > 0.3 * stated:
-        # Who thins a file out writes the times anew and leaves the header; times in another unit give no frame rate.
+        # A file that was thinned out has new times and the old header; times in another unit give no frame rate.
         used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
-        return used, [f"The header states {stated:g} Hz, the times {timed:.4g}; {used:.4g} is used."]
-    return stated, []
+        return used, (diagnostic("marker_rate_not_as_stated", stated=stated, timed=timed, fps=used),)
+    return stated, ()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch
 from solver_backend.types import JointSet
 
@@ -58,11 +59,11 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
 
 def choose_joint_set(
     xy: np.ndarray, confidence: np.ndarray, given: JointSet | None, configured: JointSet | None, *, where: str = ""
-) -> tuple[JointSet, tuple[str, ...], tuple[str, ...]]:
+) -> tuple[JointSet, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the joint set of a recording, how it was recognised, and what is doubtful about it.
 
-    What the user gives is final. What the recording's settings say is believed unless it cannot be or anatomy clearly
-    says otherwise. Without either, the set is recognised.
+    What the user gives is final. What the recording's settings state is believed unless it cannot be or anatomy clearly
+    contradicts it. Without either, the set is recognised.
 
     Args:
         xy: (..., K, 2) pixels, NaN where missing.
@@ -76,22 +77,24 @@ def choose_joint_set(
     """
     count = xy.shape[-2]
     if given is not None:
-        return require_fit(given, count, where=where), (f"Joint set {given.value}, as given.",), ()
+        return require_fit(given, count, where=where), (diagnostic("joint_set_given", joint_set=given.value),), ()
     flat = np.flatnonzero((confidence > 0).any(-1))
     sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
-    best, sentence, certain = recognise_joint_set(
+    best, found, certain = recognise_joint_set(
         xy.reshape(-1, count, 2)[sample], confidence.reshape(-1, count)[sample], where=where
     )
     if configured is None:
-        doubt = () if certain else (f"The joint set is not certain; it is taken as {best.value}. Others: --joint-set.",)
-        return best, (sentence,), doubt
+        doubt = () if certain else (diagnostic("joint_set_uncertain", joint_set=best.value),)
+        return best, (found,), doubt
     if configured is best or (count in configured.num_written and not certain):
-        return configured, (f"Joint set {configured.value}, from Config.toml.",), ()
-    return best, (sentence,), (f"Config.toml names {configured.value}, but the keypoints are {best.value}'s.",)
+        return configured, (diagnostic("joint_set_configured", joint_set=configured.value),), ()
+    return best, (found,), (diagnostic("joint_set_contradicts", configured=configured.value, joint_set=best.value),)
 
 
-def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = "") -> tuple[JointSet, str, bool]:
-    """Return the joint set that fits the detections best, a sentence on how that was found, and whether it is certain.
+def recognise_joint_set(
+    xy: np.ndarray, confidence: np.ndarray, *, where: str = ""
+) -> tuple[JointSet, Diagnostic, bool]:
+    """Return the joint set that fits the detections best, how that was found, and whether it is certain.
 
     Several sets may share a number of keypoints (25: BODY_25, BODY_25B; 17: COCO_17, H36M_17). Each is scored by the
     rms length of its bones relative to the person's height in the image; the right one has the shortest.
@@ -106,23 +109,18 @@ def recognise_joint_set(xy: np.ndarray, confidence: np.ndarray, *, where: str = 
     require_known_count(xy.shape[1], None, where=where)
     fitting = JointSet.fitting(xy.shape[1])
     if len(fitting) == 1:
-        score, only = bone_score(fitting[0], xy, confidence), f"the only one with {xy.shape[1]} keypoints"
-        if np.isfinite(score) and score > UNLIKE and len(xy) >= _ENOUGH:
-            return fitting[0], f"Joint set {fitting[0].value}: {only}, though its bones are too long.", False
-        return fitting[0], f"Joint set {fitting[0].value}: {only}.", True
+        score = bone_score(fitting[0], xy, confidence)
+        unlike = np.isfinite(score) and score > UNLIKE and len(xy) >= _ENOUGH
+        code = "joint_set_unlike" if unlike else "joint_set_by_count"
+        return fitting[0], diagnostic(code, joint_set=fitting[0].value, count=xy.shape[1]), not unlike
     (shortest, best), (longer, second), *_ = sorted(
         ((bone_score(s, xy, confidence), s) for s in fitting), key=lambda scored: scored[0]
     )
     if not np.isfinite(shortest):
-        return (
-            fitting[0],
-            f"Joint set {fitting[0].value} is assumed: nobody is seen well enough to recognise it.",
-            False,
-        )
+        return fitting[0], diagnostic("joint_set_unseen", joint_set=fitting[0].value), False
     ratio = longer / max(shortest, 1e-9)
-    why = f"as {second.value} the bones would be {ratio:.1f} times as long"
-    sentence = f"Joint set {best.value}, recognised by anatomy: {why}."
-    return best, sentence, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < _ENOUGH)
+    found = diagnostic("joint_set_recognised", joint_set=best.value, rival=second.value, ratio=ratio)
+    return best, found, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < _ENOUGH)
 
 
 def bone_score(joint_set: JointSet, xy: np.ndarray, confidence: np.ndarray) -> float:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.length_unit import METRES, metres_in
 
@@ -15,7 +16,7 @@ PERSON_M = (0.25, 4.0)
 """Spread of the markers of a person, in metres."""
 
 _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
-"""Units by how their names begin: files say mm, Millimeters, METERS, mete, m, inches, ft."""
+"""Units by how their names begin: files have mm, Millimeters, METERS, mete, m, inches, ft."""
 
 
 @dataclass(frozen=True)
@@ -24,10 +25,10 @@ class Unit:
 
     name: str
     """A key of ``METRES``."""
-    reason: str
-    """How it was found, a phrase for messages."""
-    problem: str = ""
-    """What is wrong with the file's own statement, if anything is."""
+    note: Diagnostic
+    """How it was found."""
+    problem: Diagnostic | None = None
+    """What is wrong with the file's own statement, None if nothing is."""
 
     @property
     def metres(self) -> float:
@@ -59,8 +60,8 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
 
     Args:
         positions: (F, M, 3) in the file's unit.
-        stated: what the file says, empty if nothing.
-        given: what the user says.
+        stated: the file's word for it, empty if there is none.
+        given: by the user.
         default: what the format's files are mostly in.
 
     Raises:
@@ -68,20 +69,22 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
     """
     if given is not None:
         metres_in(given)
-        return Unit(given, "as given")
+        return _unit(given, "marker_unit_given")
     size = spread(positions)
     name = unit_named(stated)
     if name is not None and not (size > 0 and not SMALLEST_M <= size * METRES[name] <= LARGEST_M):
-        return Unit(name, "as the file states")
+        return _unit(name, "marker_unit_stated")
     for other in dict.fromkeys((default, "mm", "m", "cm")):
         if PERSON_M[0] <= size * METRES[other] <= PERSON_M[1]:
             if name is None:
-                return Unit(other, f"estimated: the markers spread over {size:.4g} units")
-            problem = (
-                f"The file states {name}, in which the markers would spread over {size * METRES[name]:.4g} m; "
-                f"lengths are read as {other}."
-            )
-            return Unit(other, "estimated against the file's statement", problem)
+                return Unit(other, diagnostic("marker_unit_estimated", unit=other, spread=size))
+            problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)
+            return _unit(other, "marker_unit_corrected", problem)
     if name is not None:
-        return Unit(name, "as the file states", f"The markers spread over {size * METRES[name]:.4g} m: no person.")
-    return Unit(default, f"assumed, as the file states none: files of this kind are mostly in {default}")
+        problem = diagnostic("marker_spread_unlikely", spread=size * METRES[name])
+        return _unit(name, "marker_unit_stated", problem)
+    return _unit(default, "marker_unit_assumed")
+
+
+def _unit(name: str, code: str, problem: Diagnostic | None = None) -> Unit:
+    return Unit(name, diagnostic(code, unit=name), problem)

@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 
@@ -33,10 +35,10 @@ class UpAxis:
 
     name: str
     """A key of ``UP_AXES``."""
-    reason: str
-    """How it was found, a phrase for messages."""
-    problem: str = ""
-    """What is wrong with the file's own statement, if anything is."""
+    note: Diagnostic
+    """How it was found."""
+    problem: Diagnostic | None = None
+    """What is wrong with the file's own statement, None if nothing is."""
 
 
 def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, given: str | None, default: str) -> UpAxis:
@@ -57,27 +59,31 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
     """
     if given is not None:
         rotation_to_z_up(given)
-        return UpAxis(given.lower().lstrip("+"), "as given")
+        return _axis(given.lower().lstrip("+"), "marker_axis_given")
     expected = stated or default
     body = _standing_along(positions, labels)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
-            return UpAxis(stated, "as the file states")
+            return _axis(stated, "marker_axis_stated")
         if body == expected:
-            return UpAxis(expected, "as the body stands")
+            return _axis(expected, "marker_axis_by_body")
         floor = _above_floor(positions)
         if floor is not None:
-            return UpAxis(floor, "as the markers are above a floor at 0")
-        return UpAxis(expected, "assumed, as files of this kind mostly have it")
+            return _axis(floor, "marker_axis_by_floor")
+        return _axis(expected, "marker_axis_assumed")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
     if not stated and (feet_at_zero or body.lstrip("-") != expected.lstrip("-")):
-        return UpAxis(body, "as the body stands")
-    states = "The file states that" if stated else "Files of this kind mostly state that"
-    problem = f"{states} {expected.upper()} points up, but the body stands along {body.upper()}"
+        return _axis(body, "marker_axis_by_body")
+    against = partial(diagnostic, stated=expected.upper(), along=body.upper())
     if feet_at_zero:
-        return UpAxis(body, "as the body stands, against the file's statement", f"{problem}, which is used.")
-    reason = "as the file states" if stated else "assumed, as files of this kind mostly have it"
-    return UpAxis(expected, reason, f"{problem}; {expected.upper()} is used. Give the axis if that is wrong.")
+        return _axis(body, "marker_axis_corrected", against("body_along_other_axis"))
+    if stated:
+        return _axis(stated, "marker_axis_stated", against("body_across_stated_axis"))
+    return _axis(expected, "marker_axis_assumed", against("body_across_usual_axis"))
+
+
+def _axis(name: str, code: str, problem: Diagnostic | None = None) -> UpAxis:
+    return UpAxis(name, diagnostic(code, axis=name.upper()), problem)
 
 
 def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:

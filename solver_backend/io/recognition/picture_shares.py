@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.people.detections import Detections
 
 _LARGEST = 2.0
@@ -27,12 +28,12 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     if not len(seen) or np.quantile(np.abs(seen), _QUANTILE) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
-    note = "The detections are shares of the picture (0..1); they are multiplied by its width and height."
+    code = "shares_of_picture"
     hands, xy = detections.hands, detections.xy
     if (seen < 0).mean() > _CENTRED:
-        note = "The detections run from -1 to 1 over the picture (OpenPose's keypoint_scale 4); they are made pixels."
+        code = "shares_about_centre"
         xy = (xy + 1) / 2
         hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
     if hands is not None:
         hands = hands * np.concatenate([size, np.ones_like(size[..., :1])], axis=-1)[..., None, None, :]
-    return replace(detections, xy=xy * size, hands=hands, notes=(*detections.notes, note))
+    return replace(detections, xy=xy * size, hands=hands, notes=(*detections.notes, diagnostic(code)))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
 from solver_backend.exchange.errors import JobInvalid, NotSynchronised
 from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
 from solver_backend.exchange.time_settings import offsets_by_camera
@@ -31,9 +32,9 @@ class InTime:
     """Of the frames that are kept."""
     first_rows: tuple[int, ...] = ()
     """The row of each camera's own frames that comes first; () where all begin with their first."""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Diagnostic, ...] = ()
     """What was assumed."""
-    problems: tuple[str, ...] = ()
+    problems: tuple[Diagnostic, ...] = ()
     """What the user should know."""
 
 
@@ -46,7 +47,7 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     """Return the detections at moments that all cameras recorded.
 
     Offsets that the user gives bind. Else cameras are moved where they agree far better at other offsets than as
-    numbered, and only there (``find_starts``); whatever is not sure stays as numbered and is said.
+    numbered, and only there (``find_starts``); whatever is not sure stays as numbered and is reported.
 
     Args:
         cameras: C calibrated cameras.
@@ -57,13 +58,16 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
     Raises:
         JobInvalid: an offset names no recorded camera.
         NotSynchronised: synchronisation is required, and the views do not confirm any.
-        FrameCountMismatch: the cameras' frames differ and nothing tells which belong together.
+        FrameCountMismatch: the cameras' frames differ and nothing shows which belong together.
     """
     numbered = _numbered(detections, options)
     given = _given_offsets(detections.cameras, options.offset)
     if given is not None:
-        words = tuple(f"{name} started {_late(by)}, as given." for name, by in _named(detections, given))
-        return _aligned(detections, numbered - given, options, words, ())
+        notes = tuple(
+            diagnostic("start_given", cameras=[name], size=abs(by), direction=_direction(by))
+            for name, by in _named(detections, given)
+        )
+        return _aligned(detections, numbered - given, options, notes, ())
     if options.sync == SYNC_OFF:
         return _aligned(detections, numbered, options, (), ())
     found = find_starts(cameras, detections, fps, numbered)
@@ -71,16 +75,17 @@ def bring_to_one_time(cameras: Cameras, detections: Detections, fps: float, opti
         if np.abs(found.offsets - numbered).max() > max(SOLVED_S * fps, SOLVED_FRAMES):
             return _moved(detections, found, numbered, options)
     elif found.evidence is not StartEvidence.IN_STEP:
-        why = _doubt(detections, found)
+        doubt = _doubt(detections, found)
+        why = word(doubt).what
         if options.sync == SYNC_ON:
             raise NotSynchronised(
                 why, where=listing(detections.cameras), hint="Give --offset CAMERA=FRAMES, or --sync auto."
             )
         if detections.first_frames and not (options.trim or options.by_order):
             raise different_frames(_spans(detections), why)
-        notes, problems = ((why,), ()) if found.evidence is StartEvidence.STILL else ((), (f"{why} {_REMEDY}",))
-        silent = found.evidence is StartEvidence.STILL and len(found.doubtful) < len(cameras)
-        return _aligned(detections, numbered, options, () if silent else notes, problems)
+        if found.evidence is StartEvidence.AMBIGUOUS:
+            return _aligned(detections, numbered, options, (), (doubt,))
+        return _aligned(detections, numbered, options, (doubt,) if len(found.doubtful) == len(cameras) else (), ())
     return _aligned(detections, numbered, options, (), ())
 
 
@@ -139,26 +144,26 @@ def as_numbered(detections: Detections, options: ReadOptions) -> Detections:
 
 
 def _numbered(detections: Detections, options: ReadOptions) -> np.ndarray:
-    """Return (C,) offsets that the numbers of the frames say."""
+    """Return (C,) offsets by the numbers of the frames."""
     firsts = np.array(detections.first_frames or [detections.first_frame] * len(detections.cameras))
     return np.zeros(len(firsts), int) if options.by_order else firsts[0] - firsts
 
 
-_REMEDY = "None is moved: give --offset CAMERA=FRAMES, or --sync off if they started together."
-
-
 def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, options: ReadOptions) -> InTime:
-    """Return cameras that started apart, moved; those of which nothing tells when are left out."""
+    """Return cameras that started apart, moved; those of which nothing shows when are left out."""
     late = numbered - found.offsets
     late = late - late[0]
-    parts = [f"{name} {_late(by)}" for name, by in _named(detections, late)]
+    moved = _named(detections, late)
+    starts = [f"{name} {abs(by)} frames {_direction(by)}" for name, by in moved]
     problems = [
-        f"The cameras did not start together: against {detections.cameras[0]}, {listing(parts)}. They are moved; to "
-        "keep them as recorded: --sync off."
-    ]
+        diagnostic(
+            "starts_apart", cameras=[name for name, _ in moved], reference=detections.cameras[0], starts=starts,
+            late=[by for _, by in moved], remedy=Remedy.REPAIRED,
+        )
+    ]  # fmt: skip
     if found.doubtful:
         names = [detections.cameras[c] for c in found.doubtful]
-        problems.append(f"When {listing(names)} started is unknown, for it shows too little; it is left out.")
+        problems.append(diagnostic("start_left_out", cameras=names, remedy=Remedy.EXCLUDED))
         confidence = detections.confidence.copy()
         confidence[list(found.doubtful)] = 0.0
         lengths = np.array(detections.lengths or [detections.num_frames] * len(late))
@@ -167,24 +172,19 @@ def _moved(detections: Detections, found: CameraStarts, numbered: np.ndarray, op
     return _aligned(detections, found.offsets, options, (), tuple(problems))
 
 
-def _doubt(detections: Detections, found: CameraStarts) -> str:
-    """Return why nothing was moved, for a person."""
-    names = listing(detections.cameras[c] for c in found.doubtful)
+def _doubt(detections: Detections, found: CameraStarts) -> Diagnostic:
+    """Return why nothing was moved."""
+    names = [detections.cameras[c] for c in found.doubtful]
     if found.evidence is StartEvidence.STILL:
-        return (
-            f"Whether {names} started with the others is unknown: too little moves there, or the views agree at no "
-            "offset."
-        )
+        return diagnostic("start_unknown", cameras=names)
     one, other = (-offset for offset in found.rivals)
-    return (
-        f"The cameras may have started apart, but agree alike at several offsets, as in movement that repeats: "
-        f"{detections.cameras[found.doubtful[0]]} by {one:+d} or {other:+d} frames against {detections.cameras[0]}."
-    )
+    return diagnostic("start_ambiguous", cameras=[names[0], detections.cameras[0]], one=one, other=other)
 
 
 def _aligned(
-    detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[str, ...], problems: tuple[str, ...]
-) -> InTime:
+    detections: Detections, offsets: np.ndarray, options: ReadOptions, notes: tuple[Diagnostic, ...],
+    problems: tuple[Diagnostic, ...],
+) -> InTime:  # fmt: skip
     """Return the rows that belong together; the detections as they are where all have the same."""
     if not detections.first_frames and not (offsets - offsets[0]).any():
         return InTime(detections, (), notes, problems)
@@ -194,13 +194,13 @@ def _aligned(
         raise different_frames(_spans(detections), "At their offsets no two recorded at the same time.")
     rows = tuple(int(first + offset) for offset in offsets)
     starts = [f"{row} of {name}" for name, row in zip(detections.cameras, rows, strict=True)]
-    kept = f"The take is the {stop - first} frames that the cameras recorded together: it begins at frame "
-    notes = (*notes, f"{kept}{listing(starts)}, counted from each camera's first.")
+    kept = diagnostic("take_in_common", cameras=detections.cameras, count=stop - first, starts=starts, rows=rows)
+    notes = (*notes, kept)
     return InTime(align_rows(detections, offsets, first, stop), rows, notes, problems)
 
 
 def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray | None:
-    """Return (C,) frames by which cameras started late, as the user says; None where nothing is said."""
+    """Return (C,) frames by which cameras started late, as the user gives them; None where none is given."""
     given = offsets_by_camera(texts)
     late = np.zeros(len(cameras), int)
     keys = [name_key(name) for name in cameras]
@@ -218,8 +218,8 @@ def _named(detections: Detections, late: np.ndarray) -> list[tuple[str, int]]:
     return [(name, int(by)) for name, by in zip(detections.cameras, late, strict=True) if by]
 
 
-def _late(frames: int) -> str:
-    return f"{abs(frames)} frames {'later' if frames > 0 else 'earlier'}"
+def _direction(frames: int) -> str:
+    return "later" if frames > 0 else "earlier"
 
 
 def _spans(detections: Detections) -> dict[str, tuple[int, int]]:

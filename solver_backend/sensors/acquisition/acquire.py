@@ -17,8 +17,8 @@ from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import PicturesDiffer, SensorUnknown
 from solver_backend.types import Cameras
 
-SUNLIGHT = "too much of the picture is bright"
-"""Finding where there are no markers for sunlight, a window or a lamp."""
+SUNLIGHT = "sensor_sunlight"
+"""Code where there are no markers for sunlight, a window or a lamp."""
 MEDIAN_LOSS = 1.25
 """Standard deviation of a median by that of a mean; the ring's mean about it is no worse."""
 

@@ -30,7 +30,7 @@ class SensorSightings:
     sigma_ray: np.ndarray
     """(N,) radians, how sure the rays are across."""
     finding: str = ""
-    """What is wrong with the frame, where something is."""
+    """Code of what is wrong with the frame, where something is."""
     number: int = 0
     """The device's count of frames."""
     host_s: float = field(default=0.0, compare=False)

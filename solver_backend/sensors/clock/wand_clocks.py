@@ -9,6 +9,7 @@ from itertools import combinations
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.sensors.wand.interpolation import values_and_velocities
 from solver_backend.sensors.wand.leds import Wand, middle_from_lights
 from solver_backend.sensors.wand.views import Moments, WandView
@@ -68,9 +69,9 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:
         found = in_step(clocks_by_speed(views, wand, reach_s), 1.0 / interval_s)
-        return replace(found, findings=tuple(word for word in found.findings if word != ROLLING_SHUTTER))
+        return replace(found, findings=tuple(item for item in found.findings if item != ROLLING_SHUTTER))
     except SyncUnknown as why:
-        return replace(Clocks.alike(names), findings=(f"The clocks are taken to agree at first: {why.message}",))
+        return replace(Clocks.alike(names), findings=(diagnostic("wand_clocks_assumed", reason=why.message),))
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:

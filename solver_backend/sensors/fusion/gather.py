@@ -5,11 +5,13 @@ from __future__ import annotations
 import math
 from collections import deque
 from dataclasses import dataclass, replace
+from typing import Any
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.sensors.acquisition.sightings import SensorSightings
 
 SILENT_S = 0.25
-"""A sensor from which nothing came for so long is told, and not waited for."""
+"""A sensor from which nothing came for so long is reported, and not waited for."""
 JUMP_S = 0.5
 """A step of a sensor's clock that differs by more from the host's is a jump; the host's step takes its place."""
 WAITING = 30
@@ -27,7 +29,13 @@ class Finding:
     sensor: int
     time: float
     """Seconds on the sensors' clock."""
-    said: str
+    found: Diagnostic
+    """What was found."""
+
+    @property
+    def message(self) -> str:
+        """What was found, for people."""
+        return sentence(self.found)
 
 
 class Gatherer:
@@ -51,15 +59,15 @@ class Gatherer:
         self.findings: list[Finding] = []
 
     def push(self, seen: SensorSightings) -> None:
-        """Take a frame; one whose times are no numbers is told of and dropped."""
+        """Take a frame; one whose times are no numbers is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
-            self._tell("time_jumped", seen, "a frame without a time is left out")
+            self._tell("time_jumped", seen, "sensor_time_missing")
             return
         seen = self._on_our_clock(seen)
         index = seen.sensor
         if not self._expected[index]:
             self._expected[index] = True
-            self._tell("sensor_back", seen, "it is back")
+            self._tell("sensor_back", seen, "sensor_back")
         if seen.finding:
             self._tell("sunlight", seen, seen.finding)
         if self._gone is not None and seen.time < self._gone + 0.5 * self._period:
@@ -80,10 +88,10 @@ class Gatherer:
             moved = max(host, self._period) - step
             self._offset[index] += moved
             self._last[index] = replace(seen, time=seen.time + moved)
-            self._tell("time_jumped", before, f"its clock jumped by {step:.3f} s; the host's goes on")
+            self._tell("time_jumped", before, "sensor_clock_jumped", step=step)
             return replace(seen, time=seen.time + moved)
         if step > SILENT_S and self._expected[index]:
-            self._tell("sensor_silent", before, f"nothing came from it for {step:.2f} s")
+            self._tell("sensor_silent", before, "sensor_gap", gap=step)
         return seen
 
     def waiting(self, index: int) -> int:
@@ -110,7 +118,7 @@ class Gatherer:
             last = self._last[k]
             if now is not None and last is not None and now - last.host_s > SILENT_S:
                 self._expected[k] = False
-                self._tell("sensor_silent", last, "nothing comes from it; the others go on")
+                self._tell("sensor_silent", last, "sensor_silent")
         lacking = [k for k in lacking if self._expected[k]]
         first = min(head.time for head in heads)
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
@@ -124,6 +132,7 @@ class Gatherer:
         self._gone = first
         return moment
 
-    def _tell(self, kind: str, seen: SensorSightings, message: str) -> None:
-        self.findings.append(Finding(kind, seen.sensor, seen.time, f"Sensor {self._names[seen.sensor]}: {message}."))
+    def _tell(self, kind: str, seen: SensorSightings, code: str, **values: Any) -> None:
+        found = diagnostic(code, cameras=[self._names[seen.sensor]], when="", **values)
+        self.findings.append(Finding(kind, seen.sensor, seen.time, found))
         del self.findings[:-MOST_FINDINGS]

@@ -14,6 +14,7 @@ from multiprocessing.connection import Connection, wait
 from types import TracebackType
 from typing import Any
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.sensors.acquisition.sightings import SensorSightings
 from solver_backend.sensors.devices.record import Recording
 from solver_backend.sensors.fusion.clusters import fuse
@@ -199,4 +200,5 @@ class MarkerChain:
 
     def _tell(self, kind: str, name: str, message: str) -> None:
         index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
-        self._gatherer.findings.append(Finding(kind, index, float("nan"), f"Sensor {name}: {message}"))
+        found = diagnostic("sensor_trouble", cameras=[name], reason=message)
+        self._gatherer.findings.append(Finding(kind, index, float("nan"), found))

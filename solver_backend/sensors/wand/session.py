@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Adjusted
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.clock.wand_clocks import coarse_clocks, common_moments, flat_of
@@ -63,7 +64,7 @@ def calibrate_by_wand(
     views = [view if options.wand is None else _with_lights(view, options.wand) for view in views]
     progress("Clocks of the sensors", 0, 3)
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
-    told = clocks.findings
+    of_clocks = map(sentence, clocks.findings)
     interval_s = float(np.median(np.diff(views[0].times_s)))
     # Told offsets of a small part of a frame are delays of the pictures; larger ones are met between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))
@@ -85,7 +86,7 @@ def calibrate_by_wand(
     held_out_px, lengths = judged(task, scaled, moments.where(used), options)
     at = triangulated(rig.cameras, moments, found.delays)
     together = moments.seen.astype(int) @ moments.seen.astype(int).T
-    notes = (*notes_of(moments, together, names, options), *told)
+    notes = (*notes_of(moments, together, names, options), *of_clocks)
     rig = replace(rig, findings=findings_of(views, rig, clocks, options), notes=notes)
     coverage = coverage_of(rig.cameras, moments.px, at)
     return WandCalibration(rig, clocks, together, len(used), held_out_px, lengths, depth_rmse, coverage)

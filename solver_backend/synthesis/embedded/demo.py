@@ -8,6 +8,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.synthesis.embedded.choreography import author_motion
 from solver_backend.synthesis.embedded.detector import detect
@@ -52,7 +53,7 @@ def demo_capture(
         keypoints=Keypoints2D(xy, confidence, joint_set, fps),
         footage=(None,) * len(cameras),
         sources=("embedded demo capture",),
-        notes=("Synthetic capture: authored motion, four cameras, detector-like noise; the truth is known.",),
+        notes=(diagnostic("synthetic", origin="authored motion, four cameras, detector-like noise"),),
         truth=truth,
     )
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
 from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.simulation.camera_errors import delayed, miscalibrated, px_per_mm
@@ -37,7 +38,7 @@ def clean_capture(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> Cap
         known |= {"markers": stage.markers}
     return Capture(
         stage.shot.name, stage.cameras, keypoints, markers, footage=(None,) * len(stage.cameras),
-        sources=(stage.shot.name,), notes=("Synthetic capture of the studio: the truth is known.",), truth=known,
+        sources=(stage.shot.name,), notes=(diagnostic("synthetic", origin="a shot of the studio"),), truth=known,
     )  # fmt: skip
 
 
@@ -52,7 +53,7 @@ def perturbed_capture(spec: Spec, stage: Stage, truth: Truth, clean: Capture) ->
         capture = _of_views(spec, stage, truth, capture, stage.shot.rng(spec, "views"))
     if faults.of_markers and stage.labels:
         capture = _of_markers(spec, stage, capture, stage.shot.rng(spec, "markers"))
-    return replace(capture, notes=(*clean.notes, f"Perturbed: {_text_of(faults)}."))
+    return replace(capture, notes=(*clean.notes, diagnostic("perturbed", faults=_text_of(faults))))
 
 
 def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.random.Generator) -> Capture:

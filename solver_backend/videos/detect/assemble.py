@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import resized
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
@@ -28,7 +28,7 @@ from solver_backend.videos.sync.resample import at_times, common_times
 CROPPED_SHARE = 0.02
 """Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""
 SHORT_SHARE = 0.5
-"""Videos whose common time is less than this share of the longest are worth a word."""
+"""Videos whose common time is less than this share of the longest are reported."""
 
 
 @dataclass(frozen=True)
@@ -80,7 +80,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
         confidence.append(at_times(sureness, relative[c], when))
         if with_hands:
             hands.append(at_times(of_hands, relative[c], when))
-    notes, problems = _told(found, clocks, wanted, fps)
+    notes, problems = _timing(found, clocks, wanted, fps)
     stacked = np.stack(xy)
     seen = np.isfinite(stacked).all(-1)
     joined = Detections(
@@ -116,7 +116,7 @@ def assembled(
         clocks: of the cameras, in the same order.
         calibration: of the cameras, in the same order; None where there is none yet.
         progress: called as stages advance.
-        up_axis: axis of the calibration's world that points up, where it is told wrongly.
+        up_axis: axis of the calibration's world that points up; None for its own.
         world: how its world is scaled and levelled.
         one: what is known where one video alone is solved.
 
@@ -133,8 +133,8 @@ def assembled(
             )
         return Capture(
             name, None, _main_person(found, detections, fps), footage=footage, sources=sources,
-            notes=(*detections.notes, "The person is whoever is seen most in each view: no calibration yet."),
-            problems=(*detections.problems, "The cameras are not calibrated."),
+            notes=(*detections.notes, diagnostic("person_seen_most")),
+            problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
         )  # fmt: skip
     cameras, size_notes = in_video_pixels(calibration, found)
 
@@ -217,53 +217,55 @@ class FilmedSize:
 
 def in_video_pixels(
     calibration: Calibration, found: Sequence[VideoDetections | FilmedSize]
-) -> tuple[Cameras, tuple[str, ...]]:
+) -> tuple[Cameras, tuple[Diagnostic, ...]]:
     """Return the cameras in the pixels of the videos, and what was scaled.
 
     Raises:
         CalibrationMismatch: a video has another shape of picture than its calibration.
     """
-    cameras, notes = calibration.cameras, []
+    cameras, notes = calibration.cameras, list[Diagnostic]()
     for c, item in enumerate(found):
         size = tuple(int(n) for n in cameras.image_size[c])
         if size != item.size:
             scale = item.size[0] / size[0]
-            words = f"{cameras.names[c]}: made at {size[0]} x {size[1]}, filmed at {item.size[0]} x {item.size[1]}"
+            name, made, filmed = cameras.names[c], *(f"{width} x {height}" for width, height in (size, item.size))
             if not calibration.size_known[c]:
                 sizes = cameras.image_size.copy()
                 sizes[c] = item.size
                 cameras = replace(cameras, image_size=sizes)
             elif abs(scale - 1) < CROPPED_SHARE:
-                notes.append(f"{words} px; taken to be cut, not scaled.")
+                notes.append(diagnostic("picture_cut", cameras=[name], made=made, filmed=filmed))
             elif abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < CROPPED_SHARE:
                 cameras = resized(cameras, c, item.size)
-                notes.append(f"{words} px; the calibration was scaled.")
+                notes.append(diagnostic("calibration_scaled", cameras=[name], made=made, filmed=filmed))
             else:
                 raise CalibrationMismatch(
-                    f"The calibration of {words} px: another shape of picture.", where=str(item.video),
+                    f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture.",
+                    where=str(item.video),
                     hint="Calibrate in the mode that is filmed in; a portrait video needs a portrait calibration.",
                 )  # fmt: skip
     return cameras, tuple(notes)
 
 
-def _told(
+def _timing(
     found: Sequence[VideoDetections], clocks: Clocks, wanted: np.ndarray, fps: float
-) -> tuple[tuple[str, ...], tuple[str, ...]]:
+) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return notes and problems of the timing."""
     longest = max(item.times_s[-1] - item.times_s[0] for item in found)
     span = float(wanted[-1] - wanted[0])
     notes = [
         diagnostic("detector_used", detector=found[0].detector, moments=len(wanted), rate=fps, videos=len(found)),
-        *(f"Clock of {line}" for line in clocks.lines() if clocks.method != "as filmed"),
+        *clocks.notes(),
     ]
     problems = list(clocks.findings)
     if span < SHORT_SHARE * longest:
-        problems.append(f"All videos together show {span:.1f} s of the longest video's {longest:.1f} s.")
+        problems.append(diagnostic("common_time_short", span=span, longest=float(longest)))
     rates = {f"{item.fps:.3g}" for item in found}
     if len(rates) > 1:
-        notes.append(f"The videos run at {', '.join(sorted(rates))} pictures a second; all are read at {fps:g}.")
+        notes.append(diagnostic("video_rates_mixed", rates=sorted(rates), rate=fps))
     for item in found:
         gaps = np.diff(item.times_s)
         if len(gaps) and gaps.max() > 1.5 * np.median(gaps):
-            notes.append(f"{item.video.name} has uneven intervals, up to {1e3 * gaps.max():.0f} ms; read by its times.")
+            gap_ms = 1e3 * float(gaps.max())
+            notes.append(diagnostic("intervals_uneven", cameras=[item.name], file=item.video.name, gap_ms=gap_ms))
     return tuple(notes), tuple(problems)

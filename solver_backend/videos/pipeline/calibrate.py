@@ -128,8 +128,9 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             return _by_one_camera(request, lenses, known, words, progress)
         found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    messages = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *found.notes, *words)
-    return TakeCalibration(found.method, messages, found.findings)
+    notes, findings = (tuple(sentence(item) for item in part) for part in (found.notes, found.findings))
+    messages = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *notes, *words)
+    return TakeCalibration(found.method, messages, findings)
 
 
 def _by_person(

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import refuse_errors
+from solver_backend.exchange.diagnostics import refuse_errors, sentence
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
@@ -165,7 +165,8 @@ class _Road:
             if self._capture.is_one_view
             else "the take is too short to check the calibration"
         )  # fmt: skip
-        self.steps.tell("capture", state, [str(plan.capture), fits], () if check is None else check.findings, drawn)
+        doubts = () if check is None else [sentence(item) for item in check.findings]
+        self.steps.tell("capture", state, [str(plan.capture), fits], doubts, drawn)
 
     def _of_one(self) -> KnownOfOne:
         """Return what is known where one video alone is solved."""
@@ -229,7 +230,8 @@ class _Road:
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), self._clocks.findings, [drawn])
+        doubts = map(sentence, self._clocks.findings)
+        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), doubts, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.exchange.outputs import check_output
@@ -92,7 +93,7 @@ def finish_views(recording: Path, path: Path, *, overwrite: bool = False) -> boo
             keypoints = Keypoints2D(
                 np.stack([v[0] for v in views]), np.stack([v[1] for v in views]), joint_set, fps
             )  # fmt: skip
-            note = f"Detected live by {source}; the poses of then are in {motion_of(path).name}."
+            note = diagnostic("detected_live", source=source, file=motion_of(path).name)
             write_capture(path, Capture(path.stem, cameras, keypoints, notes=(note,)), overwrite=overwrite)
             posed = np.isfinite(poses).all(1)
             if posed.any():

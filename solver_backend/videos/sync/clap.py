@@ -7,6 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.types import JointSet
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.convolution import convolved
@@ -113,9 +114,11 @@ def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: floa
     return replace(clocks, findings=(*clocks.findings, *_doubts(names, best, lags, sets[1:])))
 
 
-def _doubts(names: tuple[str, ...], best: float, lags: list[int], others: list[tuple[float, list[int]]]) -> list[str]:
-    """Return a sentence on each camera whose claps fit elsewhere nearly as well."""
-    words = []
+def _doubts(
+    names: tuple[str, ...], best: float, lags: list[int], others: list[tuple[float, list[int]]]
+) -> list[Diagnostic]:
+    """Return a diagnostic of each camera whose claps fit elsewhere nearly as well."""
+    found: list[Diagnostic] = []
     for c in range(1, len(names)):
         rivals = [
             other[c] - lags[c]
@@ -124,11 +127,8 @@ def _doubts(names: tuple[str, ...], best: float, lags: list[int], others: list[t
         ]
         if rivals:
             off_ms = 1e3 * rivals[0] / RATE_HZ
-            words.append(
-                f"The claps that {names[c]} saw fit {off_ms:+.0f} ms from there nearly as well: clap three times at "
-                "uneven intervals, with both hands in sight of all cameras."
-            )
-    return words
+            found.append(diagnostic("claps_ambiguous", cameras=[names[c]], off_ms=off_ms))
+    return found
 
 
 def _agreement(first: Signal, second: Signal, reach_s: float) -> np.ndarray:

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_json
 
@@ -30,9 +31,9 @@ class Clocks:
     middle_s: float
     """t0, seconds."""
     method: str = "as filmed"
-    """What they were told from."""
-    findings: tuple[str, ...] = ()
-    """What the user should know, one sentence each."""
+    """What they were estimated from."""
+    findings: tuple[Diagnostic, ...] = ()
+    """What the user should know."""
 
     @classmethod
     def alike(cls, names: tuple[str, ...]) -> Clocks:
@@ -59,7 +60,7 @@ class Clocks:
         rows = []
         for c, name in enumerate(self.names):
             offset_sigma, rate_sigma = np.sqrt(np.diag(self.covariance[c]))
-            if not (self.offset_s[c] or self.rate[c] or offset_sigma or rate_sigma):
+            if self._in_sync(c):
                 rows.append(f"{name}: in sync, by {self.method}")
                 continue
             rows.append(
@@ -68,12 +69,30 @@ class Clocks:
             )
         return rows
 
+    def notes(self) -> tuple[Diagnostic, ...]:
+        """Return how each camera's clock stands; none where the cameras are taken as filmed."""
+        if self.method == "as filmed":
+            return ()
+        sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
+        return tuple(
+            diagnostic("clock_in_sync", cameras=[name], method=self.method)
+            if self._in_sync(c)
+            else diagnostic(
+                "clock_estimated", cameras=[name], method=self.method, offset_ms=1e3 * self.offset_s[c],
+                offset_sigma_ms=1e3 * sigma[c, 0], rate_ppm=1e6 * self.rate[c], rate_sigma_ppm=1e6 * sigma[c, 1],
+            )
+            for c, name in enumerate(self.names)
+        )  # fmt: skip
+
+    def _in_sync(self, camera: int) -> bool:
+        return not (self.offset_s[camera] or self.rate[camera] or np.diag(self.covariance[camera]).any())
+
     def as_dict(self) -> dict[str, Any]:
         """Return plain values for a file."""
         return {
             "cameras": list(self.names), "offset_s": self.offset_s.tolist(), "rate": self.rate.tolist(),
             "covariance": self.covariance.tolist(), "middle_s": self.middle_s, "method": self.method,
-            "findings": list(self.findings),
+            "findings": [item.as_dict() for item in self.findings],
         }  # fmt: skip
 
 
@@ -81,11 +100,11 @@ def read_clocks(path: Path) -> Clocks:
     """Read the clocks that ``as_dict`` has written.
 
     Raises:
-        FileMissing, FileDamaged: there is no such file, or it tells no clocks.
+        FileMissing, FileDamaged: there is no such file, or it holds no clocks.
     """
     values = read_json(path)
     try:
-        names, findings = (tuple(_texts(values[key])) for key in ("cameras", "findings"))
+        names, findings = tuple(_texts(values["cameras"])), read_diagnostics(values["findings"])
         shapes = {"offset_s": (len(names),), "rate": (len(names),), "covariance": (len(names), 2, 2)}
         arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
         middle_s = float(values["middle_s"])
@@ -100,5 +119,5 @@ def read_clocks(path: Path) -> Clocks:
 
 def _texts(values: Any) -> list[str]:
     if not isinstance(values, list) or not all(isinstance(item, str) for item in values):
-        raise TypeError("names and findings are lists of texts")
+        raise TypeError("names are lists of texts")
     return values

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.errors import SyncUnknown
 from solver_backend.videos.sync.signals import PairLag
@@ -23,7 +24,7 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
     Raises:
         SyncUnknown: a camera is connected by no pair.
     """
-    kept, findings = dict(pairs), []
+    kept, findings = dict(pairs), list[Diagnostic]()
     middle_s = float(np.median([p.middle_s for p in pairs.values()])) if pairs else 0.0
     while True:
         _require_connected(names, kept, method)
@@ -33,10 +34,10 @@ def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], Pair
         without = {pair: p for pair, p in kept.items() if pair != worst}
         if off[worst] < CONTRADICTION_S or not _connected(len(names), without):
             break
-        findings.append(f"{names[worst[0]]} and {names[worst[1]]} do not agree by {method}; the others decide.")
+        findings.append(diagnostic("clocks_disagree", cameras=[names[c] for c in worst], method=method))
         kept = without
     if off[worst] >= CONTRADICTION_S:
-        findings.append(f"The lags of the cameras by {method} contradict each other by {1e3 * off[worst]:.0f} ms.")
+        findings.append(diagnostic("clocks_contradict", method=method, off_ms=1e3 * off[worst]))
     return Clocks(names, state[:, 0], state[:, 1], covariance, middle_s, method, tuple(findings))
 
 

@@ -8,6 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras
@@ -34,7 +35,7 @@ REACH_S = 6.5
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
 """Cameras none of which is off by more than this, or by more than so many deviations, are in step: nobody starts four
 by hand within a frame; what is left is the solve's own check to tell."""
-ROLLING_SHUTTER = "Rolling shutter is not modelled: rows of a picture may differ by up to a frame."
+ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
 def synchronise(
@@ -82,7 +83,7 @@ def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) ->
             return by_sound(found)
         except (SyncUnknown, VideoWithoutSound):
             names = tuple(item.name for item in found)
-            return replace(Clocks.alike(names), findings=(f"The clocks are taken to agree: {why.message}",))
+            return replace(Clocks.alike(names), findings=(diagnostic("clocks_assumed", reason=why.message),))
 
 
 def by_keypoints(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:

@@ -46,4 +46,22 @@ def test_what_the_solver_says_is_understood() -> None:
     assert what_is_wrong({"event": "progress", "stage": "a", "done": 0, "total": 0, "eta_s": None}, "solve") == ""
     solved = {"motion": "m", "diagnostics": [], "frames": 3, "reprojection_median_px": 1.5, "unsure_frames": 0}
     assert what_is_wrong({"event": "result", **solved, "unseen_frames": 1}, "solve") == ""
+    read = {"capture": "c", "name": "x", "frames": 3, "fps": 30, "joint_set": None, "markers": None, "cameras": [],
+            "people": [], "person": "", "notes": [], "problems": []}  # fmt: skip
+    found = [{"code": "clocks_assumed", "severity": "warning", "where": {"cameras": ["1"]}, "values": {}}]
+    for verb, result in (
+        ("convert", read),
+        ("from-videos", {"takes": {"x": {"folder": "f", "source": "s", "read": read}}}),
+        ("check-cameras", {"verdict": "v", "findings": [], "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 1.0}),
+        ("fit-cameras", {"calibration": "c", "format": "f", "cameras": [], "residual_px": None, "stature_m": None,
+                         "notes": [], "problems": []}),
+    ):  # fmt: skip
+        within = read if verb == "from-videos" else result
+        within.pop("diagnostics", None)
+        assert what_is_wrong({"event": "result", **result}, verb) == "", "an earlier solver writes none"
+        within["diagnostics"] = found
+        assert what_is_wrong({"event": "result", **result}, verb) == ""
+        for nonsense in ("late", ["late"], [{"code": 1}], [{**found[0], "where": "left"}]):
+            within["diagnostics"] = nonsense
+            assert what_is_wrong({"event": "result", **result}, verb), (verb, nonsense)
     assert what_is_wrong({"event": "error", "code": "a", "message": "b", "where": "", "hint": ""}, "solve") == ""

@@ -9,9 +9,12 @@ import bpy
 import numpy as np
 import pytest
 
+from blender_addon._exchange.diagnostics import sentence, warnings_in
 from blender_addon.animation.takes import takes_of
 from blender_addon.ui import camera_view
+from blender_addon.ui.operators.import_results import found_in_reading
 from blender_addon.ui.scene_job import prepare_job
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
@@ -55,6 +58,7 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert mocap.capture.checked[0].isupper()
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
         assert ("squares do not have the stated size" in mocap.capture.doubts) == wrong
+        assert mocap.capture.doubted == ""
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 
 
@@ -90,17 +94,47 @@ def test_the_calibration_is_refined_and_restored(mocap, tmp_path: Path) -> None:
     assert beside == ["capture.npz", "capture_refined_01.npz"]
 
 
+def test_a_camera_is_doubtful_where_a_diagnostic_names_it_and_not_where_its_name_is_a_word(mocap, tmp_path) -> None:
+    demo = demo_capture(num_frames=30)
+    assert demo.cameras is not None
+    capture = replace(
+        demo, cameras=replace(demo.cameras, names=("1", "front", "left", "right")), truth={},
+        problems=(
+            diagnostic("few_views_agree", views=3.0, agreeing=1.0),
+            diagnostic("clocks_assumed", reason="The person claps in front of nobody."),
+            diagnostic("camera_sees_elsewhere", cameras=["left"]),
+        ),
+        notes=(diagnostic("clock_in_sync", cameras=["right"], method="claps"),),
+    )  # fmt: skip
+    source = write_capture(tmp_path / "words.npz", capture)
+    assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
+    told = [(message.is_problem, message.cameras) for message in mocap.capture.messages]
+    assert (True, "left") in told and (False, "right") in told
+    shades = [camera_view.shade_of(mocap.capture, item) for item in mocap.capture.cameras]
+    assert shades == [camera_view.SURE, camera_view.SURE, camera_view.DOUBTFUL, camera_view.SURE]
+
+
+def test_messages_of_an_earlier_solver_are_its_sentences() -> None:
+    result = {"problems": ["Camera left is late."], "notes": ["Read as mm."]}
+    assert [sentence(item) for item in found_in_reading(result)] == ["Camera left is late.", "Read as mm."]
+    assert [sentence(item) for item in warnings_in(found_in_reading(result))] == ["Camera left is late."]
+    result["diagnostics"] = [diagnostic("camera_sees_elsewhere", cameras=["left"]).as_dict()]
+    assert [item.where.cameras for item in found_in_reading(result)] == [("left",)]
+
+
 def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> None:
     capture = mocap.capture
     first, second, third, fourth = capture.cameras
     scene.camera = fourth.object
     third.use = False
     message = capture.messages.add()
-    message.text, message.is_problem = f"Camera {second.name}: the image is mirrored.", True
+    message.text, message.cameras, message.is_problem = "The image is mirrored.", second.name, True
     shades = [shade for _, shade in camera_view.shaded_cameras(bpy.context)]
     assert shades == [camera_view.SURE, camera_view.DOUBTFUL, camera_view.UNUSED]
     message.is_problem = False
-    capture.doubts = f"{first.name}1 was moved.\n{first.name} was moved."
+    capture.doubted = f"{first.name}1"
+    assert camera_view.shade_of(capture, first) == camera_view.SURE
+    capture.doubted = f"{second.name}1\n{first.name}"
     assert camera_view.shade_of(capture, first) == camera_view.DOUBTFUL
     assert camera_view.shade_of(capture, second) == camera_view.SURE
     capture.show_agreement = False

@@ -16,6 +16,7 @@ from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import MarkerCloud
+from tests.support.skeleton_labels import SUIT
 from tests.support.words import words
 from tests.support.worn_markers import worn_markers
 
@@ -159,3 +160,29 @@ def test_forces_only_and_a_rate_of_zero_are_named(tmp_path, cloud):
     with pytest.raises(FileDamaged, match="frame rate of 0"):
         load_capture(still)
     assert load_capture(still, fps=50.0).fps == 50.0
+
+
+@pytest.mark.parametrize(
+    ("template", "code", "text"),
+    [("take7_{}", "label_prefix_shared", "take7"), ("{}_filtered", "label_suffix_shared", "filtered")],
+)
+def test_what_all_labels_share_and_what_may_mean_two_places_is_noted(tmp_path, cloud, template, code, text):
+    named = with_points(replace(cloud, labels=tuple(template.format(label) for label in LABELS)), "LateralEpicondyleL")
+    capture = load_capture(write_trc(tmp_path / "take.trc", named))
+    found = {note.code: note for note in capture.notes}
+    assert text in str(found[code].values["text"])
+    assert not {"label_prefix_shared", "label_suffix_shared"} - {code} & set(found)
+    assert found["labels_ambiguous"].where.markers == ("LateralEpicondyleL",)
+    assert found["labels_ambiguous"].values["choices"] == ["LateralEpicondyleL (LELB or LKNE)"]
+    sentences = " ".join(words(capture.notes))
+    assert f"{text}' " in sentences and "nearly all labels" in sentences
+    again = load_capture(write_capture(tmp_path / "take.npz", capture))
+    assert again.notes == capture.notes, "figures and names come back from our own file"
+
+
+def test_joints_that_skeletons_place_differently_are_left_out_by_name(tmp_path, cloud):
+    of_suit = replace(cloud, positions=cloud.positions[:, : len(SUIT)], labels=SUIT)
+    found = {note.code: note for note in load_capture(write_trc(tmp_path / "suit.trc", of_suit)).notes}
+    assert found["labels_of_joint_centres"].values["count"] == 20
+    assert found["differing_joints_left_out"].where.markers[:2] == ("SpineLow", "SpineMid")
+    assert "computed_points_left_out" not in found

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
     FileDamaged,
     FrameCountMismatch,
@@ -53,7 +54,8 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert np.isnan(found.xy[0, 2, 0, 4]).all()
     assert found.confidence[0, 2, 0, 4] == 0
     assert np.isnan(found.xy[0, 1]).all()
-    assert words(found.problems) == ("1 frame files are missing; nobody is seen there.",)
+    assert found.problems == (diagnostic("frame_files_missing", count=1),)
+    assert words(found.problems)[0].startswith("1 frame files are missing; nobody is seen there. ")
     assert calls[0] == ("Reading the detections", 0, 5)
     assert calls[-1] == ("Reading the detections", 5, 5)
 
@@ -167,7 +169,8 @@ def test_infinite_and_nan_values(tmp_path: Path) -> None:
     path.write_text(json.dumps({"people": [{"pose_keypoints_2d": [*values[:6], float("nan"), *values[7:]]}]}))
     found = read_folders({"a": folder})
     assert found.confidence[0, 0, 0, 2] == 0
-    assert words(found.problems) == ("1 keypoints are NaN with a confidence; they are taken as not seen.",)
+    assert found.problems == (diagnostic("keypoints_nan", count=1),)
+    assert words(found.problems)[0].startswith("1 keypoints are NaN with a confidence; they are taken as not seen. ")
 
 
 def test_confidences_above_one_are_taken_as_one(tmp_path: Path) -> None:
@@ -194,7 +197,7 @@ def test_whole_body_files_give_their_body_columns(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize("written", [JointSet.BODY_25, JointSet.BODY_25B, JointSet.COCO_17, JointSet.H36M_17])
-def test_sets_with_equal_numbers_are_told_by_anatomy(written: JointSet) -> None:
+def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) -> None:
     cameras = ring_of_cameras(2)
     names = JointSet.BODY_25.keypoints if written is JointSet.H36M_17 else written.keypoints
     base = JointSet.BODY_25 if written is JointSet.H36M_17 else written
@@ -207,21 +210,23 @@ def test_sets_with_equal_numbers_are_told_by_anatomy(written: JointSet) -> None:
     assert min(scores, key=lambda s: scores[s]) is written
     chosen, notes, problems = choose_joint_set(xy, confidence, None, None)
     assert (chosen, problems) == (written, ())
-    assert "recognised by anatomy" in notes[0]
+    assert [note.code for note in notes] == ["joint_set_recognised"] and "recognised by anatomy" in words(notes)[0]
     other = next(s for s in scores if s is not written)
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)
     assert chosen is written
-    assert problems == (f"Config.toml names {other.value}, but the keypoints are {written.value}'s.",)
-    assert choose_joint_set(xy, confidence, None, written)[1] == (f"Joint set {written.value}, from Config.toml.",)
+    assert problems == (diagnostic("joint_set_contradicts", configured=other.value, joint_set=written.value),)
+    notes = choose_joint_set(xy, confidence, None, written)[1]
+    assert words(notes) == (f"Joint set {written.value}, from Config.toml.",)
 
 
-def test_anatomy_that_says_nothing_is_a_problem() -> None:
+def test_anatomy_that_shows_nothing_is_a_problem() -> None:
     rng = np.random.default_rng(0)
     xy, confidence = rng.uniform(0, 1000, (50, 25, 2)), np.ones((50, 25))
-    assert "not certain" in choose_joint_set(xy, confidence, None, None)[2][0]
+    assert "not certain" in words(choose_joint_set(xy, confidence, None, None)[2])[0]
     assert choose_joint_set(xy, confidence, None, JointSet.BODY_25)[0] is JointSet.BODY_25
-    assert "not certain" in choose_joint_set(xy, confidence * 0, None, None)[2][0]
+    _, [note], [problem] = choose_joint_set(xy, confidence * 0, None, None)
+    assert (note.code, problem.code) == ("joint_set_unseen", "joint_set_uncertain")
 
 
 def test_a_folder_without_json(tmp_path: Path) -> None:

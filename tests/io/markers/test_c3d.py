@@ -10,7 +10,7 @@ import pytest
 from solver_backend.io.markers.c3d import read_c3d
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
-from tests.support.words import words
+from tests.support.words import codes, facts, words
 
 
 @pytest.mark.parametrize("processor", [INTEL, DEC, MIPS])
@@ -70,7 +70,7 @@ def test_coordinates_whose_residuals_are_all_negative_are_read_and_said_so(tmp_p
     points = standing()
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, fourth=np.full(points.shape[:2], -1.0)))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    assert "Every residual marks the point as not seen." in words(found.report.problems)
+    assert facts(found.report.problems) == ("Every residual marks the point as not seen.",)
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("mm", 1e-3), ("cm", 1e-2), ("m", 1.0), ("METERS", 1.0), ("mete", 1.0)])
@@ -78,14 +78,16 @@ def test_units(tmp_path: Path, unit: str, metres: float) -> None:
     points = standing() / 1000 / metres
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, units=unit))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
-    assert found.report.unit_reason == "as the file states"
+    assert "marker_unit_stated" in codes(found.report.notes)
 
 
 def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) -> None:
     found = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
     assert found.report.unit == "mm"
-    assert words(found.report.problems)[0].startswith("The file states m, in which the markers would spread over 1")
+    [problem] = found.report.problems
+    assert words([problem])[0].startswith("The file states m, in which the markers would spread over 1")
+    assert (problem.code, problem.values["unit"]) == ("marker_unit_not_as_stated", "mm")
     given = take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS, units="m"), unit="cm")
     np.testing.assert_allclose(given.cloud.positions, standing() / 100, atol=1e-5)
 
@@ -93,7 +95,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
 def test_no_unit_is_estimated(tmp_path: Path) -> None:
     for metres, name in ((1e-3, "mm"), (1.0, "m")):
         found = take(tmp_path / "take.c3d", C3dBytes(standing() / 1000 / metres, LABELS, units=None))
-        assert (found.report.unit, found.report.unit_reason[:9]) == (name, "estimated")
+        assert found.report.unit == name and "marker_unit_estimated" in codes(found.report.notes)
 
 
 @pytest.mark.parametrize("stated", [("+X", "+Y"), None])
@@ -102,8 +104,8 @@ def test_y_up_by_the_file_or_by_the_body(tmp_path: Path, stated: tuple[str, str]
     rotated = points[..., [0, 2, 1]] * [1, 1, -1]
     found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS, screen=stated))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    reason = "as the file states" if stated else "as the body stands"
-    assert (found.report.up_axis, found.report.up_axis_reason) == ("y", reason)
+    code = "marker_axis_stated" if stated else "marker_axis_by_body"
+    assert found.report.up_axis == "y" and code in codes(found.report.notes)
 
 
 def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:

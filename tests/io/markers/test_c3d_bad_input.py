@@ -12,7 +12,7 @@ from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.subjects import of_subject
 from tests.support.c3d_bytes import C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
-from tests.support.words import words
+from tests.support.words import codes, facts, words
 
 
 def test_subjects_by_prefix(tmp_path: Path) -> None:
@@ -34,7 +34,8 @@ def test_labels_that_are_empty_or_twice(tmp_path: Path) -> None:
     labels = ("LFHD", "", "LFHD", "LTOE")
     found = take(tmp_path / "take.c3d", C3dBytes(standing(12, labels), labels))
     assert found.cloud.labels == ("LFHD", "*2", "LFHD (2)", "LTOE")
-    assert found.report.problems == (
+    assert codes(found.report.problems) == ("labels_doubled", "points_without_label")
+    assert facts(found.report.problems) == (
         "Labels are there more than once: LFHD; the later ones are numbered.",
         "1 of 4 points have no label.",
     )
@@ -51,9 +52,9 @@ def test_unlabelled_points_only(tmp_path: Path) -> None:
 def test_a_marker_that_never_moves(tmp_path: Path) -> None:
     points = standing(40)
     points[:, 2] = points[0, 2]
-    assert words(take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems) == (
-        "Markers that never move: LANK.",
-    )
+    [still] = take(tmp_path / "t.c3d", C3dBytes(points, LABELS)).report.problems
+    assert (still.code, still.where.markers) == ("marker_never_moves", ("LANK",))
+    assert facts([still]) == ("Markers that never move: LANK.",)
 
 
 def test_forces_only(tmp_path: Path) -> None:
@@ -106,4 +107,4 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     path.write_bytes(whole[:-65])
     found = read_c3d(path)
     assert found.report.frames == 10
-    assert words(found.report.problems) == ("The file states 12 frames but holds 10: it is truncated.",)
+    assert facts(found.report.problems) == ("The file states 12 frames but holds 10: it is truncated.",)

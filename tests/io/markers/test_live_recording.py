@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.live_recording import (
@@ -20,7 +21,7 @@ from solver_backend.io.markers.live_recording import (
     read_blocks,
     read_live_recording,
 )
-from tests.support.words import words
+from tests.support.words import codes
 
 TO_METRES = 1e-3 * np.eye(3)[[0, 2, 1]] * [[1], [-1], [1]]
 RNG = np.random.default_rng(5)
@@ -81,8 +82,10 @@ def test_an_unfinished_recording_is_a_capture_that_says_where_it_ends(tmp_path: 
     assert capture.markers is not None and capture.markers.positions.shape == (11, 22, 3) and capture.fps == 60.0
     expected = BLOCKS[7].points.astype(np.float64) @ TO_METRES.T
     assert np.allclose(capture.markers.positions[7, : len(expected)], expected, atol=1e-6)
-    [problem] = [p for p in words(capture.problems) if "not finished" in p]
-    assert "frame 11, at 0.17 s" in problem and f"{len(DATA[-1]) - 7} bytes" in problem
+    unfinished, damaged = capture.problems
+    assert codes(capture.problems) == ("live_recording_unfinished", "live_recording_damaged")
+    assert "not finished: it ends with frame 11, at 0.17 s" in sentence(unfinished)
+    assert damaged.values == {"bytes": len(DATA[-1]) - 7} and f"{len(DATA[-1]) - 7} bytes" in sentence(damaged)
 
 
 def test_recordings_without_frames_or_points_are_named(tmp_path: Path) -> None:

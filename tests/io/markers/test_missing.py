@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.io.markers.missing import without_sentinels
+from tests.support.words import facts
 from tests.support.worn_markers import worn_markers
 
 LABELS = ("LASI", "RASI", "LPSI", "RPSI", "C7", "LKNE", "RKNE", "LANK", "RANK", "LSHO", "RSHO", "LHEE")
@@ -33,7 +34,11 @@ def test_nines_on_one_axis_and_what_is_absurdly_far_are_not_seen(walk):
     positions[3, 2, 0], positions[5, 7, 1] = -9999.0, 1e9
     found, _, sentinels = without_sentinels(positions, LABELS)
     assert np.argwhere(np.isnan(found[..., 0])).tolist() == [[3, 2], [5, 7]]
-    assert "2 markers are at" in sentinels[0] and "LPSI" in sentinels[0] and "(2 positions)" in sentinels[0]
+    [problem] = sentinels
+    assert (problem.code, problem.values["count"], problem.values["positions"]) == ("markers_at_sentinel", 2, 2)
+    assert "LPSI" in problem.where.markers
+    [text] = facts(sentinels)
+    assert "2 markers are at [-9999.0, " in text and "LPSI" in text and "(2 positions)" in text
 
 
 def test_a_clean_recording_is_left_alone(walk):

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.markers.nexus_csv import read_nexus_csv
 from tests.support.marker_texts import NEXUS_SECTIONS
-from tests.support.words import words
+from tests.support.words import facts, words
 
 TRAJECTORIES = """Trajectories
 100
@@ -113,4 +113,4 @@ def test_sections_follow_each_other_without_an_empty_line_and_several_hold_traje
     np.testing.assert_array_equal(found.cloud.positions[:, :2], found.cloud.positions[:, 2:])
     shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
     found = read_nexus_csv(write(tmp_path / "t.csv", shorter))
-    assert words(found.report.problems) == ("1 blocks of trajectories of other frames are left out.",)
+    assert facts(found.report.problems) == ("1 blocks of trajectories of other frames are left out.",)

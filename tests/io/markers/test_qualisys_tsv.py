@@ -10,7 +10,7 @@ import pytest
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, NoDetections
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.qualisys_tsv import read_qualisys_tsv
-from tests.support.words import words
+from tests.support.words import facts, words
 
 HEAD = [
     "NO_OF_FRAMES\t3", "NO_OF_CAMERAS\t20", "NO_OF_MARKERS\t2", "FREQUENCY\t200", "NO_OF_ANALOG\t0",
@@ -57,7 +57,7 @@ def test_wrong_counts_are_said(tmp_path: Path) -> None:
     found = read_qualisys_tsv(
         write(tmp_path / "t.tsv", [CELLS], ["NO_OF_FRAMES\t9", *HEAD[1:2], "NO_OF_MARKERS\t5", *HEAD[3:]])
     )
-    assert words(found.report.problems) == (
+    assert facts(found.report.problems) == (
         "The file states 5 markers but names 2.",
         "The file states 9 frames but holds 1.",
     )

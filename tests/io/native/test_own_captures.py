@@ -16,7 +16,7 @@ from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import Cameras, Capture
-from tests.support.words import words
+from tests.support.words import codes, words
 
 
 @pytest.fixture(scope="module")
@@ -56,14 +56,22 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("turn", "scale", "told"),
+    ("turn", "scale", "expected"),
     [
-        (np.diag([1.0, -1.0, -1.0]), 1.0, "stands along -Z"), (np.eye(3)[[1, 2, 0]], 1.0, "not along Z"),
-        (np.eye(3), 100.0, "spread over"), (np.eye(3), 0.01, "spread over"), (np.eye(3), 1.0, ""),
+        (np.diag([1.0, -1.0, -1.0]), 1.0, {"markers_along_axis": "stands along -Z, not along Z"}),
+        (np.eye(3)[[1, 2, 0]], 1.0, {"markers_along_axis": "stands along Y, not along Z"}),
+        (np.eye(3), 100.0, {"markers_look_like_unit": "they look like cm"}),
+        (np.eye(3), 0.01, {"markers_not_in_metres": "spread over"}),
+        (np.eye(3), 1.0, {}),
     ],
-)  # fmt: skip
-def test_markers_of_another_size_or_world_are_named(tmp_path: Path, turn: np.ndarray, scale: float, told: str) -> None:
+)
+def test_markers_of_another_size_or_world_are_named(
+    tmp_path: Path, turn: np.ndarray, scale: float, expected: dict[str, str]
+) -> None:
     cloud = record_markers(60).cloud
     changed = Capture("m", markers=replace(cloud, positions=scale * cloud.positions @ turn.T))
-    problems = words(load_capture(write_capture(tmp_path / "m.npz", changed)).problems)
-    assert (not told and not problems) or any(told in problem for problem in words(problems))
+    once = load_capture(write_capture(tmp_path / "m.npz", changed))
+    assert codes(once.problems) == tuple(expected)
+    assert all(text in sentence for text, sentence in zip(expected.values(), words(once.problems), strict=True))
+    again = load_capture(write_capture(tmp_path / "again.npz", once))
+    assert again.problems == once.problems, "and once"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.recognition.confidence import on_unit_scale
 
 
@@ -19,18 +20,18 @@ def doubts(rng: np.random.Generator) -> np.ndarray:
 
 
 @pytest.mark.parametrize("value", [0.01, 0.1, 0.45])
-def test_one_value_for_everything_says_nothing_and_is_reported(rng, value: float) -> None:
+def test_one_value_for_everything_shows_nothing_and_is_reported(rng, value: float) -> None:
     seen = doubts(rng) > 0
     found, notes, problems = on_unit_scale(np.where(seen, value, 0.0))
     assert np.array_equal(found, seen.astype(float))
-    assert not notes and len(problems) == 1 and f"{value:g}" in problems[0]
+    assert (notes, problems) == ((), (diagnostic("confidence_flat", largest=value),))
 
 
 def test_confidences_that_differ_stay_however_small(rng) -> None:
     for scale in (1.0, 0.01):
         given = scale * doubts(rng)
-        found, *said = on_unit_scale(given)
-        assert np.array_equal(found, given) and said == [(), ()]
+        found, *reported = on_unit_scale(given)
+        assert np.array_equal(found, given) and reported == [(), ()]
 
 
 def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
@@ -46,5 +47,7 @@ def test_ones_are_no_finding_and_few_points_are_no_evidence(rng) -> None:
 def test_per_cent_and_larger_scores(rng) -> None:
     given = doubts(rng)
     found, _, problems = on_unit_scale(100 * given)
-    assert found == pytest.approx(given) and "per cent" in problems[0]
-    assert on_unit_scale(np.where(given > 0, 500.0, 0.0))[0].max() == 1.0
+    assert found == pytest.approx(given)
+    assert problems == (diagnostic("confidence_per_cent", largest=100 * given.max()),)
+    found, notes, problems = on_unit_scale(np.where(given > 0, 500.0, 0.0))
+    assert found.max() == 1.0 and (notes, problems) == ((), (diagnostic("confidence_beyond", largest=500.0),))

@@ -62,10 +62,12 @@ def test_units() -> None:
             if wrong:
                 found = find_unit(body / metres, wrong, None, default)
                 assert found.name == unit
-                assert found.problem.startswith(f"The file states {wrong}")
+                assert found.problem is not None and found.problem.code == "marker_unit_not_as_stated"
+                assert found.problem.values["stated"] == wrong
     lost = find_unit(body * 1e9, "m", None, "mm")
-    assert (lost.name, lost.problem.endswith("no person.")) == ("m", True)
-    assert find_unit(body * 1e9, "", None, "mm").reason.startswith("assumed")
+    assert lost.problem is not None
+    assert (lost.name, lost.problem.code) == ("m", "marker_spread_unlikely")
+    assert find_unit(body * 1e9, "", None, "mm").note.code == "marker_unit_assumed"
 
 
 @pytest.mark.parametrize("axis", UP_AXES)
@@ -75,13 +77,13 @@ def test_up_axis_by_how_the_body_stands(axis: str, default: str, named: bool) ->
     rotated = standing() @ rotation_to_z_up(axis)
     labels = tuple(BODY) if named else tuple(f"M{i}" for i in range(len(BODY)))
     found = find_up_axis(rotated, labels, "", None, default)
-    assert (found.name, found.reason, found.problem) == (axis, "as the body stands", "")
+    assert (found.name, found.note.code, found.problem) == (axis, "marker_axis_by_body", None)
 
 
 def test_up_axis_of_what_says_none() -> None:
     ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
     for default in ("z", "y"):
         found = find_up_axis(ball, ("A",) * 9, "", None, default)
-        assert (found.name, found.reason[:7]) == (default, "assumed")
+        assert (found.name, found.note.code) == (default, "marker_axis_assumed")
     above = np.abs(ball) + [-3, -3, 0.02]
     assert find_up_axis(above, ("A",) * 9, "", None, "y").name == "z"

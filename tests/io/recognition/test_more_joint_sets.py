@@ -6,6 +6,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.recognition.joint_sets import choose_joint_set
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import JointSet
@@ -40,4 +41,4 @@ def test_another_order_of_as_many_points_is_doubted(joint_set):
     xy = seen(joint_set)
     order = np.random.default_rng(1).permutation(xy.shape[1])
     _, _, problems = choose_joint_set(xy[:, order], np.ones(xy.shape[:2]), None, None)
-    assert problems and "not certain" in problems[0]
+    assert problems == (diagnostic("joint_set_uncertain", joint_set=joint_set.value),)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import Remedy
 from solver_backend.exchange.errors import FrameCountMismatch, JobInvalid, NotSynchronised
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
@@ -59,11 +60,16 @@ def read(path: Path, **options: Any) -> Capture:
     return load_capture(path, fps=60.0, **options)
 
 
-def test_cameras_started_by_hand_are_brought_together_and_it_is_said(tmp_path, demo):
+def test_cameras_started_by_hand_are_brought_together_and_it_is_reported(tmp_path, demo):
     capture = read(write_apart(tmp_path / "take", demo, STARTS))
     assert capture.num_frames == LENGTH - 90
     assert error_m(capture, demo, 90) < 0.02
-    [problem] = [p for p in words(capture.problems) if "did not start together" in p]
+    [found] = [item for item in capture.problems if item.code == "starts_apart"]
+    late = dict(zip(found.where.cameras, found.values["late"], strict=True))
+    assert late == {"cam02": 45, "cam03": 90, "cam04": 20} and found.values["reference"] == "cam01"
+    assert found.remedy is Remedy.REPAIRED
+    [problem] = words([found])
+    assert "did not start together" in problem
     assert "cam02 45 frames later" in problem and "--sync off" in problem
 
 
@@ -76,6 +82,7 @@ def test_given_offsets_bind(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, STARTS)
     capture = read(root, offset=("cam2=45", "cam03=90", "cam_04=20"))
     assert capture.num_frames == LENGTH - 90 and error_m(capture, demo, 90) < 0.02
+    assert "cam02 started 45 frames later, as given." in words(capture.notes)
     with pytest.raises(JobInvalid, match="'cam9' is of no camera"):
         read(root, offset=("cam9=4",))
     with pytest.raises(JobInvalid, match="'cam02=half' is not CAMERA=FRAMES"):
