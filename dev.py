@@ -164,7 +164,7 @@ def install() -> None:
 
 
 def check_blender() -> None:
-    """Import the Blender module; on Debian-like machines install the system libraries it lacks, or say how."""
+    """Import the Blender module; on Debian-like machines install the system libraries it lacks, or report how."""
     apt = shutil.which("apt-get")
     missing = blender_error() or (apt and not any(Path("/usr/lib").glob("*/dri/*_dri.so")) and "no software renderer")
     if not missing:
@@ -233,7 +233,7 @@ def demo_folder(args: argparse.Namespace) -> Path:
 
 
 def stage(name: str, work: Callable[[], None], number: int, count: int) -> None:
-    """Do one stage and say how long it took."""
+    """Do one stage and report how long it took."""
     print(f"\n[{number}/{count}] {name}", flush=True)
     start = time.monotonic()
     work()

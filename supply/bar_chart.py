@@ -10,7 +10,7 @@ WIDTH, LABEL, VALUE, BAR, GAP = 720, 190, 70, 18, 14
 _STYLE = "<style>text{font:13px system-ui,sans-serif;fill:#24323a}</style>"
 _PAPER = '<rect width="100%" height="100%" fill="#fff"/>'
 COLOURS = ("#1f6f8b", "#99a8b2", "#d08770", "#b9a44c")
-"""Ours first, then the others: told apart by lightness too."""
+"""Ours first, then the others: distinguished by lightness too."""
 
 
 @dataclass(frozen=True)

@@ -42,7 +42,7 @@ def main(folder: Path = FOLDER) -> int:
             sys.stderr.write("A package could not be installed, see above. Check the network and call again.\n")
             return 1
     if not works(python):
-        sys.stderr.write(f"MediaPipe is installed and does not start: {python} -c '{PROBE}' says why.\n")
+        sys.stderr.write(f"MediaPipe is installed and does not start: {python} -c '{PROBE}' reports why.\n")
         return 1
     sys.stdout.write(f"MediaPipe is ready: {python}\n")
     return 0

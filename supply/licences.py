@@ -56,11 +56,11 @@ def licence_table() -> str:
 
 def licence_of(package: Distribution) -> str:
     """Return a package's licence as it states it: SPDX expression, classifiers, or first line of its text or file."""
-    said = cast(Message, package.metadata)
-    stated = said.get("License-Expression")
-    classifiers = [c.split(" :: ")[-1] for c in said.get_all("Classifier") or () if c[:7] == "License"]
-    files = [package.read_text(f"licenses/{name}") or "" for name in said.get_all("License-File") or ()]
-    text = "\n".join([said.get("License") or "", *files]).strip().splitlines()
+    metadata = cast(Message, package.metadata)
+    stated = metadata.get("License-Expression")
+    classifiers = [c.split(" :: ")[-1] for c in metadata.get_all("Classifier") or () if c[:7] == "License"]
+    files = [package.read_text(f"licenses/{name}") or "" for name in metadata.get_all("License-File") or ()]
+    text = "\n".join([metadata.get("License") or "", *files]).strip().splitlines()
     return stated or ", ".join(classifiers) or (text[0][:60] if text else "not stated")
 
 

@@ -23,7 +23,7 @@ def write_lock(path: Path = LOCK) -> Path:
     """Write the lock of the versions that are installed here.
 
     Raises:
-        CalledProcessError: uv cannot resolve them; it says why.
+        CalledProcessError: uv cannot resolve them; it reports why.
     """
     pins = [f"{p.metadata['Name']}=={p.version}" for p in installed(CI_EXTRAS) if p.metadata["Name"] != _OF_THE_MACHINE]
     with tempfile.TemporaryDirectory() as name:

@@ -24,7 +24,7 @@ _THUMB_SPREAD_DEG = 25.0
 def build_hands(built: BuiltBody) -> dict[str, Array]:
     """Return the arrays of the hands' file, which adds finger joints to the body's.
 
-    ``body_id``: whose hands they are; ``vertices`` (N,): the skin that fingers move or that tells where they are;
+    ``body_id``: whose hands they are; ``vertices`` (N,): the skin that fingers move or that shows where they are;
     ``weights`` (N, 52); ``J_regressor`` (30, N): of the finger joints; ``posedirs`` (N, 3, 270): of the finger joints;
     ``flat`` (30, 3, 3): rotations of finger bones from rest to a flat hand; ``tips`` (10, 3) metres: where fingers end.
     """

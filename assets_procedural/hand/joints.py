@@ -80,7 +80,7 @@ def place_hand_joints(
         place, along = left[k] + _FREE_SKIN * (left[k + 1] - left[k]), _unit(left[k + 1] - left[k])
         centre = section_centre(vertices, faces, place, along)
         shift = centre @ vertices - place
-        # Where the palm's skin is around the bone, its section says nothing of the finger.
+        # Where the palm's skin is around the bone, its section holds nothing of the finger.
         if np.linalg.norm(shift) < _BESIDE_M:
             place_dirs = left_dirs[k] + _FREE_SKIN * (left_dirs[k + 1] - left_dirs[k])
             left[k], left_dirs[k] = left[k] + shift, left_dirs[k] + np.tensordot(centre, dirs, axes=1) - place_dirs

@@ -47,7 +47,7 @@ class HalfMesh:
         return sorted(self.around[a] & self.around[b])
 
     def on_border(self, vertex: int) -> bool:
-        """Say whether the vertex lies on the plane x = 0."""
+        """Return whether the vertex lies on the plane x = 0."""
         return self.vertices[vertex][0] == 0.0
 
     def add(self, face: Face) -> None:
@@ -75,7 +75,7 @@ class HalfMesh:
         return new
 
     def collapse(self, keep: int, gone: int, position: Point) -> bool:
-        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it; say whether it was done."""
+        """Merge ``gone`` into ``keep`` unless that would break the surface or fold it; return whether it was done."""
         shared = self.shared(keep, gone)
         if len(self.neighbours(keep) & self.neighbours(gone)) != len(shared):
             return False

@@ -39,7 +39,7 @@ class Figure:
 
     @property
     def good(self) -> bool:
-        """Say whether the value lies in its range."""
+        """Return whether the value lies in its range."""
         return bool(self.low <= self.value <= self.high)
 
     def row(self) -> str:

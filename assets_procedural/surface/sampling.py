@@ -57,7 +57,7 @@ def close_gaps(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return samples in which gaps inside a box are filled: dilated and eroded by ``radius`` on a fine grid.
 
-    ``whole`` holds the samples of the entire closed surface, hidden walls included, which tell inside from outside.
+    ``whole`` holds the samples of the entire closed surface, hidden walls included, which separate inside from outside.
     """
     cell, pad = float(np.clip(radius / 4, 0.0006, 0.001)), radius + 0.006
     axes = [np.arange(a - pad, b + pad, cell) for a, b in zip(low, high, strict=True)]

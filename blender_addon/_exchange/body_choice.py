@@ -1,4 +1,4 @@
-"""Which body files a user can choose from: the folder that holds them, and how a path is told from a name."""
+"""Which body files a user can choose from: the folder that holds them, and how a path is distinguished from a name."""
 
 from __future__ import annotations
 
@@ -32,5 +32,5 @@ def bodies_folder(environment: Mapping[str, str] = os.environ, platform: str = s
 
 
 def is_path(choice: str) -> bool:
-    """Tell a path from a name: it ends as a body file does, or has folders."""
+    """Distinguish a path from a name: it ends as a body file does, or has folders."""
     return choice.lower().endswith(SUFFIXES) or "/" in choice or os.sep in choice

@@ -13,7 +13,7 @@ from .errors import FileMissing, SchedulerUnsafe
 from .json_file import read_json_file
 
 CERTIFICATES = {"CA_FILE": "ca.pem", "CLIENT__CERT": "cert.pem", "CLIENT__KEY": "key.pem"}
-"""Files in the folder of ``--tls``, by the ending of the variable of the environment that tells Dask of each."""
+"""Files in the folder of ``--tls``, by the ending of the variable of the environment that passes each to Dask."""
 _PREFIX = "DASK_DISTRIBUTED__COMM__"
 _LOCAL = ("localhost", "")
 
@@ -49,7 +49,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def use_certificates(folder: Path) -> None:
-    """Tell Dask, in this process and in those that it starts, of the certificates in a folder.
+    """Give Dask, in this process and in those that it starts, the certificates in a folder.
 
     To be called before Dask is imported.
 

@@ -89,7 +89,7 @@ _RESULTS["refine-cameras"] = {**_CAPTURE, "refined": _each(_REFINED)}
 
 
 def _takes_of_videos(value: Any) -> bool:
-    """Return whether takes say where their results are and, those that were read, what was recognised."""
+    """Return whether takes state where their results are and, those that were read, what was recognised."""
     return isinstance(value, dict) and all(
         isinstance(item, dict)
         and _text(item.get("folder"))
@@ -115,7 +115,7 @@ _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {
         {"takes": _each({**_SOLVED, "name": _text}), "failed": _each({"name": _text, "message": _text})},
     ),
 }
-"""The key that tells a result of several captures or takes, and what such a result holds."""
+"""The key that marks a result of several captures or takes, and what such a result holds."""
 
 
 def _tests_of(event: Mapping[str, Any], verb: str) -> dict[str, _Test]:

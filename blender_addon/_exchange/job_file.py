@@ -78,15 +78,15 @@ class JobFile(TimeSettings, WorldSettings):
     strict: bool = False
     """Refuse a result that has warnings, and write nothing."""
     fps: float | None = None
-    """Frame rate, where the capture does not say it."""
+    """Frame rate, where the capture does not state it."""
     trim: bool = False
     """Cut all cameras to the shortest."""
     as_calibrated: bool = False
-    """Read the calibration as it is written, whatever the views say."""
+    """Read the calibration as it is written, whatever the views indicate."""
     joint_set: str | None = None
     """Names of the keypoints, where their number fits several sets."""
     unit: str | None = None
-    """Length unit of the calibration, where the file does not say it."""
+    """Length unit of the calibration, where the file does not state it."""
     up_axis: str | None = None
     """Axis of the calibration's world that points up, where it is not Z."""
     subject_prefix: str | None = None

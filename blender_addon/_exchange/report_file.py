@@ -1,4 +1,4 @@
-"""How a page of ours is told from any other."""
+"""How a page of ours is distinguished from any other."""
 
 from __future__ import annotations
 

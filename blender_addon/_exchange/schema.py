@@ -133,10 +133,10 @@ class Fields:
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
-        """Check the format and version of a file to be shown, where it says them.
+        """Check the format and version of a file to be shown, where it states them.
 
         Raises:
-            FileDamaged: the file says that it is something else, or that it is newer than this add-on.
+            FileDamaged: the file states that it is something else, or that it is newer than this add-on.
         """
         found = self.text("format", name)
         if found != name:

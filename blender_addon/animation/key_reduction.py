@@ -70,7 +70,7 @@ def keys_within(values: np.ndarray, distance: Distance, tolerance_m: float) -> S
 
 
 def _pruned(values: np.ndarray, keys: np.ndarray, distance: Distance, tolerance_m: float) -> np.ndarray:
-    """Return the keys without those that the curves stay within the tolerance without; judged by their neighbours."""
+    """Return the keys without those that the curves stay within the tolerance without; measured by their neighbours."""
     taken = keys.tolist()
     k = 1
     while k < len(taken) - 1:

@@ -78,10 +78,10 @@ def take_file(action: bpy.types.Action, key: str) -> Path:
 def person_of(provenance: str) -> str:
     """Return whose motion it is by its provenance, JSON text; "" where its capture shows one person alone."""
     try:
-        whom = json.loads(provenance)["person"]
+        person = json.loads(provenance)["person"]
     except (ValueError, KeyError, TypeError, RecursionError):
         return ""
-    return whom if isinstance(whom, str) else ""
+    return person if isinstance(person, str) else ""
 
 
 def found_in(provenance: str) -> list[dict[str, Any]]:

@@ -13,7 +13,7 @@ from .body_file import BodyFile, default_body_path
 
 
 def body_path_of(provenance: str) -> Path:
-    """Return the body file a motion was solved for; the one that ships where the motion does not say.
+    """Return the body file a motion was solved for; the one that ships where the motion does not name one.
 
     Args:
         provenance: the motion's provenance, as JSON text.
@@ -38,7 +38,7 @@ def body_path_of(provenance: str) -> Path:
 
 
 def require_body(motion: MotionFile, body: BodyFile) -> None:
-    """Check that a motion belongs to a body; a motion that does not say so fits any.
+    """Check that a motion belongs to a body; a motion that does not name its body fits any.
 
     Raises:
         BodyMismatch: both have an id and the ids differ.

@@ -56,7 +56,7 @@ class BodyFile:
     flat_hands: np.ndarray | None = None
     """(30, 3, 3) rotations of finger bones from rest to a flat hand; None where a hand at rest is flat."""
     licence: str = ""
-    """SPDX identifier, "" where the file does not say."""
+    """SPDX identifier, "" where the file states none."""
 
     def shaped(self, betas: np.ndarray) -> np.ndarray:
         """Return the (V, 3) vertices at rest, ``v_template + shapedirs @ betas`` (Loper et al. 2015, eq. 8)."""

@@ -13,7 +13,7 @@ from ..conventions.node_inputs import node_input
 from .drivers import add_driver
 
 JOINT, VERTEX = "joint", "vertex"
-"""Names of the table's attributes that say which joint and vertex a row belongs to."""
+"""Names of the table's attributes that hold which joint and vertex a row belongs to."""
 ROW = "corrective row"
 """Name of the skin's attribute that holds a vertex's first row in the table."""
 IN_POSITION = 2, 2

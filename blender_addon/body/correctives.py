@@ -140,7 +140,7 @@ def mirror_of(vertices: np.ndarray) -> np.ndarray | None:
 
 
 def _is_mirrored(table: CorrectiveTable, turned: np.ndarray, across: np.ndarray, layout: BodyLayout) -> bool:
-    """Say whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
+    """Return whether every row equals the one of the mirrored vertex and joint, mirrored, in the axes of the bones."""
     rows = zip(table.vertex.tolist(), table.joint.tolist(), strict=True)
     here = {key: row for row, key in enumerate(rows)}
     image = zip(across[table.vertex].tolist(), np.array(layout.mirror)[table.joint].tolist(), strict=True)

@@ -59,7 +59,7 @@ def positions(points: bpy.types.bpy_prop_collection) -> np.ndarray:
 
 
 def drop_defaults(mesh: bpy.types.Mesh) -> None:
-    """Take away attributes that say what is so without them: nothing sharp, nothing deselected."""
+    """Take away attributes that hold what is so without them: nothing sharp, nothing deselected."""
     for name in (".select_vert", ".select_edge", ".select_poly", "sharp_face"):
         attribute = mesh.attributes.get(name)
         if attribute is not None:

@@ -50,7 +50,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
 
 
 def stand_on_floor(rig: Rig, body: BodyFile) -> None:
-    """Let the soles of the resting body stay at the height of the armature's origin, whatever the sliders say.
+    """Let the soles of the resting body stay at the height of the armature's origin, whatever the sliders are set to.
 
     The lowest vertex of the present shape drives the armature's delta location, so that its location stays free.
     """

@@ -1,4 +1,4 @@
-"""What each shape direction of a body does, measured, so that its slider says so.
+"""What each shape direction of a body does, measured, so that its slider is named by it.
 
 Every direction is taken one standard deviation either way and the body is measured. A direction is named by the measure
 of which it has the largest share of the population's variance, ``d_mk^2 / sum_k d_mk^2``; no name is given twice.

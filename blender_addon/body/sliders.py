@@ -1,4 +1,4 @@
-"""The shape sliders by number, whatever their names say that they do, and the skin that has them."""
+"""The shape sliders by number, whatever their names state that they do, and the skin that has them."""
 
 from __future__ import annotations
 

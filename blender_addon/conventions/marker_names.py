@@ -1,4 +1,4 @@
-"""Names of the 53 markers that a network tells apart; a point is one of them, or none."""
+"""Names of the 53 markers that a network distinguishes; a point is one of them, or none."""
 
 from __future__ import annotations
 

@@ -41,7 +41,7 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     material = bpy.data.materials.new(name)
     material.diffuse_color = colour
     material.roughness = roughness
-    if bpy.app.version < (5, 0):  # later materials always have nodes, and saying so is deprecated
+    if bpy.app.version < (5, 0):  # later materials always have nodes, and setting it is deprecated
         material.use_nodes = True
     nodes = material.node_tree.nodes
     shader = next((node for node in nodes if node.bl_idname == "ShaderNodeBsdfPrincipled"), None)

@@ -29,7 +29,7 @@ def plain_take(take: ExportTake, progress: Progress) -> Iterator[ExportTake]:
     """Yield a temporary plain copy of a take of ours, under its own names; any other take as it is.
 
     The copy stands at the world's origin and plays what the armature shows: constraints, the NLA and the object's own
-    movement included. It is as large as the file's unit says, and keeps to the take's layout.
+    movement included. It is as large as the file's unit states, and keeps to the take's layout.
 
     Raises:
         NothingToExport: the armature is stretched, or a motion of others is asked for at another rate than the scene's.

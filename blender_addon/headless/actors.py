@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReadActor:
-    """A motion and what is to say about it."""
+    """A motion and what is to be reported about it."""
 
     actor: Actor
     notes: tuple[str, ...] = ()

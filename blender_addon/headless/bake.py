@@ -96,8 +96,8 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         )  # fmt: skip
         take = bake_take(scene, motion, body, capture, settings)
         _files_of(request).write(take.action, request.out.absolute())
-        if whom := person_of(motion.provenance):
-            take.action[PERSON] = whom
+        if person := person_of(motion.provenance):
+            take.action[PERSON] = person
         baked_s = time.monotonic() - baking
         progress("baking", 1, 1)
         subject = RenderedTake(take, motion, body, capture)

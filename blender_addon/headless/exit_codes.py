@@ -1,4 +1,4 @@
-"""What the exit code says: the same as the solver's."""
+"""What the exit code means: the same as the solver's."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs one verb: parse, do, tell, and return the exit code."""
+"""Runs one verb: parse, do, report, and return the exit code."""
 
 from __future__ import annotations
 
@@ -38,7 +38,7 @@ from .studio import StudioRequest, run_studio
 
 MODULE = "python -m blender_addon"
 _BREAKS = "\n"
-"""Stay in what a person is told: tables have several lines."""
+"""Stay in what is reported to a person: tables have several lines."""
 _INTERVAL_S = 0.2
 """Least time between two progress lines of one stage."""
 
@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
         if options.json:
             lines.event(result)
         else:
-            err.writelines(f"{plain(line, keep=_BREAKS)}\n" for line in _said(result))
+            err.writelines(f"{plain(line, keep=_BREAKS)}\n" for line in _lines_about(result))
             out.write("\n".join(result["outputs"]) + "\n")
     return result.get("exit_code", 0)
 
@@ -222,8 +222,8 @@ def _beside(source: Path) -> Path:
     return source.with_name(f"{source.stem}_retargeted.blend")
 
 
-def _said(result: dict[str, Any]) -> list[str]:
-    """Return what a person is told about a result, beside its files."""
+def _lines_about(result: dict[str, Any]) -> list[str]:
+    """Return what is reported to a person about a result, beside its files."""
     lines = []
     if "joints_deviation_mm" in result:
         joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]

@@ -134,7 +134,7 @@ def _file_name(name: str) -> str:
 
 
 def _own_name(name: str, taken: set[str]) -> str:
-    """Return a name that no other clip has, on systems that do not tell capitals from small letters either."""
+    """Return a name that no other clip has, on systems that do not distinguish capitals from small letters either."""
     numbered = (name if number == 1 else f"{name}_{number}" for number in count(1))
     return next(own for own in numbered if own.lower() not in taken)
 

@@ -1,4 +1,4 @@
-"""``studio``: a description in; captures with truth, pictures and, if asked, a judged solve out."""
+"""``studio``: a description in; captures with truth, pictures and, if asked, an evaluated solve out."""
 
 from __future__ import annotations
 
@@ -29,9 +29,9 @@ class StudioRequest:
     out: Path
     """Folder of the data set."""
     plan: bool = False
-    """Only check, and say what would be made."""
+    """Only check, and report what would be made."""
     judge: tuple[str, ...] = ()
-    """Methods to judge on it, none for no judging."""
+    """Methods to evaluate on it, none for no evaluation."""
     places: bool = False
     """Also map the rigs' errors over the floor."""
     python: Path | None = None
@@ -41,14 +41,14 @@ class StudioRequest:
     colour_of: str = ""
     """Only the colour pictures of this shot, which is there already."""
     settings: Path | None = None
-    """JSON file of what the judge solves with."""
+    """JSON file of what ``studio-judge`` solves with."""
 
 
 def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     """Make a data set: the backend films truth, infrared, depth and masks, Blender colour; a killed run resumes.
 
     Returns:
-        The ``result`` event: the folder, how many shots, frames and pictures, seconds, and the judge's table.
+        The ``result`` event: the folder, how many shots, frames and pictures, seconds, and ``studio-judge``'s table.
 
     Raises:
         SolverStopped: the backend ended with an error: a description, motion, rig or disk that will not do.
@@ -81,9 +81,9 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         methods = ["--methods", *(request.judge or ("triangulation",))]
         more = ["--places"] if request.places else []
         more += ["--settings", str(request.settings)] if request.settings else []
-        judged = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
-        outputs.append(judged["page"])
-        result |= {key: judged[key] for key in ("page", "table", "rows", "places") if key in judged}
+        compared = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
+        outputs.append(compared["page"])
+        result |= {key: compared[key] for key in ("page", "table", "rows", "places") if key in compared}
     return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}
 
 

@@ -1,4 +1,4 @@
-"""What the header of a glTF or VRM file says that Blender's importer drops: frame rate and humanoid."""
+"""What the header of a glTF or VRM file states that Blender's importer drops: frame rate and humanoid."""
 
 from __future__ import annotations
 

@@ -47,7 +47,7 @@ class Hanging:
 def hanging_of(
     armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], switches: dict[tuple[str, str], float]
 ) -> Hanging:
-    """Move each control once and return who carries whom; afterwards the rig is as it was.
+    """Move each control once and return which carries which; afterwards the rig is as it was.
 
     Args:
         armature: the rig.
@@ -75,7 +75,7 @@ def hanging_of(
             bone.matrix_basis = Matrix.LocRotScale(size * _PROBE_SHIFT, _PROBE, None)
             after[d] = look()
             bone.matrix_basis = rest
-    return _told(tuple(names), before, after, size)
+    return _hanging(tuple(names), before, after, size)
 
 
 @contextmanager
@@ -127,8 +127,8 @@ def _set(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> No
     armature.update_tag()
 
 
-def _told(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
-    """Return what the moves tell: ``after[d, c]`` is control c when d was moved."""
+def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size: float) -> Hanging:
+    """Return what the moves show: ``after[d, c]`` is control c when d was moved."""
     count = range(len(names))
     turned = np.einsum("dcij,ckj->dcik", _rotation(after), _rotation(before))
     own = turned[count, count]

@@ -20,7 +20,7 @@ _STATED = "stated_humanoid"
 
 
 def map_rig(armature: bpy.types.Object, user_folder: Path | None = None) -> RigMap:
-    """Return the map of a rig: a VRM's own, a preset that fits, or what structure and names say.
+    """Return the map of a rig: a VRM's own, a preset that fits, or what structure and names indicate.
 
     Args:
         armature: the rig.

@@ -87,7 +87,7 @@ def bake_take(
     Blender must be in object mode, and the scene the window's current one.
 
     Raises:
-        BodyMismatch: the motion says that it belongs to another body.
+        BodyMismatch: the motion states that it belongs to another body.
     """
     settings = settings or BakeSettings()
     require_body(motion, body)

@@ -60,7 +60,7 @@ def set_stage(
 def create_cameras(
     capture: CaptureFile, parent: bpy.types.Collection, timing: TakeTiming, *, backgrounds: bool = True
 ) -> tuple[tuple[bpy.types.Object, ...], tuple[str, ...]]:
-    """Create a capture's cameras, with their footage behind the view, and say what is missing."""
+    """Create a capture's cameras, with their footage behind the view, and report what is missing."""
     if not capture.cameras:
         return (), ()
     folder = child_collection("Cameras", parent)

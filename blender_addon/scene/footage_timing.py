@@ -15,7 +15,7 @@ _PATH = "background_images[0].image_user.frame_offset"
 
 
 def remember_footage(camera: bpy.types.Camera, fps: float) -> None:
-    """Keep what the footage behind a camera is as Blender was told it: one picture a frame."""
+    """Keep what the footage behind a camera is as it was set in Blender: one picture a frame."""
     user = camera.background_images[0].image_user
     camera[FOOTAGE_RATE], camera[_START] = fps, float(user.frame_start)
     camera[_OFFSET], camera[_COUNT] = user.frame_offset, user.frame_duration

@@ -1,4 +1,4 @@
-"""What was changed by hand in a take: where the body stands otherwise than its motion file says."""
+"""What was changed by hand in a take: where the body stands otherwise than its motion file states."""
 
 from __future__ import annotations
 

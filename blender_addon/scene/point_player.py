@@ -16,13 +16,13 @@ import bpy
 MODIFIER = "Points of this frame"
 """Name of the modifier."""
 RADIUS = "Radius"
-"""Name of the modifier's input that says how large the balls are, metres."""
+"""Name of the modifier's input that sets how large the balls are, metres."""
 SEEN = "seen"
 """Name of the point attribute that is 0 where a point was not seen."""
 POINTS = "points"
 """Custom property of an object that plays points: how many there are in a row."""
 GRADE = "grade"
-"""Name of the point attribute that says which of the materials a point takes, 0 for the first."""
+"""Name of the point attribute that selects which of the materials a point takes, 0 for the first."""
 
 
 @dataclass(frozen=True)
@@ -38,7 +38,7 @@ class PlayerSettings:
     rows_per_frame: float
     """Rows that pass in one scene frame."""
     materials: tuple[bpy.types.Material, ...]
-    """Materials of the balls; where there are several, the mesh says by ``GRADE`` which one a point takes."""
+    """Materials of the balls; where there are several, the mesh selects by ``GRADE`` which one a point takes."""
 
 
 def create_player(name: str, settings: PlayerSettings) -> bpy.types.NodeTree:

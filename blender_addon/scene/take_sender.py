@@ -43,7 +43,7 @@ class TakeSender:
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
-        """Send the pose; return what is to be said of the receiver, "" if nothing, None where the body is gone."""
+        """Send the pose; return what to report about the receiver, "" if nothing, None where the body is gone."""
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or any(joint not in armature.pose.bones for joint in JOINTS):
             return None

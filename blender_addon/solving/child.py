@@ -64,7 +64,7 @@ class SolverProcess:
 
     @property
     def cancelling(self) -> bool:
-        """Whether it was told to end."""
+        """Whether it was asked to end."""
         return self._cancelled_at is not None
 
     @property
@@ -78,7 +78,7 @@ class SolverProcess:
     def received(self, most: int = 200) -> list[str | dict[str, Any]]:
         """Return what arrived since the last call, without waiting: events as dicts, log lines as text.
 
-        A process that was told to end and does not is killed here after its grace.
+        A process that was asked to end and does not is killed here after its grace.
 
         Args:
             most: number of items at most, so that one call stays short.
@@ -95,7 +95,7 @@ class SolverProcess:
         return items
 
     def cancel(self) -> None:
-        """Tell the process to end; it tidies up first."""
+        """Ask the process to end; it tidies up first."""
         if self._cancelled_at is None:
             self._cancelled_at = time.monotonic()
             self._close_input()

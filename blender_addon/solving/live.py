@@ -66,7 +66,7 @@ class LivePose:
 
 @dataclass
 class LiveRun:
-    """What is known about a run; ``poll`` brings it up to date and never raises for what the process says."""
+    """What is known about a run; ``poll`` brings it up to date and never raises for what the process writes."""
 
     process: SolverProcess
     shown: int = 0

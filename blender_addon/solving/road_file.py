@@ -1,4 +1,4 @@
-"""What the steps from videos said so far, from the file that the solver keeps beside its results."""
+"""What the steps from videos reported so far, from the file that the solver keeps beside its results."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ class RoadStep:
 def read_road(folder: Path) -> tuple[RoadStep, ...]:
     """Return the steps that are done, in their order; nothing where there is no such file or it is of another kind.
 
-    Pictures are those in the folder alone, whatever the file says.
+    Pictures are those in the folder alone, whatever the file states.
     """
     path = folder / NAME
     try:

@@ -30,7 +30,7 @@ class Run:
     done: int = 0
     total: int = 0
     eta_s: float | None = None
-    """Seconds left of the stage as told last."""
+    """Seconds left of the stage as last reported."""
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
     """What the process wrote beside its events, and when its stages began; the last lines of it."""
     result: dict[str, Any] | None = None
@@ -72,7 +72,7 @@ class Run:
         return True
 
     def cancel(self) -> None:
-        """Tell the solver to end."""
+        """Ask the solver to end."""
         self.process.cancel()
 
     def _take(self, item: str | dict[str, Any]) -> None:
@@ -95,7 +95,7 @@ class Run:
             self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(item)}")
 
     def _take_nonsense(self, wrong: str) -> None:
-        """Keep as an error what another program, or another version of the solver, says in the solver's place."""
+        """Keep as an error what another program, or another version of the solver, writes in the solver's place."""
         self.error = {
             "event": "error",
             "code": "solver_not_understood",

@@ -34,7 +34,7 @@ def safe_name(name: str) -> str:
 
 
 def capture_folder(base: Path, source: Path) -> Path:
-    """Return the folder of a capture's files: its name, and a mark that tells captures of one name apart."""
+    """Return the folder of a capture's files: its name, and a mark that distinguishes captures of one name."""
     mark = zlib.crc32(str(source).encode("utf-8", "surrogatepass")) & 0xFFFF
     is_file = source.suffix.lower() in (".npz", ".txt", *MARKER_SUFFIXES)
     return base / f"{safe_name(source.stem if is_file else source.name)}_{mark:04x}"

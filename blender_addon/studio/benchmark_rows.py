@@ -1,4 +1,4 @@
-"""What the judge's verdicts say about each rig, in a line."""
+"""What the verdicts of ``studio-judge`` state about each rig, in a line."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ def rows_of(verdicts: Sequence[Mapping[str, Any]], rigs: Sequence[str]) -> list[
     """Return each rig with the mean joint error of each method over its shots.
 
     Args:
-        verdicts: rows of the judge's result.
+        verdicts: rows of the result of ``studio-judge``.
         rigs: names of the rigs, in their order.
     """
-    return [(rig, _said([v for v in verdicts if v["rig"] == rig])) for rig in rigs]
+    return [(rig, _line_of([v for v in verdicts if v["rig"] == rig])) for rig in rigs]
 
 
-def _said(verdicts: Sequence[Mapping[str, Any]]) -> str:
+def _line_of(verdicts: Sequence[Mapping[str, Any]]) -> str:
     parts = []
     for method in dict.fromkeys(v["method"] for v in verdicts):
         errors = [v["mpjpe_mm"] for v in verdicts if v["method"] == method and v["mpjpe_mm"] is not None]

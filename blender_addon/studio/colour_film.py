@@ -59,7 +59,7 @@ class ColourShot:
 
 
 def film_in_colour(
-    folder: Path, told: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
+    folder: Path, progress: Callable[[int], None] = lambda frame: None, stand_in: StandIn | None = None
 ) -> int:
     """Render a shot's colour pictures, whole or not at all, and return how many; those that are there stay.
 
@@ -67,7 +67,7 @@ def film_in_colour(
 
     Args:
         folder: the shot's.
-        told: is told each frame that is done.
+        progress: called with each frame that is done.
         stand_in: what is filmed in the place of person and room, such as a calibration board.
 
     Raises:
@@ -88,7 +88,7 @@ def film_in_colour(
                 target.mkdir(parents=True, exist_ok=True)
                 write_png(target / f"{frame:06d}.png", _picture(scene, shot, view, frame, working), level=1)
                 count += 1
-            told(frame + 1)
+            progress(frame + 1)
         publish(unfinished, folder / FOLDER, DONE)
     about = json.dumps({"pictures": count, "blender": bpy.app.version_string})
     write_text(folder / DONE, about, overwrite=True)

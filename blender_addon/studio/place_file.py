@@ -32,7 +32,7 @@ class PlaceMap:
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps that the judge wrote.
+    """Read the maps that ``studio-judge`` wrote.
 
     Raises:
         FileMissing: the file is gone.

@@ -1,6 +1,6 @@
 """Bodies that came without the panels' help: baked headless, imported as a motion, appended from another file.
 
-What the panels keep about a capture is put together from what the body's take and the cameras beside it say.
+What the panels keep about a capture is put together from what the body's take and the cameras beside it state.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from .locations import RELATIVE
-from .marker_properties import NAME_ITEMS, MocapMarker, MocapToldPoint
+from .marker_properties import NAME_ITEMS, MocapMarker, MocapPointLabel
 from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
 
@@ -109,7 +109,7 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class MocapPerson(bpy.types.PropertyGroup):
-    """One of several people whom a capture shows."""
+    """One of several people that a capture shows."""
 
     name: bpy.props.StringProperty(name="Name", description="What this person is called; double-click to change")
     key: bpy.props.StringProperty(name="Person", description="What the capture file calls them")
@@ -141,7 +141,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     markers: bpy.props.IntProperty(name="Markers")
     marker_items: bpy.props.CollectionProperty(type=MocapMarker)
     marker_index: bpy.props.IntProperty(name="Marker")
-    told: bpy.props.CollectionProperty(type=MocapToldPoint)
+    told: bpy.props.CollectionProperty(type=MocapPointLabel)
     told_name: bpy.props.EnumProperty(
         name="Is", description="What the chosen point is; the name holds for as long as its track goes on unbroken",
         items=NAME_ITEMS, default="C7",
@@ -194,7 +194,7 @@ class MocapCapture(bpy.types.PropertyGroup):
         return f"{before:.1f} px before, {after:.1f} px after"
 
     def leave_out(self, scene_fps: float) -> list[str]:
-        """Return the views that are left out, as the solver's setting says it.
+        """Return the views that are left out, in the form of the solver's setting.
 
         Args:
             scene_fps: the scene's frames per second, by which the ranges are laid.
@@ -254,7 +254,7 @@ CAPTURE_CLASSES = (
     MocapCamera,
     MocapLeftOut,
     MocapMarker,
-    MocapToldPoint,
+    MocapPointLabel,
     MocapPin,
     MocapReview,
     MocapPerson,

@@ -22,8 +22,8 @@ RELATIVE = (
 def files_folder(scene: bpy.types.Scene) -> Path:
     """Return the folder of captures and takes, made if need be.
 
-    That is what the scene says; else ``mocap`` beside the .blend file; else, in a file that was never saved, a session
-    folder of the user's, from where saving moves them beside the file.
+    That is the scene's own setting; else ``mocap`` beside the .blend file; else, in a file that was never saved, a
+    session folder of the user's, from where saving moves them beside the file.
 
     Raises:
         OutputNotWritable: the folder cannot be made or written to.

@@ -24,18 +24,18 @@ BONE_ITEMS = (
         for joint in JOINTS[:-2]
     ),
 )
-"""What a marker may be attached to by hand; hands' ends are no bones that markers tell."""
+"""What a marker may be attached to by hand; the ends of hands are no bones that markers determine."""
 
 
 NAME_ITEMS = (
     ("NONE", "No Marker", "The point is none of a person's markers"),
     *((name, name, f"The point is {name}") for name in MARKERS),
 )
-"""What a point may be said to be."""
+"""What a point may be labelled as."""
 
 
-class MocapToldPoint(bpy.types.PropertyGroup):
-    """What a person said of a point; its name is the track's label."""
+class MocapPointLabel(bpy.types.PropertyGroup):
+    """A user-assigned label of a point; its name is the track's label."""
 
     point: bpy.props.IntProperty(name="Track", description="Column of the recording, from 0")
     frame: bpy.props.IntProperty(name="Frame", description="Frame of the recording, from 0")
@@ -54,5 +54,5 @@ class MocapMarker(bpy.types.PropertyGroup):
 
     @property
     def place(self) -> str | None:
-        """Its place as a layout file says it, None where nothing is said by hand."""
+        """Its place as a layout file states it, None where nothing is set by hand."""
         return {"AUTO": None, "NONE": ""}.get(self.bone, f"@{self.bone}")

@@ -66,7 +66,7 @@ class MocapPreferences(bpy.types.AddonPreferences):
 
 
 class MOCAP_OT_test_python(bpy.types.Operator):
-    """Says what the chosen Python has."""
+    """Reports what the chosen Python has."""
 
     bl_idname = "mocap.test_python"
     bl_label = "Test"

@@ -144,7 +144,7 @@ def bring_home() -> None:
 
 @persistent
 def before_save(target: str = "", *_: object) -> None:
-    """Let captures and takes follow; a failure is said, and the file is written with the links as they were."""
+    """Let captures and takes follow; a failure is reported, and the file is written with the links as they were."""
     following.journey, following.failure = None, ""
     if not target or not isinstance(target, str):
         return  # the startup file

@@ -72,7 +72,7 @@ class MocapRig(SendingProperties, bpy.types.PropertyGroup):
     take: bpy.props.StringProperty(
         name="Take", subtype="DIR_PATH", options=RELATIVE, description="The sensors' recording that is to be solved"
     )
-    said: bpy.props.StringProperty(name="Said", description="What the calibration found, a sentence a line")
+    said: bpy.props.StringProperty(name="Findings", description="What the calibration found, a sentence a line")
 
     def sensors(self) -> list[str]:
         """Return how a command line names the sensors; empty where there are none yet."""

@@ -150,13 +150,13 @@ def build_job(
 
 
 def portable_job(job: JobFile, folder: Path) -> JobFile:
-    """Return a job as a file in this folder says it: what lies in the folder by its name, so that it may move."""
+    """Return a job as a file in this folder states it: what lies in the folder by its name, so that it may move."""
     resolve = job.resolve and replace(job.resolve, motion=Path(portable_path(job.resolve.motion, folder)))
     report = job.report and Path(portable_path(job.report, folder))
     subject = job.subject and Path(portable_path(job.subject, folder))
-    told = job.told and Path(portable_path(job.told, folder))
+    labels = job.told and Path(portable_path(job.told, folder))
     capture, out = (Path(portable_path(path, folder)) for path in (job.capture, job.out))
-    return replace(job, capture=capture, out=out, report=report, subject=subject, told=told, resolve=resolve)
+    return replace(job, capture=capture, out=out, report=report, subject=subject, told=labels, resolve=resolve)
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:

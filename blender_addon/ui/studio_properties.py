@@ -85,7 +85,7 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 
 
 class MocapStudio(bpy.types.PropertyGroup):
-    """What is filmed and judged."""
+    """What is filmed and evaluated."""
 
     motion: bpy.props.EnumProperty(name="Motion", description="What is done", items=_MOTIONS, update=_forget_plan)
     motion_path: bpy.props.StringProperty(
@@ -153,7 +153,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Compare With", description="Other camera layouts to compare with", items=PRESET_RIGS,
         options={"ENUM_FLAG"}, default=set(),
     )  # fmt: skip
-    fewer: bpy.props.BoolProperty(name="One Camera Less", description="Also judge the rig without its last camera")
+    fewer: bpy.props.BoolProperty(name="One Camera Less", description="Also evaluate the rig without its last camera")
     rows: bpy.props.CollectionProperty(type=MocapBenchmarkRow, name="Rows", description="What rigs reached")
     shown_mm: bpy.props.FloatVectorProperty(
         name="Colours", description="Errors of the first and the last colour of the map that is shown, mm", size=2

@@ -105,12 +105,12 @@ class MocapVideos(bpy.types.PropertyGroup):
 
         opened = {step.name for step in self.steps if step.open}
         self.steps.clear()
-        for told in read_road(Path(folder)):
-            if told.name in STEPS:
+        for reported in read_road(Path(folder)):
+            if reported.name in STEPS:
                 step = self.steps.add()
-                step.name, step.open = told.name, told.name in opened
-                step.words, step.doubts = "\n".join(told.words), "\n".join(told.doubts)
-                for picture in told.pictures:
+                step.name, step.open = reported.name, reported.name in opened
+                step.words, step.doubts = "\n".join(reported.words), "\n".join(reported.doubts)
+                for picture in reported.pictures:
                     step.pictures.add().name = str(picture)
 
 

@@ -21,7 +21,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss
 from solver_backend.types import Capture, Motion
 
-_SIMPLIFIED = "Markers stay where their layout says, codes of RVPoser, no hands and no velocities"
+_SIMPLIFIED = "Markers stay where their layout has them, codes of RVPoser, no hands and no velocities"
 
 
 class MarkerBaseline(Baseline):

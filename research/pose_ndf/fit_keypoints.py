@@ -143,7 +143,7 @@ def fit_keypoints(
     Args:
         subject: body and the landmarks that the keypoints are; its shape is where the search starts.
         prior: whose distance is ``L_θ``.
-        term: what the keypoints say of the landmarks.
+        term: the keypoints' constraint on the landmarks.
         start: F poses, roughly placed before the cameras.
         settings: weights.
 

@@ -1,1 +1,1 @@
-"""Benchmark captures: recorded motion filmed by cameras and detectors that err, and what goes wrong on a set."""
+"""Benchmark captures: recorded motion filmed by cameras and detectors with errors, and what goes wrong on a set."""

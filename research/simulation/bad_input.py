@@ -1,7 +1,7 @@
 """What goes wrong on a set: a capture made worse on purpose, with what was done written to its truth.
 
 Every function takes a capture and returns one; ``truth["bad_view"]`` and ``truth["bad_frames"]`` (first, one past the
-last) say where it is wrong.
+last) state where it is wrong.
 """
 
 from __future__ import annotations

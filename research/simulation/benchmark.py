@@ -1,4 +1,4 @@
-"""Benchmark captures: recorded motion on our body, seen by tripod cameras and a detector that errs like a real one."""
+"""Benchmark captures: recorded motion on our body, seen by tripod cameras and a detector with realistic errors."""
 
 from __future__ import annotations
 

@@ -21,7 +21,7 @@ PASSING_M = (0.5, 0.7)
 CROSSING_RAD = (np.pi / 3, np.pi)
 """Angle between their ways."""
 HIDDEN_SHARE = 0.6
-"""A detector misses somebody of whom another hides more than this share of the keypoints."""
+"""A detector misses a person where another hides more than this share of the keypoints."""
 
 
 @dataclass(frozen=True)
@@ -101,7 +101,7 @@ def _past_each_other(people: list[Person], rng: np.random.Generator) -> list[Per
 def _listed(
     cameras: Cameras, found: list[DetectorOutput], hidden: np.ndarray, rng: np.random.Generator
 ) -> tuple[Detections, np.ndarray]:
-    """Return what files hold: people in any order, those whom the other hides left out; and who is who."""
+    """Return what files hold: people in any order, those that the other hides left out; and who is who."""
     xy = np.stack([output.xy for output in found], axis=2)
     confidence = np.stack([output.confidence for output in found], axis=2)
     there = (hidden.mean(axis=-1) <= HIDDEN_SHARE) & (confidence > 0).any(axis=-1)

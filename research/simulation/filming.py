@@ -1,4 +1,4 @@
-"""A person in front of cameras: tripods, a calibration that errs, and what a detector makes of the pictures."""
+"""A person in front of cameras: tripods, a calibration with errors, and what a detector makes of the pictures."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ def around(pelvis: np.ndarray, num_views: int) -> Cameras:
 
 @dataclass(frozen=True)
 class FilmSettings:
-    """What films, and how far it errs."""
+    """What films, and how far it is off."""
 
     joint_set: JointSet
     """Names of the K keypoints."""

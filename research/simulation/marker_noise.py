@@ -11,8 +11,8 @@ import numpy as np
 class DataNoise:
     """Corruption of F frames of n labelled points, drawn anew for every frame (thesis 4.22-4.27).
 
-    The thesis tells the forms and not the numbers; these are chosen so that least squares errs about as much as in its
-    table 5.1.
+    The thesis gives the forms and not the numbers; these are chosen so that least squares is off about as much as in
+    its table 5.1.
     """
 
     least_hidden: int = 0
@@ -22,7 +22,7 @@ class DataNoise:
     ghosts: int = 2
     """n_ghost of 4.25."""
     reach_m: float = 0.3
-    """A ghost takes the label of the nearest hidden point within this, as a labeller errs; others stay unlabelled."""
+    """A ghost takes the label of the nearest hidden point within this, by a labelling error; others stay unlabelled."""
     displaced_share: float = 0.4
     """N of the measurement noise, as a share of the n points."""
     displacement_m: float = 0.1

@@ -16,13 +16,13 @@ from solver_backend.types import Capture
 EXACT = DetectorFaults(
     view_bias_mm=0.0, drift_mm=0.0, jitter_mm=0.0, occluded_missing=0.0, missing=0.0, outliers=0.0, swaps_per_minute=0.0
 )
-"""A detector that errs nowhere."""
+"""A detector without errors."""
 Q95 = 2.795
 """95 % quantile of the length of a vector of three standard normal numbers."""
 
 
 def exact_capture(take: Take, seed: int) -> Capture:
-    """Return a take done by a strange body, filmed by exact cameras and a detector that errs nowhere."""
+    """Return a take done by a strange body, filmed by exact cameras and a detector without errors."""
     settings = BenchmarkSettings(seed=seed, calibration_mm=0.0, detector=EXACT)
     return benchmark_capture(take, settings, strange_body(seed))
 

@@ -31,7 +31,7 @@ LONGEST_LAG_S = 1.0
 
 @dataclass(frozen=True)
 class NoiseFigures:
-    """A detector's errors; K keypoints, pooled over views and frames unless said otherwise."""
+    """A detector's errors; K keypoints, pooled over views and frames unless stated otherwise."""
 
     keypoints: tuple[str, ...]
     """Names of the K keypoints."""
@@ -198,8 +198,8 @@ def _swapped(xy: np.ndarray, px: np.ndarray, scale: np.ndarray, mirrored: list[i
 
     own, crossed = misfit(first, first) + misfit(second, second), misfit(first, second) + misfit(second, first)
     apart = np.linalg.norm((px[:, :, first] - px[:, :, second]) * scale[:, :, first], axis=-1) > OUTLIER_MM
-    judged = apart & np.isfinite(own)
-    return float((crossed[judged] < 0.5 * own[judged]).mean()) if judged.any() else float("nan")
+    compared = apart & np.isfinite(own)
+    return float((crossed[compared] < 0.5 * own[compared]).mean()) if compared.any() else float("nan")
 
 
 def _by_fifths(confidence: np.ndarray, error: np.ndarray) -> np.ndarray:

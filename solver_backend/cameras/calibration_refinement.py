@@ -59,12 +59,12 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     everybody = [person.keypoints for person in capture.people] or [keypoints]
     xy = np.concatenate([one.xy for one in everybody], axis=2)
     confidence = np.concatenate([one.confidence for one in everybody], axis=2)
-    fitted, judged = slice(0, None, 2), slice(1, None, 2)
+    fitted, held_out = slice(0, None, 2), slice(1, None, 2)
     located = triangulate(cameras, xy[:, fitted], confidence[:, fitted]).points
     refined = refined_cameras(cameras, xy[:, fitted], confidence[:, fitted])
     moved = triangulate(refined, xy[:, fitted], confidence[:, fitted]).points
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
-    before, after = (view_distances(rig, xy[:, judged], confidence[:, judged]) for rig in (cameras, refined))
+    before, after = (view_distances(rig, xy[:, held_out], confidence[:, held_out]) for rig in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
         raise NoDetections("Nobody is located by two views in the frames that are measured on.", where=capture.name)
     turn = log_so3(refined.R @ cameras.R.swapaxes(-1, -2))

@@ -1,4 +1,4 @@
-"""What a detector's confidence says about its spread, and the file that says it."""
+"""How a detector's confidence relates to its spread, and the file that holds this relation."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.types import Keypoints2D
 
 FORMAT = "manifold_mocap_detector_noise"
 SYSTEMATIC_MM = 8.0
-"""Standard deviation per axis of what no confidence tells: how far usual calibrations misplace a person in a view."""
+"""Standard deviation per axis of what no confidence covers: how far usual calibrations misplace a person in a view."""
 USUAL_CONFIDENCE = 0.65
 """Of a detection as detectors make them: the solver's balance of data and priors was chosen with these."""
 WEIGHTS = (0.02, 20.0)
@@ -45,7 +45,7 @@ class NoiseMap:
     """How many keypoints it was measured on."""
 
     def weight(self, confidence: np.ndarray) -> np.ndarray:
-        """Return the confidence that says what it means, 0 where it is 0.
+        """Return the confidence as the weight of a detection, 0 where it is 0.
 
         ``w(c) = w₀ (σ_m² + s²) / (σ(c)² + s²)``: the inverse variance, with what a calibration is off by, s, beside the
         detector's spread σ, such that a detection of the map's median spread σ_m has a usual confidence w₀. It passes 1
@@ -86,13 +86,13 @@ def read_noise_map(path: Path | str) -> NoiseMap:
 
     Raises:
         FileMissing: there is no such file.
-        FileDamaged: it is no noise map, or its numbers are impossible; the message says which.
+        FileDamaged: it is no noise map, or its numbers are impossible; the message names which.
     """
     values = read_json_file(path)
     try:
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise ValueError(f"its format is not '{FORMAT}'")
-        # Files of earlier versions of this program say no version.
+        # Files of earlier versions of this program state no version.
         if values.get("version", 1) != 1:
             raise ValueError(f"it has version {values['version']!r}, and 1 is read")
         return _checked(values)
@@ -128,9 +128,9 @@ def _checked(values: dict[str, Any]) -> NoiseMap:
 
 
 def _numbers(values: dict[str, Any], key: str) -> np.ndarray:
-    told = values[key]
-    plain = isinstance(told, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in told)
-    numbers = np.array(told, dtype=np.float64) if plain else np.array([np.nan])
+    given = values[key]
+    plain = isinstance(given, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in given)
+    numbers = np.array(given, dtype=np.float64) if plain else np.array([np.nan])
     if not np.isfinite(numbers).all():
         raise ValueError(f"{key} is no list of finite numbers")
     return numbers

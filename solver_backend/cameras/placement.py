@@ -7,7 +7,7 @@ import numpy as np
 _ROUNDS = 6
 """Reweighted solves."""
 _SCALE_M = 0.12
-"""Distance from its ray at which a point starts to be doubted: lifted limbs err so far."""
+"""Distance from its ray at which a point starts to be doubted: lifted limbs are off by as much."""
 _SMOOTH_S = 0.15
 """Standard deviation in time over which places are averaged: a single frame's distance jumps by a few percent."""
 _NEAREST_M = 0.3

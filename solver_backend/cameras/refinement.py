@@ -52,7 +52,7 @@ def resected(
         xy: (C, F, K, 2) px, NaN where missing.
         confidence: (C, F, K), 0 where missing.
         points: (F, K, 3) world metres, NaN where unknown.
-        scale_px: residual at which a detection starts to lose its say.
+        scale_px: residual at which a detection starts to lose weight.
         steps: Gauss-Newton steps.
 
     Reference: Geman and McClure 1987 (the penalty); Triggs et al. 2000, sec. 7 (resection).

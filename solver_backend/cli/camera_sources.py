@@ -42,7 +42,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     """Return the calibration that the command line asks for.
 
     Raises:
-        CommandLineInvalid: what the method needs is not told.
+        CommandLineInvalid: what the method needs is not given.
         MocapError: see the methods.
     """
     by = {"board": _by_board, "person": _by_person, "points": _by_points, "refine": _refined, "together": _together}
@@ -94,14 +94,14 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     from solver_backend.camera_calibration.boards.board import board_named
     from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
 
-    told = args.board or next((str(p) for p in _told_boards(args.footage or args.source)), None)
-    if told is None:
+    given = args.board or next((str(p) for p in _boards_given(args.footage or args.source)), None)
+    if given is None:
         raise CommandLineInvalid("Which board was filmed?", hint="Give --board, such as --board charuco:5x7:35mm.")
     unknown = [m for m in args.lens or () if m not in LENS_MODELS]
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
     models = tuple(name for name in LENS_MODELS if not args.lens or name in args.lens)
-    return board_named(told), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
+    return board_named(given), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
@@ -114,7 +114,7 @@ def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
 
 
-def _told_boards(folder: Path) -> list[Path]:
+def _boards_given(folder: Path) -> list[Path]:
     return [p for p in (folder / "board.toml", folder / "charuco.toml") if p.is_file()]
 
 

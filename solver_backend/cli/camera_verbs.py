@@ -116,7 +116,6 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the lenses alone and add them to a library."""
-    from solver_backend.camera_calibration.intrinsics.camera_lens import named
     from solver_backend.camera_calibration.intrinsics.library import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 
@@ -132,7 +131,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
             f"± {fit.focal_sigma_px:.1f}, {len(lens.frames)} pictures, worst {worst:.2f} px, "
             f"left out {len(lens.left_out)}"
         )
-        advice = [sentence(item) for item in named(name, lens.advice)]
+        advice = [sentence(item) for item in lens.advice]
         lines += [f"  finding     {item}" for item in advice]
         data[name] = {"model": fit.model.name, "held_out_px": lens.choice.held_out, "pictures": list(lens.frames),
                       "view_rmse_px": fit.view_rmse_px.tolist(), "left_out": list(lens.left_out),

@@ -1,4 +1,4 @@
-"""What the exit code says; a program that starts the solver needs nothing else to know how it went."""
+"""What the exit code means; a program that starts the solver needs nothing else to know how it went."""
 
 from __future__ import annotations
 

@@ -19,7 +19,7 @@ def write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -
     """Write the motion and its report, both named in one moment; the motion also where the report fails.
 
     Args:
-        job: says where, and what is overwritten.
+        job: where to, and what is overwritten.
         capture: what was solved.
         motion: the solve.
         progress: called as the report is written.
@@ -66,5 +66,5 @@ def _calibration_fit(capture: Capture) -> CameraFits | None:
         return None
     try:
         return check_calibration(capture.cameras, capture.keypoints).fit
-    except MocapError:  # too little is seen together to tell
+    except MocapError:  # too little is seen together to compare
         return None

@@ -99,12 +99,12 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
     from solver_backend.sensors.devices.oak_lenses import oak_cameras
     from solver_backend.sensors.devices.oak_settings import OakSettings
 
-    told = _named(args)
-    oak_module.depthai()  # said now, not by each camera's process again and again
+    given = _named(args)
+    oak_module.depthai()  # reported now, not by each camera's process again and again
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
     oaks = [
         Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
-        for c, (name, identifier) in enumerate(told.items())
+        for c, (name, identifier) in enumerate(given.items())
     ]
     return oaks, oak_cameras(oaks) if args.calibration is None else read_calibration(args.calibration).cameras
 
@@ -118,9 +118,9 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     """
     from solver_backend.sensors.devices.named import device_named
 
-    told = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
-    found = {oak.name: oak.identifier for oak in told}
-    if len(found) < len(told):
+    given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
+    found = {oak.name: oak.identifier for oak in given}
+    if len(found) < len(given):
         raise CommandLineInvalid("Two cameras have one name.", hint="Give --oak ID=NAME.")
     if not ((args.seconds is None or 0 < args.seconds <= 3600) and 0 < args.fps <= 120):
         raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")

@@ -16,7 +16,7 @@ EVERYBODY = "all"
 
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the options that say how a capture is read."""
+    """Return the options that set how a capture is read."""
     return {
         "fps": None if args.fps is None else positive_fps(args.fps),
         "trim": bool(args.trim),
@@ -47,13 +47,13 @@ def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
         from solver_backend.sensors.take import capture_of
 
         return capture_of(open_folder(path), progress=progress)
-    whom = options.get("person")
-    options = {**options, "person": None if whom == EVERYBODY else whom}
+    person = options.get("person")
+    options = {**options, "person": None if person == EVERYBODY else person}
     return load_capture(path, **options, progress=progress)
 
 
 def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
-    """Return the capture of a command line, read as its options say."""
+    """Return the capture of a command line, read as its options state."""
     return load(args.capture, reading(args), progress)
 
 

@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
     from solver_backend.sensors.wand.coverage import Coverage
 
-TOLD_S = 0.5
-"""Time from one word on the wand's coverage to the next."""
+COVERAGE_INTERVAL_S = 0.5
+"""Time from one report of the wand's coverage to the next."""
 
 
 def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
@@ -51,7 +51,7 @@ def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Run until the sensors end, the time is over, or whoever started it says so; what was recorded is kept."""
+    """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
     overwrite = bool(args.overwrite)
     _check(args)
     from solver_backend.live.statistics import LiveStatistics
@@ -87,7 +87,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         if args.solve is not None and not stopped:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
     stream.require_whole()
-    # Standard output may be another program's points: to people it says nothing else.
+    # Standard output may be another program's points: for people it holds nothing else.
     text = "" if args.lines is None else f"rig-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
     return Outcome(text, data)
 
@@ -180,13 +180,13 @@ def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: b
 def _waved(
     chain: MarkerChain, stream: Lines, until: float | None, progress: Progress
 ) -> Iterator[dict[str, Any]]:  # fmt: skip
-    """Yield a line each ``TOLD_S`` on what of every picture the wand visited, and where it should go next."""
+    """Yield a line each ``COVERAGE_INTERVAL_S``: what of every picture the wand visited, and where to go next."""
     import numpy as np
 
     from solver_backend.sensors.wand.coverage import Coverage
 
     cameras = chain.cameras
-    coverage, told, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
+    coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
     for moment in _moments(chain, stream, until, progress):
         px = np.full((len(cameras), 1, 2), np.nan)
         several = [cameras.names[seen.sensor] for seen in moment.seen if len(seen) > 1]
@@ -195,8 +195,8 @@ def _waved(
                 px[seen.sensor, 0] = seen.px[0]
         coverage.add(px)
         number += 1
-        if moment.arrived - told > TOLD_S:
-            told = moment.arrived
+        if moment.arrived - reported > COVERAGE_INTERVAL_S:
+            reported = moment.arrived
             yield _coverage_line(number, moment, coverage, several)
     if moment is not None:
         yield _coverage_line(number, moment, coverage, [])

@@ -128,7 +128,7 @@ def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolde
 
 
 def mask_of(args: argparse.Namespace) -> dict[str, Any]:
-    """Return each sensor's mask of what is bright with nobody there, where a recording of that is told."""
+    """Return each sensor's mask of what is bright with nobody there, where a recording of that is given."""
     from solver_backend.sensors.take import masks_of
 
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))

@@ -53,7 +53,7 @@ def _given(args: argparse.Namespace, rows: Iterable[str]) -> dict[str, Any]:
 
 
 def describe_range(row: Setting) -> str:
-    """Return which values a setting may have, in a few words; "" for what its metavar says."""
+    """Return which values a setting may have, in a few words; "" for what its metavar states."""
     if row.kind == "choice":
         return ", ".join(choice.value for choice in row.choices)
     return f"{row.low:g} to {row.high:g}{f' {row.unit}' if row.unit else ''}" if row.low is not None else ""

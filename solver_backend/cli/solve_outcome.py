@@ -42,14 +42,14 @@ def outcome_of(job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: f
         person: whose motion it is, where the views show several people.
     """
     text, data = describe_motion(motion, solve_s)
-    whom = {"person": person} if person else {}
+    whose = {"person": person} if person else {}
     written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
     files = [f"  {name:<11} {path}" for name, path in written.items() if path]
     return Outcome(
         "\n".join([text, *note_lines(found, motion.fps), *files]),
         {
             **written,
-            **whom,
+            **whose,
             **data,
             "diagnostics": [item.as_dict() for item in found],
         },

@@ -95,7 +95,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     return outcome_of(job, timed, found, solve_s)
 
 
-def _told(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
+def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
     from solver_backend.io.native.told_file import read_told
 
     if capture.markers is None:
@@ -117,7 +117,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             "Names of points are of no use where a network's landmarks are fitted.", where=str(job.told)
         )
     if job.told is not None:
-        capture, _ = labelled_capture(capture, progress, told=_told(job.told, capture), always=True)
+        capture, _ = labelled_capture(capture, progress, told=_labels_given(job.told, capture), always=True)
     elif not (job.settings.layout or job.settings.is_direct):
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
@@ -150,9 +150,9 @@ class _Part:
 
 
 def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
-    """Solve jobs one after another, each for everybody where it says so; what fails does not stop the others.
+    """Solve jobs one after another, each for everybody where it asks for that; what fails does not stop the others.
 
-    The result holds ``takes``, each as ``solve`` tells it, and ``failed``: capture, person and the error's fields.
+    The result holds ``takes``, each as ``solve`` reports it, and ``failed``: capture, person and the error's fields.
 
     Raises:
         MocapError: nothing could be solved; the first error.
@@ -172,8 +172,8 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
                 part = next(parts, None)
                 if part is None:
                     break
-                told = f"{where}{part.title}: "
-                outcome = _solve_one(part.job, part.capture, _prefixed(progress, told), each)
+                prefix = f"{where}{part.title}: "
+                outcome = _solve_one(part.job, part.capture, _prefixed(progress, prefix), each)
                 texts.append(f"{part.title}\n{outcome.text}")
                 warnings = outcome.summary[:-1]
                 summary += [f"{part.title}: {line}" for line in warnings]
@@ -222,10 +222,10 @@ def _own_files(job: Job, person: str) -> Job:
 
 
 def _prefixed(progress: Progress, prefix: str) -> Progress:
-    def told(stage: str, done: int, total: int) -> None:
+    def prefixed(stage: str, done: int, total: int) -> None:
         progress(prefix + stage, done, total)
 
-    return told
+    return prefixed
 
 
 def _jobs(args: argparse.Namespace) -> list[Job]:

@@ -1,4 +1,4 @@
-"""The verbs of the studio: make a data set, judge solves on it, and say what rigs would reach."""
+"""The verbs of the studio: make a data set, compare solves on it, and estimate what rigs would reach."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def studio_rigs_arguments(verb: argparse.ArgumentParser) -> None:
 
 
 def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Make a data set, or say what would be made."""
+    """Make a data set, or report what would be made."""
     from solver_backend.synthesis.studio.data_set import check_data_set, free_bytes, make_data_set, open_data_set, plan
     from solver_backend.synthesis.studio.spec import read_spec
     from solver_backend.synthesis.studio.writers.contact_sheet import write_card

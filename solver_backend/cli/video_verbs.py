@@ -101,16 +101,16 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _took(plan: Any, record: Any) -> dict[str, Any]:
-    """Return what is to be told of a take that went the road, with its capture as ``convert`` tells it."""
+    """Return what is to be reported about a take that went the road, with its capture as ``convert`` reports it."""
     from solver_backend.io.native.capture_file import read_capture
 
-    told = {
+    report = {
         **record.lines(), "steps": record.as_list(), "folder": str(plan.folder), "source": str(plan.take.folder),
         "capture_file": str(plan.capture), "motion_file": str(plan.motion), "read": None,
     }  # fmt: skip
-    if "capture" in told:
-        told["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
-    return told
+    if "capture" in report:
+        report["read"] = {"capture": str(plan.capture), **describe_capture(read_capture(plan.capture))[1]}
+    return report
 
 
 def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | None:

@@ -11,9 +11,9 @@ class MocapError(Exception):
     """Base of every error a user can cause or meet.
 
     Args:
-        message: one sentence that says what happened and what was expected.
+        message: one sentence that states what happened and what was expected.
         where: file, frame, camera, joint or marker it concerns ("" if none).
-        hint: one sentence that says what to try.
+        hint: one sentence that states what to try.
     """
 
     code = "error"
@@ -94,7 +94,7 @@ class FileMissing(MocapError):
 
 
 class FileDamaged(MocapError):
-    """A file is truncated, of another format than its name says, or lacks required fields."""
+    """A file is truncated, of another format than its name states, or lacks required fields."""
 
     code = "file_damaged"
 

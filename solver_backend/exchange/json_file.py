@@ -15,7 +15,7 @@ LARGEST = 20_000_000
 
 
 def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
-    """Return what a JSON file in UTF-8 says.
+    """Return what a JSON file in UTF-8 holds.
 
     Raises:
         FileMissing: there is no such file.
@@ -36,7 +36,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
 
 
 def parse_json(text: str, path: Path | str) -> Any:
-    """Return what the text of a file says.
+    """Return what the text of a file holds.
 
     Raises:
         FileDamaged: it is not JSON, or nested more deeply than anything real.

@@ -77,7 +77,7 @@ class MotionFile:
     fps: float
     """Frames per second."""
     body: str = ""
-    """Id of the body it was solved for, "" if the file does not say."""
+    """Id of the body it was solved for, "" if the file does not name it."""
     body_layout: BodyLayout = SMPL
     """Names and tree of the J joints."""
     flat_hands: bool = False

@@ -35,7 +35,7 @@ def probe(folder: Path) -> None:
     """Write a small file and remove it, so that a read-only folder and a full disk are reported before work begins.
 
     Raises:
-        OSError: the system says why it cannot be written.
+        OSError: the system reports why it cannot be written.
     """
     path = folder / f"{_PROBE}-{secrets.token_hex(8)}"
     path.touch(exist_ok=False)
@@ -88,7 +88,7 @@ def publish(unfinished: Path, whole: Path, mark: str) -> None:
     Args:
         unfinished: folder beside the other, named by ``unfinished_names``.
         whole: what it is to be called.
-        mark: path of a file that says that what bears the name is whole, from the folder around it.
+        mark: path of a file that states that what bears the name is whole, from the folder around it.
 
     Raises:
         OSError: it cannot be renamed.

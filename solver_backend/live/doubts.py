@@ -14,7 +14,7 @@ has not found."""
 OFF_M = 0.08
 """Distance in the median of a limb's markers from which a pose is unsure."""
 _FEWEST = 3
-"""Markers of a limb without which nothing can be said of it."""
+"""Markers of a limb without which nothing is known of it."""
 _PARTS = {
     "arm": ("UPA", "ELB", "ELM", "FRM", "WRA", "WRB", "FIN"),
     "leg": ("THI", "KNE", "KNM", "SHN", "ANK", "ANM", "HEE", "MT5", "MT1", "TOE"),

@@ -78,7 +78,7 @@ def from_lines(stream: BinaryIO, fps: float = 120.0) -> Iterator[PointFrame]:
             at, points = _parsed(text, number / fps)
             yield PointFrame(at, points, arrived)
         except (ValueError, TypeError, KeyError, RecursionError, OverflowError) as error:
-            yield PointFrame(math.nan, np.zeros((0, 3)), arrived, _said(error))
+            yield PointFrame(math.nan, np.zeros((0, 3)), arrived, _message(error))
         number += 1
 
 
@@ -110,5 +110,5 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
     return at, points
 
 
-def _said(error: Exception) -> str:
+def _message(error: Exception) -> str:
     return f"the line is none of ours ({str(error)[:80]})"

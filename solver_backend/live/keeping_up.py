@@ -44,7 +44,7 @@ class KeepUp:
 def read_ahead(frames: Iterable[PointFrame]) -> Iterator[PointFrame]:
     """Yield the frames of a stream in their order, each read as soon as it comes, whatever is done with those before.
 
-    A frame is due when it came, or when its sender's clock says so, whichever is later: lines of a file, which come
+    A frame is due when it came, or when its sender's clock has it due, whichever is later: lines of a file, which come
     all at once, are late only once they are behind their own clock.
 
     Raises:

@@ -1,4 +1,4 @@
-"""The shape of a sender whose body is ours: its bones in the T-pose say it to the last digit."""
+"""The shape of a sender whose body is ours: its bones in the T-pose give it to the last digit."""
 
 from __future__ import annotations
 

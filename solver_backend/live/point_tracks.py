@@ -1,4 +1,4 @@
-"""Points followed from frame to frame, with what the network has said of each of them so far."""
+"""Points followed from frame to frame, with what the network has labelled each of them so far."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from solver_backend.labelling.outputs import GHOST
 REACH_M, REACH_M_S = 0.03, 2.0
 """A point is the same as one of the frame before within 3 cm of where that was going, and 2 m/s more."""
 MEMORY_S = 0.7
-"""Time in which what was said fades."""
+"""Time in which earlier labels fade."""
 LOST_S = 0.15
 """Time for which a point that went away may come back."""
 _FLOOR = -6.0

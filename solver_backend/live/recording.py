@@ -32,7 +32,7 @@ class LiveRecorder(Recorder):
 
         Args:
             path: the C3D file.
-            fps: nominal rate, None where nobody said one.
+            fps: nominal rate, None where none was given.
             world: returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known.
             overwrite: replace a file that is there.
 

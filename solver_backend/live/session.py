@@ -43,9 +43,9 @@ class LiveSession:
     network: PointNetwork
     fit: LiveFit
     unit: str | None = None
-    """Unit of the points; told from the first frames if None."""
+    """Unit of the points; found from the first frames if None."""
     up_axis: str | None = None
-    """Axis that points up; told from the first frames if None."""
+    """Axis that points up; found from the first frames if None."""
     tracks: PointTracks = field(default_factory=PointTracks)
 
     def __post_init__(self) -> None:
@@ -55,7 +55,7 @@ class LiveSession:
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
         self._number = 0
-        self._shape_told = False
+        self._shape_sent = False
         self._turn: np.ndarray | None = None
         self.shown: np.ndarray | None = None
         """Points of the last frame that was fitted, metres, Z up."""
@@ -108,8 +108,8 @@ class LiveSession:
             yield self._nothing(frame, "the stream is frozen: the same points again and again", "frozen")
             return
         yield self._fitted(frame, points @ self._turn.T, dt)
-        if not self._shape_told and (shape := self.fit.known_shape) is not None:
-            self._shape_told = True
+        if not self._shape_sent and (shape := self.fit.known_shape) is not None:
+            self._shape_sent = True
             yield {**event("shape", "The person's shape is known.", frame.time), "betas": rounded(shape)}
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
@@ -159,7 +159,7 @@ class LiveSession:
         self._good = None
 
     def _found_world(self, points: np.ndarray) -> str | None:
-        """Gather first frames, and then tell unit and axis of them; return what was found."""
+        """Gather first frames, and then find unit and axis from them; return what was found."""
         unit = self.unit or unit_of(points)
         if unit is None:
             return None

@@ -1,4 +1,4 @@
-"""In which unit and with which axis up points come, where nobody said: told from the first frames."""
+"""In which unit and with which axis up points come, where the user gave none: found from the first frames."""
 
 from __future__ import annotations
 

@@ -1,1 +1,1 @@
-"""Whom the detections of several views show: people in space, followed over time, and the one that is solved."""
+"""Who is in the detections of several views: people in space, followed over time, and the one that is solved."""

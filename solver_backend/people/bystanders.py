@@ -1,4 +1,4 @@
-"""Frame ranges in which a view shows somebody else than the person whom most views agree on."""
+"""Frame ranges in which a view shows somebody else than the person that most views agree on."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BRIEF_S = 0.25
 """Fewer frames of somebody else are left to the robust penalty; sightings this close together are one range."""
 
 LEAST_TORSO = 3
-"""Keypoints of head and trunk by which a contradiction is judged."""
+"""Keypoints of head and trunk by which a contradiction is recognised."""
 
 
 def exclude_bystanders(

@@ -35,7 +35,7 @@ class StartEvidence(Enum):
     APART = "apart"
     """They agree far better at other offsets, and only there."""
     STILL = "still"
-    """Nothing tells: too little moves, or too little is seen by two cameras."""
+    """Unknown: too little moves, or too little is seen by two cameras."""
     AMBIGUOUS = "ambiguous"
     """They agree alike at several offsets, and less as numbered."""
 
@@ -49,7 +49,7 @@ class CameraStarts:
     evidence: StartEvidence
     """What they rest on; with any but ``APART`` the offsets are those as numbered."""
     doubtful: tuple[int, ...] = ()
-    """Cameras that tell nothing; of ``AMBIGUOUS`` those that agree at several offsets."""
+    """Cameras that show nothing; of ``AMBIGUOUS`` those that agree at several offsets."""
     rivals: tuple[int, int] = (0, 0)
     """Of the first of these, the two offsets against the first camera that gain most."""
 
@@ -65,7 +65,7 @@ def find_starts(cameras: Cameras, detections: Detections, fps: float, numbered: 
         cameras: C calibrated cameras.
         detections: everybody; row 0 of a camera is the first frame that it recorded.
         fps: frames a second.
-        numbered: (C,) offsets that the numbers of the frames say.
+        numbered: (C,) offsets by the numbers of the frames.
 
     Reference: Besag 1986 (descent along one variable after the other).
     """

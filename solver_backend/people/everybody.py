@@ -1,4 +1,4 @@
-"""Everybody whom two or more views see: their detections in every view, apart from one another."""
+"""Everybody that two or more views see: their detections in every view, apart from one another."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.people.detections import Detections
 from solver_backend.people.person_finding import FollowedPeople, detections_of
 
 LEAST_S = 0.5
-"""Somebody whom two views agree on for less than this, and for less than half of a shorter take, is not listed."""
+"""Somebody that two views agree on for less than this, and for less than half of a shorter take, is not listed."""
 LEAST_AGREEMENT = 0.4
 """Mean over a person's views of 1 - distance / tolerance: rays of different people meet by chance, hardly so well."""
 USUAL_NAME = "Person {}"
@@ -32,9 +32,9 @@ class SeenPerson:
 
 
 def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float) -> tuple[SeenPerson, ...]:
-    """Return everybody whom two or more views see for long enough, the most agreed on first.
+    """Return everybody that two or more views see for long enough, the most agreed on first.
 
-    A detection that lies where two people are expected, as when they embrace, goes to the one whom it fits better.
+    A detection that lies where two people are expected, as when they embrace, goes to the one that it fits better.
 
     Args:
         followed: people followed through space, see ``follow_people``; the first is always among those returned.

@@ -9,7 +9,7 @@ from solver_backend.people.pair_gains import compared_pairs, lively_frames, peop
 from solver_backend.types import Cameras
 
 OFF_LINE = 0.015
-"""Scale of the penalty in the person's extent: 2 cm, about what a detector errs by."""
+"""Scale of the penalty in the person's extent: 2 cm, about a detector's error."""
 REACH = 4
 """Frames on either side that are tried."""
 _SAMPLES, _ROUNDS = 400, 8

@@ -1,4 +1,4 @@
-"""The largest person of each picture, in frames in which most views see somebody: whom a calibration is tried on."""
+"""The largest person of each picture, in frames in which most views see somebody, to try a calibration on."""
 
 from __future__ import annotations
 

@@ -22,7 +22,7 @@ from solver_backend.people.view_tracks import view_tracks
 from solver_backend.types import Cameras
 
 REACH_S = 0.25
-"""A person whom fewer than two views agree on is expected where they were, and will be, within this time."""
+"""A person that fewer than two views agree on is expected where they were, and will be, within this time."""
 SEPARATE_M = 0.3
 """Two people in space whose common keypoints are this far apart are different people."""
 
@@ -67,7 +67,7 @@ class FoundPerson:
 
 
 def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
-    """Find the detections that are the person whom most views agree on over the take.
+    """Find the detections that are the person that most views agree on over the take.
 
     In each frame the detections of all views are grouped into people in space; these are tracked, and the person with
     the most agreement is chosen.
@@ -199,10 +199,10 @@ def _accepted(
     usual = usual[usual < TOLERANCE_M]
     tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
     close = (distance < tolerance) & ~others
-    judged = (tracks >= 0) & near[None, :, None]
+    counted = (tracks >= 0) & near[None, :, None]
     size = int(tracks.max()) + 1
-    seen_often = np.bincount(tracks[judged], minlength=size)
-    right_often = np.bincount(tracks[judged], weights=close[judged].astype(float), minlength=size)
+    seen_often = np.bincount(tracks[counted], minlength=size)
+    right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
     share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
     accepted = (close & (share >= TRUSTED_SHARE)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
     return accepted, fit

@@ -34,7 +34,7 @@ class SelectedPerson:
 
 
 def select_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> SelectedPerson:
-    """Return the person whom most views agree on over the take.
+    """Return the person that most views agree on over the take.
 
     Detections of anybody else are dropped, wherever they stand in the files and however large or certain they are. A
     view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
@@ -52,10 +52,10 @@ def select_person(cameras: Cameras, detections: Detections, fps: float, progress
 def select_people(
     cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
 ) -> tuple[SelectedPerson, ...]:
-    """Return everybody whom two or more views see, each with their own detections; the most agreed on first.
+    """Return everybody that two or more views see, each with their own detections; the most agreed on first.
 
-    Which of them is solved is chosen later. Notes and problems are told with the first, who is the one that is solved
-    where nobody chooses. Views that never show two people at once are the first's but where they show another, see
+    Which of them is solved is chosen later. Notes and problems are reported with the first, who is solved where
+    nobody chooses. Views that never show two people at once are the first's but where they show another, see
     ``select_person``.
 
     Args and raises: those of ``select_person``.

@@ -12,7 +12,7 @@ from solver_backend.people.view_agreement import PeopleInSpace
 STEP_M = 0.2
 """A person's middle moves and is mismeasured by no more than this ..."""
 SPEED_M_S = 4.0
-"""... plus this speed times the time between two sightings; twice that where a view's own track says it is them."""
+"""... plus this speed times the time between two sightings; twice that where a view's own track holds both."""
 BRIDGE_S = 0.5
 """Longer absences end a tracklet."""
 OVERLAP_S = 0.1

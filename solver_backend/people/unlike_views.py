@@ -37,7 +37,7 @@ OTHER_RATE, OTHER_SIZE = 0.15, 0.5
 CAMERA_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 90.0, 100.0, 120.0, 240.0)
 """Frames a second that cameras have."""
 STILL = 0.1, 0.7
-"""Share of what could match, and how far most frames disagree, below which both nothing moves: nothing tells when such
+"""Share of what could match, and how far most frames disagree, below which both nothing moves: nothing shows when such
 views were recorded. Of pictures of another size or turn all frames disagree."""
 _ROWS, _SAMPLES = 300, 40
 """Frames of each view that are looked at, and those of one that are compared with all of another."""
@@ -91,7 +91,7 @@ def explain_unlike(cameras: Cameras, detections: Detections) -> tuple[ViewReadin
 def views_match(cameras: Cameras, detections: Detections) -> bool:
     """Return whether every view matches another at some offset, and all of them hang together so.
 
-    Args: those of ``explain_unlike``. Larger arrays are said to match.
+    Args: those of ``explain_unlike``. Larger arrays are taken to match.
     """
     seeing = np.flatnonzero(detections.people().any(axis=1)).tolist()
     if not 2 <= len(seeing) <= _MOST_CAMERAS:
@@ -155,7 +155,7 @@ class _Tried:
         self._pairs: dict[Hashable, PairTable] = {}
 
     def groups(self, readings: Sequence[ViewReading], share: float | None = None) -> list[list[int]]:
-        """Return the cameras that match with each other, or show too little to tell, the largest group first.
+        """Return the cameras that match with each other, or show too little to know, the largest group first.
 
         Args:
             readings: one a camera.

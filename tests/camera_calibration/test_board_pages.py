@@ -108,7 +108,7 @@ def test_a_board_is_told_by_a_word_and_by_its_file(tmp_path) -> None:
     ):  # fmt: skip
         with pytest.raises(JobInvalid, match=said):
             board_named(wrong)
-    assert not Board("checkerboard", 6, 8, 0.03).tells_ends_apart
+    assert not Board("checkerboard", 6, 8, 0.03).ends_differ
     with pytest.raises(JobInvalid, match="squares of"):
         board_page(board_named("charuco:5x7:80mm"), "A4")
 

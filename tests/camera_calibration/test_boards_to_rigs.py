@@ -17,6 +17,7 @@ from solver_backend.camera_calibration.extrinsics.result import result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.intrinsics.camera_lens import camera_lens
 from solver_backend.camera_calibration.intrinsics.lens_fit import fitted_lens
+from solver_backend.camera_calibration.intrinsics.view_selection import advice
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama
@@ -59,6 +60,15 @@ def test_the_simplest_model_that_predicts_is_chosen_and_a_bad_picture_left_out()
     assert found.left_out == (bad,)
     assert found.choice.fit.model.name == "radial2"
     assert found.choice.held_out < 0.2
+
+
+def test_what_to_film_again_is_named_with_its_camera() -> None:
+    views = list(carried(ring(1, radius=1.6), 40, noise_px=0.1)[0].values())[:3]
+    found = advice(views, SIZE, 1, "left")
+    assert {"board_pictures_few", "board_tilts_few"} <= {item.code for item in found}
+    assert all(item.where.cameras == ("left",) for item in found)
+    assert sentence(found[0]) == "left: only 3 pictures show the board. Film 20 or more."
+    assert diagnostic("board_tilts_few", cameras=["left"], count=1) in found
 
 
 def test_a_rig_is_recovered() -> None:

@@ -82,7 +82,7 @@ def _lens_of_size(folder: Path) -> object:
 
 def _shown_board(text: str) -> object:
     board = board_named(text)
-    return str(board), board.points, board.size_m, board.tells_ends_apart
+    return str(board), board.points, board.size_m, board.ends_differ
 
 
 def _steps(folder: Path) -> object:

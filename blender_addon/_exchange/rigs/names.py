@@ -1,4 +1,4 @@
-"""Roles told from the names of bones: sides by prefix or suffix, parts by words, chains by hierarchy."""
+"""Roles recognised from the names of bones: sides by prefix or suffix, parts by words, chains by hierarchy."""
 
 from __future__ import annotations
 

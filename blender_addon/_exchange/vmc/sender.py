@@ -52,7 +52,7 @@ class PacketSender:
         return ""
 
     def _try(self, packet: bytes) -> str | None:
-        """Send once; return what the system says against it."""
+        """Send once; return the error that the system reports."""
         try:
             self._socket.send(packet)
         except OSError as error:

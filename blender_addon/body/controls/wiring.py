@@ -57,7 +57,7 @@ def pole_angle(armature: bpy.types.Object, layout: BoneLayout, limb: Limb) -> fl
 
 
 def _follow(armature: bpy.types.Object, joint: str, leader: str, limb: Limb) -> None:
-    """Let a joint turn as its leader does as far as the limb's switch says."""
+    """Let a joint turn as its leader does as far as the limb's switch is set."""
     copy = armature.pose.bones[joint].constraints.new("COPY_ROTATION")
     copy.name, copy.target, copy.subtarget = FOLLOW, armature, leader
     copy.owner_space = copy.target_space = "POSE"

@@ -83,7 +83,7 @@ def _fingers(rotvec: np.ndarray, body: str) -> np.ndarray:
 
 
 def _require_own_size(take: ExportTake) -> None:
-    """Check that the world shows the body as large as its shape says."""
+    """Check that the world shows the body as large as its shape states."""
     if abs(take.metres_a_unit * uniform_scale(take) - 1) > _SCALED:
         raise NothingToExport(
             "The armature is scaled.", where=take.name, hint="AMASS knows no scale: set it, and its parents', to 1."

@@ -51,7 +51,7 @@ def run_exporter(
 
 
 def _raise_if_disk(text: str, error: RuntimeError) -> None:
-    """Raise what the system said, where it stands in the traceback an exporter gives for an error."""
+    """Raise what the system reported, where it stands in the traceback an exporter gives for an error."""
     for number in _DISK:
         if os.strerror(number) in text:
             raise OSError(number, os.strerror(number)) from error

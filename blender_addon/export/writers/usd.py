@@ -1,4 +1,4 @@
-"""USD by Blender's exporter: metres and Z up, said in the file; a skeleton of the deforming bones, every frame."""
+"""USD by Blender's exporter: metres and Z up, stated in the file; a skeleton of the deforming bones, every frame."""
 
 from __future__ import annotations
 

@@ -106,7 +106,7 @@ def _record_of(work: Work, one: Ended, engine: Engine) -> dict[str, Any]:
     """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
     folder = work.out / one.ticket.name
     code = (one.record.get("error") or {}).get("code")
-    if one.record.get("status") == "skipped":  # done by a worker that died before it could say so
+    if one.record.get("status") == "skipped":  # done by a worker that died before it could report it
         return {**one.record, "status": "done"}
     if one.how != DIED and (engine.tries == 1 or code not in _CRASHES):
         return one.record

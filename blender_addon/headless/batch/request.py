@@ -20,7 +20,7 @@ READING = {
     "subject_prefix": "--subject-prefix", "person": "--person",
     **{name: f"--{name}" for name in settings_of_class(WorldSettings)},
 }  # fmt: skip
-"""Options of the solver's command line by the keys of a batch's job file that say how captures are read."""
+"""Options of the solver's command line by the keys of a batch's job file that set how captures are read."""
 SWITCHES = {"trim": "--trim", "by_order": "--by-order", "as_calibrated": "--as-calibrated"}
 """The same of options without a value."""
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *SWITCHES, *READING})
@@ -51,7 +51,7 @@ class BatchRequest:
     limits: TakeLimits = field(default_factory=TakeLimits)
     """Of the solver for each take; a take that was done within others is not done again."""
     strict: bool = False
-    """Refuse takes whose solves have warnings, whatever the job file says."""
+    """Refuse takes whose solves have warnings, whatever the job file states."""
     accept: tuple[str, ...] = ()
     """Codes of faults that are accepted beside those of the job file."""
 
@@ -147,7 +147,7 @@ def captures_in(request: BatchRequest) -> list[Path]:
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
-    """Return what a batch's job file says.
+    """Return what a batch's job file states.
 
     Raises:
         BatchInvalid: it cannot be read, or names a capture of its own.

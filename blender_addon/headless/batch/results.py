@@ -43,7 +43,7 @@ class Results:
 
     @contextmanager
     def made_by(self, engine: Engine) -> Iterator[None]:
-        """Say on the page who works; also afterwards, when nobody can be asked any more."""
+        """State on the page who works; also afterwards, when nobody can be asked any more."""
         self._engine = engine
         try:
             yield
@@ -73,7 +73,7 @@ class Results:
         texts = {
             f"{SUMMARY}.json": json.dumps(ordered, indent=1, ensure_ascii=False),
             f"{SUMMARY}.txt": table(ordered) + "\n",
-            f"{SUMMARY}.html": summary_page(ordered, self._out, self._said()),
+            f"{SUMMARY}.html": summary_page(ordered, self._out, self._message()),
         }
         with atomic_outputs(self._out, tuple(texts), overwrite=True) as temporary:
             for name, text in texts.items():
@@ -81,7 +81,7 @@ class Results:
         took = time.monotonic() - begun
         self._next = time.monotonic() + max(_LEAST_S, _RARELY * took)
 
-    def _said(self) -> str:
+    def _message(self) -> str:
         minutes = (time.monotonic() - self._start) / 60
         rate = f"{self._done} done in {minutes:.1f} min" if self._done else "nothing was to be done"
         who = self._who if self._engine is None else self._engine.headline()

@@ -40,7 +40,7 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> dic
         return record
     try:
         names = [step.name for step in work.steps(capture)]
-    except OSError:  # the first step says what is wrong
+    except OSError:  # the first step reports what is wrong
         names = ["solve"]
     for step in names:
         record = run_step(work, capture, step, progress, **place)

@@ -19,7 +19,7 @@ RECORDS, SHOTS = "tasks", "shots"
 """Folders of a data set: of the tasks' records, of the shots."""
 FILM, COLOUR = "film", "colour"
 _DONE = {FILM: "shot.json", COLOUR: "rgb.json"}
-"""Files of a shot's folder that say that a step is whole."""
+"""Files of a shot's folder that state that a step is whole."""
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
 """Columns of the table."""
 _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
-"""Figures of a solve that say how far it is from what was measured, by their unit."""
+"""Figures of a solve that state how far it is from what was measured, by their unit."""
 
 
 def worst_first(takes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:

@@ -48,7 +48,7 @@ def summary_page(
     Args:
         takes: records, worst first.
         out: folder that the page and the takes' folders lie in.
-        said: how the batch goes.
+        message: how the batch goes.
         picture: SVG of a motion file.
     """
     counts = Counter(str(take["status"]) for take in takes)

@@ -29,7 +29,7 @@ def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
 
 
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
-    """Return the preset that fits a rig best or, if none does, what its structure or else its names say.
+    """Return the preset that fits a rig best or, if none does, what its structure or else its names indicate.
 
     A map whose limbs no person can have is passed over, however well its names fit.
 
@@ -54,7 +54,7 @@ def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
 
 
 def _recognised(skeleton: Skeleton) -> RigMap:
-    """Return what the structure says; where it does not find a person, what names say as far as it can be so."""
+    """Return what the structure indicates; where it does not find a person, what names do as far as it can be so."""
     guess = recognise(skeleton)
     if guess.roles or guess.doubts:
         return RigMap(STRUCTURE, guess.roles, doubts=guess.doubts)

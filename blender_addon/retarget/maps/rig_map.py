@@ -55,7 +55,7 @@ def read_map(path: Path) -> RigMap:
 
     Raises:
         FileMissing, FileDamaged: there is no such file, or it is not JSON.
-        MapInvalid: it is no map, or says what is no role.
+        MapInvalid: it is no map, or names what is no role.
     """
     return map_of(read_json_file(path), str(path))
 

@@ -11,7 +11,7 @@ from ...errors import TargetUnsuitable
 from .figures import Actor, Target
 
 _APART = 2.0
-"""Factor by which the legs may differ from what arms and trunk say. A toddler's legs are 0.75 of an adult's by the
+"""Factor by which the legs may differ from what arms and trunk indicate. A toddler's legs are 0.75 of an adult's by the
 trunk (Snyder et al. 1977), those of stylised characters 0.5."""
 
 _ANY_UNIT = 2000.0

@@ -29,7 +29,7 @@ class TransferSettings:
     root_motion: bool = False
     """Let the root bone carry the way over the ground and the heading."""
     hold_contacts: bool = True
-    """Hold feet where they stand, if the motion says when, and hands together that touch."""
+    """Hold feet where they stand, if the motion states when, and hands together that touch."""
     scale: float = 0.0
     """Size of the way and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
 

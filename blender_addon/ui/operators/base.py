@@ -23,7 +23,7 @@ class MocapOperator(Operator):
     bl_options = {"REGISTER", "UNDO"}  # noqa: RUF012 - Blender reads a plain set
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Do the work, or say what is wrong."""
+        """Do the work, or report what is wrong."""
         try:
             return self.work(context)
         except MocapError as error:

@@ -49,7 +49,7 @@ class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
 
 
 class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
-    """Says whether the calibration fits what the cameras saw."""
+    """Reports whether the calibration fits what the cameras saw."""
 
     bl_idname = "mocap.check_cameras"
     bl_label = "Check Calibration"
@@ -159,7 +159,7 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
 
 
 def _has_cameras(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    """Return whether there is a capture with cameras, and say so where there is none."""
+    """Return whether there is a capture with cameras, and report it where there is none."""
     capture = context.scene.mocap.capture
     if not capture.file or not capture.cameras:
         operator.poll_message_set("Import a capture with cameras first")

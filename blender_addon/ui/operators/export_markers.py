@@ -72,7 +72,7 @@ class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
         return self.launch(context, "export-markers", [str(motion), *options], usable(path.parent))
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Say what was written."""
+        """Report what was written."""
         name = absolute(self.filepath).name
         count = f"{result['frames']} frames of {result['markers']} {self.contents} markers"
         self.report({"INFO"}, f"Wrote {count} to {name}")

@@ -92,7 +92,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
         return super().invoke(context, event)
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Export and say where to."""
+        """Export and report where to."""
         from dataclasses import replace
 
         from ...export.take import take_of

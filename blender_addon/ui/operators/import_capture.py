@@ -84,7 +84,7 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
         for part in result.get("captures", [result]):
             self._received(context, {"source": str(self._source), **part})
             last = max(last, scene.mocap.capture.review.last)
-        if take_over:  # of a session the longest trial tells the range
+        if take_over:  # of a session the longest trial sets the range
             scene.frame_end = max(scene.frame_end, last)
         return {"FINISHED"}
 

@@ -37,14 +37,14 @@ class MOCAP_OT_import_motion(MocapOperator, bpy.types.Operator, ImportHelper):
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:
-        """Tell whether objects can be added now."""
+        """Check whether objects can be added now."""
         if context.mode != "OBJECT":
             cls.poll_message_set("Leave edit or pose mode first")
             return False
         return True
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Bake, select the armature and say what was made."""
+        """Bake, select the armature and report what was made."""
         from ...scene.bake import BakeSettings
         from .import_results import add_motion, set_up_said, takes_over
 

@@ -55,7 +55,7 @@ class CurrentLive:
         self, run: LiveRun, scene: bpy.types.Scene, *, body: bool = True,
         on_recorded: Callable[[str], None] | None = None, face: LiveFace | None = None,
     ) -> None:  # fmt: skip
-        """Show a run in a scene from now on, with a body or points alone; say where it recorded to at its end.
+        """Show a run in a scene from now on, with a body or points alone; report where it recorded to at its end.
 
         Only sensors' runs take ``on_recorded``: their recording is a folder of the rig's.
 
@@ -250,7 +250,7 @@ class MOCAP_OT_live_stop(bpy.types.Operator):
 
 
 def may_begin(operator: type[bpy.types.Operator], context: bpy.types.Context, source: object, without: str) -> bool:
-    """Return whether a live run may begin: one at a time, in object mode, from a source; or say why not."""
+    """Return whether a live run may begin: one at a time, in object mode, from a source; or report why not."""
     why = without if not source else ""
     why = "Change to object mode first" if context.mode != "OBJECT" else why
     why = "Live is running; stop it first" if live.busy else why

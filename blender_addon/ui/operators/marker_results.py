@@ -1,4 +1,4 @@
-"""What the solver said about a capture's markers is put into the scene's settings."""
+"""What the solver reported about a capture's markers is put into the scene's settings."""
 
 from __future__ import annotations
 

@@ -111,12 +111,12 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
         return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Use the calibration, and keep what was said of it."""
+        """Use the calibration, and keep what was reported about it."""
         rig = context.scene.mocap.rig
         rig.calibration = stored(Path(result["calibration"]))
-        told = [*result.get("findings", ()), *result.get("notes", ())]
-        rig.said = "\n".join(str(sentence) for sentence in told)
-        look = f"; {counted(len(told), 'remark')}, see the panel" if told else ""
+        remarks = [*result.get("findings", ()), *result.get("notes", ())]
+        rig.said = "\n".join(str(sentence) for sentence in remarks)
+        look = f"; {counted(len(remarks), 'remark')}, see the panel" if remarks else ""
         self.report({"WARNING"} if result.get("findings") else {"INFO"}, f"The sensors are calibrated{look}")
         return {"FINISHED"}
 

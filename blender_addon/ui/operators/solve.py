@@ -164,7 +164,7 @@ def spans(frames: list[int]) -> str:
 
 
 class MOCAP_OT_show_log(bpy.types.Operator):
-    """Shows what the solver said."""
+    """Shows what the solver reported."""
 
     bl_idname = "mocap.show_log"
     bl_label = "Show Log"

@@ -13,7 +13,7 @@ from .solver_operator import SolverOperator
 
 
 class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
-    """Solves everybody whom the captures show."""
+    """Solves everybody that the captures show."""
 
     bl_idname = "mocap.solve_all"
     bl_label = "Solve All"

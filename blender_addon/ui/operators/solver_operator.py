@@ -95,7 +95,7 @@ class SolverOperator(MocapOperator):
         raise NotImplementedError
 
     def rescue(self, context: bpy.types.Context) -> str:
-        """Take what a run that failed has finished into the scene, and say so in a sentence; "" if there is nothing.
+        """Take what a run that failed has finished into the scene, and report it in a sentence; "" if there is nothing.
 
         Raises:
             MocapError: what is there cannot be read.
@@ -214,7 +214,7 @@ class MOCAP_OT_cancel(bpy.types.Operator):
         return current.busy
 
     def execute(self, context: bpy.types.Context) -> set[str]:
-        """Tell the solver to end; its operator notices."""
+        """Ask the solver to end; its operator notices."""
         if current.run is not None:
             current.run.cancel()
         return {"FINISHED"}

@@ -30,11 +30,13 @@ class _Films(SolverOperator):
 
 
 class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
-    """Films a person with the rig, errs as detectors do, solves, and compares with the truth."""
+    """Films a person with the rig, adds a detector's errors, solves, and compares with the truth."""
 
     bl_idname = "mocap.benchmark"
     bl_label = "Benchmark"
-    bl_description = "What would these cameras reach? Film somebody with known truth, err as a detector does, and solve"
+    bl_description = (
+        "What would these cameras reach? Film somebody with known truth, add a detector's errors, and solve"
+    )
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""
@@ -55,9 +57,9 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         settings = context.scene.mocap.studio
         places = read_places(Path(result["places"]))
         first, faults = len(settings.rows), self._faults
-        for rig, told in rows_of(result["rows"], [item.rig for item in places]):
+        for rig, reached in rows_of(result["rows"], [item.rig for item in places]):
             row = settings.rows.add()
-            row.rig, row.told, row.faults = rig, told, faults
+            row.rig, row.told, row.faults = rig, reached, faults
             median = next(item.median_mm for item in places if item.rig == rig)
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(result["places"])
@@ -67,7 +69,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
 
 
 class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
-    """Says what a data set would hold and need."""
+    """Reports what a data set would hold and need."""
 
     bl_idname = "mocap.check_data_set"
     bl_label = "Check"
@@ -87,7 +89,7 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
         return self.film(context, path, out, ["--plan"])
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Keep what was said until a setting changes."""
+        """Keep what was reported until a setting changes."""
         settings = context.scene.mocap.studio
         settings.planned = (
             f"{counted(len(result['shots']), 'shot')}, {counted(result['frames'], 'frame')}, "
@@ -121,7 +123,7 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
         return self.film(context, description, out, [])
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Say where it is."""
+        """Report where it is."""
         self.report({"INFO"}, f"{counted(len(result['shots']), 'shot')} in {result['data_set']}")
         return {"FINISHED"}
 

@@ -1,4 +1,4 @@
-"""Saying what a point is: choose it in the viewport or the list, choose a name; the next solve keeps to it."""
+"""Naming a point: choose it in the viewport or the list, choose a name; the next solve keeps to it."""
 
 from __future__ import annotations
 
@@ -75,7 +75,7 @@ def choose_nearest(
 
 
 class MOCAP_OT_tell_point(_OfMarkers, bpy.types.Operator):
-    """Says what the chosen point is."""
+    """Names the chosen point."""
 
     bl_idname = "mocap.tell_point"
     bl_label = "Name Point"
@@ -104,7 +104,7 @@ class MOCAP_OT_tell_point(_OfMarkers, bpy.types.Operator):
 
 
 class MOCAP_OT_untell_point(MocapOperator, bpy.types.Operator):
-    """Takes back what a point was said to be."""
+    """Clears the label assigned to a point."""
 
     bl_idname = "mocap.untell_point"
     bl_label = "Forget Name"
@@ -114,9 +114,9 @@ class MOCAP_OT_untell_point(MocapOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Remove the name."""
-        told = context.scene.mocap.capture.told
-        if 0 <= self.index < len(told):
-            told.remove(self.index)
+        labels = context.scene.mocap.capture.told
+        if 0 <= self.index < len(labels):
+            labels.remove(self.index)
         return {"FINISHED"}
 
 

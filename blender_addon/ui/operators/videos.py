@@ -67,9 +67,9 @@ class VideosOperator(SolverOperator):
         return f"Done before that: {', '.join(done)}." if done else ""
 
     def _show_steps(self, context: bpy.types.Context, takes: list[dict[str, Any]] | None = None) -> None:
-        """Read what the steps said, if they said anything new; of several takes those of the last one."""
+        """Read what the steps reported, if they reported anything new; of several takes those of the last one."""
         videos = context.scene.mocap.videos
-        folders = [Path(take["folder"]) for take in takes or ()] or _told_in(file_of(videos.results))
+        folders = [Path(take["folder"]) for take in takes or ()] or _with_reports(file_of(videos.results))
         if not folders:
             return
         road = max(folders, key=_changed)
@@ -112,7 +112,7 @@ class MOCAP_OT_capture_from_videos(VideosOperator, bpy.types.Operator, ImportHel
         return ImportHelper.invoke(self, context, event)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw what the user may tell, beside the folders."""
+        """Draw what the user may set, beside the folders."""
         draw_settings(self.layout, context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
@@ -178,7 +178,7 @@ class MOCAP_FH_videos(ViewportDrop, bpy.types.FileHandler):
 
 
 def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw what the user may tell of videos: cameras, person, clocks, detector."""
+    """Draw what the user may set for videos: cameras, person, clocks, detector."""
     videos = context.scene.mocap.videos
     settings_layout(layout, context)
     draw_setting(layout, context, videos, "cameras")
@@ -210,15 +210,15 @@ def _results(context: bpy.types.Context, folder: Path) -> Path:
         return usable(capture_folder(files_folder(context.scene), folder))
 
 
-def _told_in(results: Path) -> list[Path]:
-    """Return the folders of takes below the results whose steps have said something."""
+def _with_reports(results: Path) -> list[Path]:
+    """Return the folders of takes below the results whose steps have reported something."""
     from ...solving.road_file import NAME
 
     return [path.parent for path in (*results.glob(NAME), *results.glob(f"*/{NAME}"))]
 
 
 def _changed(folder: Path) -> int:
-    """Return when the steps of a take said something last, 0 where they never did."""
+    """Return when the steps of a take last reported something, 0 where they never did."""
     from ...solving.road_file import NAME
 
     try:

@@ -110,7 +110,7 @@ class VIEW3D_PT_mocap_problems(StagePanel, bpy.types.Panel):
 
 
 class VIEW3D_PT_mocap_notes(StagePanel, bpy.types.Panel):
-    """What the reader assumed; about markers their own panel says it."""
+    """What the reader assumed; what it assumed about markers is in their own panel."""
 
     stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_notes"

@@ -88,10 +88,10 @@ class VIEW3D_PT_mocap_labels(StagePanel, bpy.types.Panel):
         )
         if 0 <= capture.marker_index < len(capture.marker_items):
             self.layout.prop(capture.marker_items[capture.marker_index], "bone")
-        self._draw_told(capture)
+        self._draw_labels(capture)
 
-    def _draw_told(self, capture: MocapCapture) -> None:
-        """Draw what points are said to be: the solve labels the others around them."""
+    def _draw_labels(self, capture: MocapCapture) -> None:
+        """Draw the labels assigned to points: the solve labels the others around them."""
         column = self.layout.column(align=True)
         row = column.row(align=True)
         row.operator(MOCAP_OT_pick_point.bl_idname, icon="EYEDROPPER")

@@ -108,19 +108,19 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
 
 
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
-    """Draw the button that solves, with the name of whom where there are several."""
+    """Draw the button that solves, with the person's name where there are several."""
     button = layout.column()
     button.scale_y = 1.6
     person = context.scene.mocap.capture.person
-    whom = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
-    button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **whom)
+    label = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
+    button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **label)
 
 
 def draw_progress(layout: bpy.types.UILayout, verbs: tuple[str, ...]) -> bool:
-    """Return whether the run under way, which is drawn on top of all panels, does one of these verbs; say that it does.
+    """Return whether the run under way, which is drawn on top of all panels, does one of these verbs; show it.
 
     Args:
-        layout: where it is said.
+        layout: where it is shown.
         verbs: of the solver's command line.
     """
     run = current.run

@@ -1,4 +1,4 @@
-"""People: everybody whom a capture shows, who of them is solved and reviewed, and *Solve All*."""
+"""People: everybody that a capture shows, who of them is solved and reviewed, and *Solve All*."""
 
 from __future__ import annotations
 

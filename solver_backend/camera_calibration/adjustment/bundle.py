@@ -208,9 +208,9 @@ class _Equations:
         V = _sums(T(weighted_body, 1, 2) @ J_body, seen.body, B)
         by_body = _sums((T(weighted_body, 1, 2) @ residual)[..., 0], seen.body, B)
         if bodies.known is not None:
-            told = np.isfinite(bodies.known).all(-1)
-            V[told, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
-            by_body[told, -3:] += (bodies.t - bodies.known)[told] / bodies.known_sigma**2
+            given = np.isfinite(bodies.known).all(-1)
+            V[given, -3:, -3:] += np.eye(3) / bodies.known_sigma**2
+            by_body[given, -3:] += (bodies.t - bodies.known)[given] / bodies.known_sigma**2
         if unknowns.held is not None:
             step, scale = unknowns.held.step_from(cameras), unknowns.held.scale
             sure = 1.0 / (1.0 + (step**2).sum(-1, keepdims=True) / task.scale**2)

@@ -110,7 +110,7 @@ class Adjusted:
     steps: int
     """Taken."""
     delays: Float[np.ndarray, " cameras"]
-    """(C,) seconds by which each camera's pictures are later than their frame's number says."""
+    """(C,) seconds by which each camera's pictures are later than their frame's number states."""
 
     seen: BodySightings
     """What the errors are of."""

@@ -1,4 +1,4 @@
-"""What a calibration board is: its kind, its points in metres, and how it is told in a word or a file."""
+"""What a calibration board is: its kind, its points in metres, and how it is described in a word or a file."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from solver_backend.types.shapes import Float
 KINDS = ("charuco", "checkerboard", "rings")
 DEFAULT_DICTIONARY = "DICT_4X4_100"
 MARKER_SHARE = 0.75
-"""Side of a marker in squares, where it is not told."""
+"""Side of a marker in squares, where it is not given."""
 EXAMPLE = "charuco:5x7:35mm, checkerboard:8x5:60mm, rings:4x11:40mm, or a board.toml"
 _UNITS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0, "in": 0.0254}
 """Metres in each unit that a board's square may have."""
@@ -70,7 +70,7 @@ class Board:
         return np.stack([x, y, np.zeros(len(x))], axis=-1)
 
     @property
-    def tells_ends_apart(self) -> bool:
+    def ends_differ(self) -> bool:
         """Whether the board half turned looks different, so that several cameras agree which end is which."""
         return self.kind == "charuco" or (self.columns + self.rows) % 2 == 1
 
@@ -124,9 +124,9 @@ def _from_table(table: dict[str, Any], where: str) -> Board:
     """Return the board of our own file, or of caliscope's ``charuco.toml``."""
     try:
         if "board" in table:
-            told = dict(table["board"])
-            square, marker = told.pop("square_mm") / 1000.0, told.pop("marker_mm", 0.0) / 1000.0
-            return Board(square_m=square, marker_m=marker, **told)
+            given = dict(table["board"])
+            square, marker = given.pop("square_mm") / 1000.0, given.pop("marker_mm", 0.0) / 1000.0
+            return Board(square_m=square, marker_m=marker, **given)
         charuco = table.get("charuco", table)
         square = float(charuco["square_size_override_cm"]) / 100.0
         board = Board("charuco", charuco["columns"], charuco["rows"], square, square * charuco["aruco_scale"])

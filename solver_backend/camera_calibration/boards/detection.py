@@ -13,7 +13,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.types.shapes import Float, Int
 
 FEWEST_POINTS = 6
-"""Points of a board below which a sighting tells nothing."""
+"""Points of a board below which a sighting carries no information."""
 SMALLEST_SPACING_PX = 8.0
 """Distance of neighbouring points below which a board is too small in the picture."""
 
@@ -111,10 +111,10 @@ class BoardDetector:
 
     def _rings(self, picture: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
         cv2, size = self._cv2, (self.board.columns, self.board.rows)
-        told = cv2.SimpleBlobDetector_Params()
-        told.filterByColor = False
-        told.minArea, told.maxArea = 20.0, picture.size / 40.0
-        blobs = cv2.SimpleBlobDetector_create(told)
+        parameters = cv2.SimpleBlobDetector_Params()
+        parameters.filterByColor = False
+        parameters.minArea, parameters.maxArea = 20.0, picture.size / 40.0
+        blobs = cv2.SimpleBlobDetector_create(parameters)
         good, centres = cv2.findCirclesGrid(picture, size, flags=cv2.CALIB_CB_ASYMMETRIC_GRID, blobDetector=blobs)
         return (np.arange(size[0] * size[1]), centres.reshape(-1, 2).astype(np.float64)) if good else None
 

@@ -30,7 +30,7 @@ def point_velocities(sightings: Mapping[int, BoardSighting], frame: int, fps: fl
     known = np.isfinite(steps)
     total = np.where(known, steps, 0.0).sum(0)
     velocity = np.divide(total, known.sum(0), out=np.full_like(total, np.nan), where=known.any(0))
-    told = np.isfinite(velocity).all(-1)
-    if told.any():
-        velocity[~told] = np.median(velocity[told], axis=0)
+    measured = np.isfinite(velocity).all(-1)
+    if measured.any():
+        velocity[~measured] = np.median(velocity[measured], axis=0)
     return velocity

@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
-from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens, named
+from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
 from solver_backend.camera_calibration.intrinsics.coverage_picture import write_coverage_png
 from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
 from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
@@ -76,7 +76,7 @@ def calibrate_lenses(
         progress(f"Lens of {name}", done, len(footage))
         sightings, size = find_boards(path, board, options.step)
         try:
-            lenses[name] = camera_lens(board, sightings, size, options.models)
+            lenses[name] = camera_lens(board, sightings, size, options.models, name)
         except CalibrationInvalid as error:
             raise CalibrationInvalid(error.message, where=f"camera {name}, {path}", hint=error.hint) from error
         used[name] = [sightings[f] for f in lenses[name].frames]
@@ -135,7 +135,7 @@ def calibrate_by_board(
     found = widen_by_halves(result_of("board", rig.adjusted), ordered, board, seen)
     R, t, note = _world(rig, options.origin_frame)
     measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
-    advice = [item for n, lens in measured.items() for item in named(n, lens.advice)]
+    advice = [item for lens in measured.values() for item in lens.advice]
     return replace(
         moved_world(found, R, t),
         findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *found.findings, *advice),
@@ -144,7 +144,7 @@ def calibrate_by_board(
             *found.notes,
             diagnostic("board_seen", board=str(board), count=len(rig.moments), left_out=rig.left_out),
         ),
-        lenses={n: _facts(n, lens) for n, lens in measured.items()},
+        lenses={n: _facts(lens) for n, lens in measured.items()},
     )  # fmt: skip
 
 
@@ -161,7 +161,7 @@ def _lenses(
     for i, name in enumerate(footage.rig):
         if name not in known and name not in found:
             try:
-                found[name] = camera_lens(board, seen[i], sizes[i], options.models)
+                found[name] = camera_lens(board, seen[i], sizes[i], options.models, name)
             except CalibrationInvalid as error:
                 raise CalibrationInvalid(error.message, where=f"camera {name}", hint=error.hint) from error
             views[name] = [seen[i][f] for f in found[name].frames]
@@ -172,12 +172,12 @@ def _lenses(
     return {n: (known[n], None) if n in known else (found[n].lens, found[n]) for n in footage.rig}
 
 
-def _facts(name: str, lens: CameraLens) -> dict[str, object]:
+def _facts(lens: CameraLens) -> dict[str, object]:
     """Return what is reported of a lens."""
     return {
         "model": lens.choice.fit.model.name, "held_out_px": lens.choice.held_out, "pictures": len(lens.frames),
         "focal_sigma_px": lens.choice.fit.focal_sigma_px,
-        "advice": [sentence(item) for item in named(name, lens.advice)],
+        "advice": [sentence(item) for item in lens.advice],
     }  # fmt: skip
 
 

@@ -1,4 +1,4 @@
-"""What each source tells of cameras, in one form: bodies where they start, and where cameras saw them."""
+"""What each source contributes on cameras, in one form: bodies where they start, and where cameras saw them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ from solver_backend.types import Cameras, Keypoints2D
 PERSON_FRAMES = 160
 """Frames of a take at most, spread over it."""
 PERSON_ALIKE = 10
-"""Frames that tell the same, for a detector errs alike from frame to frame."""
+"""Frames that count as one, for a detector's errors are alike from frame to frame."""
 LEAST_PLACES = 3
 """Known places by which a world is found."""
 
 
 @dataclass(frozen=True)
 class Evidence:
-    """What one source tells."""
+    """What one source contributes."""
 
     name: str
     """As messages call it."""
@@ -39,9 +39,9 @@ class Evidence:
     seen: BodySightings
     """Of these bodies; deviations are a first guess."""
     alike: float = 1.0
-    """Sightings that err alike, by which their say is lessened."""
+    """Sightings with correlated errors, by which their weight is reduced."""
     metric: bool = False
-    """It tells the scale: a board, or known places."""
+    """It fixes the scale: a board, or known places."""
     moments: tuple[int, ...] = ()
     """Frame of each pose of a board."""
 
@@ -49,7 +49,7 @@ class Evidence:
 def board_evidence(
     cameras: Cameras, board: Board, sightings: Sequence[Mapping[int, BoardSighting]], fps: float | None = None
 ) -> Evidence:
-    """Return what a carried board tells; each pose starts by the camera that sees most of it.
+    """Return the evidence of a carried board; each pose starts by the camera that sees most of it.
 
     Args:
         cameras: C cameras at a start.
@@ -70,7 +70,7 @@ def board_evidence(
 
 
 def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
-    """Return what one person's keypoints tell: points alone, of frames spread over the take.
+    """Return the evidence of one person's keypoints: points alone, of frames spread over the take.
 
     Raises:
         NoDetections: no two cameras see the person at the same moment.
@@ -87,14 +87,14 @@ def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
 
 
 def clicks_evidence(cameras: Cameras, clicks: Clicks) -> Evidence:
-    """Return what clicked points tell; known places hold them."""
+    """Return the evidence of clicked points; known places hold them."""
     xy, known = _tables(cameras, clicks)
     bodies, seen = _points(cameras, xy, np.full(xy.shape[:2], CLICK_SIGMA_PX), known)
     return Evidence("clicks", bodies, seen, metric=bool(np.isfinite(known).any()))
 
 
 def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Cameras:
-    """Return the cameras in the world of the known places, as far as these tell it; as they are where none is known.
+    """Return the cameras in the world of the known places, as far as these fix it; as they are where none is known.
 
     Args:
         clicks: in pictures, some of known places.

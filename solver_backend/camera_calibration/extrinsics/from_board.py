@@ -26,7 +26,7 @@ OUTLIER_SIGMAS = 6.0
 """Moments of one camera whose error is larger, in median errors, are left out of the second adjustment."""
 
 ZOOM_GAIN = 0.25
-UNTOLD = 10.0
+UNKNOWN_VELOCITY = 10.0
 """How much less sure a point is whose velocity is unknown while delays are found."""
 
 
@@ -64,13 +64,13 @@ def rig_from_board(
         board: what was filmed.
         sightings: for each camera, what it saw by the frame's number; frames are synchronous.
         free_lenses: lenses are refined too, those that saw the board at three moments or more.
-        fps: frames a second; where it is told, each camera's delay against the first is found too.
+        fps: frames a second; where it is given, each camera's delay against the first is found too.
         watch: see ``adjust``.
 
     Raises:
         CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
     """
-    if not board.tells_ends_apart:
+    if not board.ends_differ:
         raise CalibrationInvalid(
             f"The {board} looks the same when half turned, so cameras cannot agree on its ends.",
             hint="Use a Charuco board, or a checkerboard with an even and an odd number of squares.",
@@ -104,20 +104,20 @@ def zoom_doubts(rig: BoardRig) -> tuple[Diagnostic, ...]:
     All lenses are freed; reported are focal lengths that change by more than 3 % and five standard deviations where the
     error then falls by a quarter or more.
     """
-    names, told = rig.adjusted.cameras.names, rig.adjusted.cameras
-    lenses = [lens_of(told, c) for c in range(len(names))]
-    unknowns = replace(lens_unknowns(told, lenses), lens_sigma=None)
+    names, stated = rig.adjusted.cameras.names, rig.adjusted.cameras
+    lenses = [lens_of(stated, c) for c in range(len(names))]
+    unknowns = replace(lens_unknowns(stated, lenses), lens_sigma=None)
     lens = np.zeros_like(unknowns.lens)
     lens[:, list(FOCAL)] = True
     late = rig.adjusted.delays != 0
     free = adjust(
-        told, rig.adjusted.bodies, rig.seen, Unknowns(unknowns.poses, lens, delays=late), delays=rig.adjusted.delays,
+        stated, rig.adjusted.bodies, rig.seen, Unknowns(unknowns.poses, lens, delays=late), delays=rig.adjusted.delays,
         robust_scale=8.0, tolerance=1e-4, steps=25,
     )  # fmt: skip
     if free.rmse_px > (1.0 - ZOOM_GAIN) * rig.adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
-    focal = [cameras.K[:, 0, 0] for cameras in (told, free.cameras)]
+    focal = [cameras.K[:, 0, 0] for cameras in (stated, free.cameras)]
     change = np.log(focal[1] / focal[0])
     far = (np.abs(change) > 0.03) & (np.abs(change) > 5.0 * sigma)
     worst = np.abs(change) > 0.5 * np.abs(change).max()
@@ -184,9 +184,9 @@ def placed_boards(
             velocity = np.zeros((n, 2)) if fps is None else point_velocities(by_frame, frame, fps)
             rows.append((np.full(n, c), np.full(n, number[frame]), board.points[view.ids], view.px, velocity))
     camera, body, local, px, velocity = (np.concatenate(part) for part in zip(*rows, strict=True))
-    told = np.isfinite(velocity).all(-1)
-    sigma = np.where(told, CORNER_SIGMA_PX, UNTOLD * CORNER_SIGMA_PX)
-    velocity = np.where(told[:, None], velocity, 0.0) if fps is not None else None
+    known = np.isfinite(velocity).all(-1)
+    sigma = np.where(known, CORNER_SIGMA_PX, UNKNOWN_VELOCITY * CORNER_SIGMA_PX)
+    velocity = np.where(known[:, None], velocity, 0.0) if fps is not None else None
     placed = [best[frame][1] for frame in moments]
     bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
     return bodies, BodySightings(camera, body, local, px, sigma, velocity)

@@ -1,7 +1,8 @@
 """Deviations of a board's calibration that agree with what halves of its footage show.
 
-Corners of one picture err together (the lens' model, the board's flatness, its printing), so that a covariance of
-independent corners claims too little: tenths of a millimetre where halves of the pictures differ by a whole one.
+Errors of one picture's corners are correlated (the lens' model, the board's flatness, its printing), so that a
+covariance of independent corners claims too little: tenths of a millimetre where halves of the pictures differ by a
+whole one.
 """
 
 from __future__ import annotations

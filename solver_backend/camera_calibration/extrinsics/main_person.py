@@ -1,4 +1,4 @@
-"""The person that is largest in every view, where no cameras tell who is who."""
+"""The person that is largest in every view, where no cameras show who is who."""
 
 from __future__ import annotations
 

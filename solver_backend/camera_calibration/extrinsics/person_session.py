@@ -20,10 +20,10 @@ from solver_backend.types import Cameras, Keypoints2D
 
 SURE_TILT = np.radians(2.0)
 WALKED_M = 0.6
-"""Feet that stayed nearer than this tell little of floor and cameras."""
+"""Feet that stayed nearer than this contribute little to floor and cameras."""
 
 FRAMES_ALIKE = 10
-"""Frames that tell the same, for a detector errs alike from frame to frame; by the benchmark's known cameras."""
+"""Frames that count as one, for a detector's errors are alike from frame to frame; by the benchmark's known cameras."""
 LEAST_GAIN = 0.03
 """Share by which refined cameras must explain a take better: they always do by a little, for they were fitted to it
 (1.3 % on a take of 120 frames with true cameras; 28 % where a real calibration was a little off)."""

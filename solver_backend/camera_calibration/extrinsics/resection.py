@@ -24,7 +24,7 @@ def resected_pose(
     Args:
         points: (n, 3) world, n at least 6, not in one plane.
         xy: (n, 2) normalised.
-        scale: distance at which a point loses its say, normalised units.
+        scale: distance at which a point loses its weight, normalised units.
         rng: seeded.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.

@@ -40,12 +40,12 @@ def calibrate_together(
     """Return cameras that fit all sources at once, with the covariance of all.
 
     Twice adjusted: with the noise that sources are expected to have, then with what their residuals show (a variance of
-    each source, lessened by sightings that err alike). The world is that of known places, else the board's at
+    each source, reduced for sightings with correlated errors). The world is that of known places, else the board's at
     ``origin_frame``, else the start's.
 
     Args:
         start: C cameras near the solution, in the world of known places where there are any.
-        sources: what tells, at least one.
+        sources: the evidence, at least one.
         hold_m: the start is a source too, its centres known to so many metres.
         origin_frame: frame at which the board lies on the floor.
 
@@ -129,13 +129,13 @@ def _joined(sources: Sequence[Evidence]) -> tuple[Bodies, BodySightings]:
 
 
 def _measured(found: Adjusted, sources: Sequence[Evidence]) -> list[float]:
-    """Return by what factor each source errs more than its sightings' deviations say (median of Rayleigh's)."""
+    """Return the factor by which a source's errors exceed its sightings' stated deviations (median of Rayleigh's)."""
     parts = np.split(found.error, np.cumsum([len(e.seen.px) for e in sources])[:-1])
-    told = [
+    factors = [
         FREEDOM * float(np.nanmedian(np.linalg.norm(error, axis=-1) / e.seen.sigma)) / 1.1774
         for error, e in zip(parts, sources, strict=True)
     ]
-    return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for s, e in zip(told, sources, strict=True)]
+    return [max(s, LEAST_SIGMA_PX / float(e.seen.sigma.min())) for s, e in zip(factors, sources, strict=True)]
 
 
 def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after: np.ndarray) -> list[Diagnostic]:

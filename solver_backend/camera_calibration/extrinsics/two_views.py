@@ -8,8 +8,8 @@ from solver_backend.types.shapes import Bool, Float
 
 HYPOTHESES = 400
 """Samples of eight points."""
-JUDGES = 600
-"""Points by which the samples are judged."""
+COMPARED_POINTS = 600
+"""Points on which the samples are compared."""
 _REFINEMENTS = 6
 """Gauss-Newton steps; chosen by hand."""
 
@@ -28,7 +28,7 @@ def essential_matrix(
     Args:
         first: (n, 2) normalised, n at least 8.
         second: (n, 2) the same points in the other picture.
-        scale: distance at which a point loses its say, normalised units.
+        scale: distance at which a point loses its weight, normalised units.
         rng: seeded.
 
     Reference: Hartley 1997, "In defense of the eight-point algorithm"; Torr and Zisserman 2000, "MLESAC"; Hartley and
@@ -38,8 +38,8 @@ def essential_matrix(
     rows = _rows(first / spread, second / spread)
     picks = np.stack([rng.permutation(len(first))[:8] for _ in range(HYPOTHESES)])
     candidates = _essential(np.linalg.svd(rows[picks])[2][:, -1].reshape(-1, 3, 3), spread)
-    judges = rng.permutation(len(first))[:JUDGES]
-    distance = sampson_distance(candidates, first[judges], second[judges])
+    compared = rng.permutation(len(first))[:COMPARED_POINTS]
+    distance = sampson_distance(candidates, first[compared], second[compared])
     best = candidates[int(np.argmin(np.log1p((distance / scale) ** 2).sum(-1)))]
     for _ in range(_REFINEMENTS):
         distance = sampson_distance(best[None], first, second)[0]

@@ -51,7 +51,7 @@ def write_calibration(
     Args:
         path: file or folder.
         cameras: metres, Z up.
-        kind: one of ``FORMATS``; told by the name if left out.
+        kind: one of ``FORMATS``; taken from the name if left out.
         rmse_px: of the calibration, for people.
         overwrite: replace what is there.
 

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -30,7 +30,7 @@ class CameraLens:
     left_out: tuple[int, ...]
     """Pictures that contradict the others."""
     advice: tuple[Diagnostic, ...]
-    """What to film again, see ``named``."""
+    """What to film again."""
 
     @property
     def lens(self) -> Lens:
@@ -38,16 +38,12 @@ class CameraLens:
         return self.choice.fit.lens
 
 
-def named(name: str, advice: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return the advice on a lens with the name of its camera."""
-    return tuple(replace(item, where=replace(item.where, cameras=(name,))) for item in advice)
-
-
 def camera_lens(
     board: Board,
     sightings: Mapping[int, BoardSighting],
     image_size: tuple[int, int],
     models: Sequence[str] = tuple(LENS_MODELS),
+    name: str = "camera",
 ) -> CameraLens:
     """Find a lens from the sightings of one camera.
 
@@ -56,6 +52,7 @@ def camera_lens(
         sightings: by frame.
         image_size: width and height, px.
         models: names of ``LENS_MODELS`` to choose from.
+        name: of the camera, for the advice.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or no model fits them.
@@ -72,4 +69,4 @@ def camera_lens(
     views = [sightings[f] for f in kept]
     choice = chosen_lens(board, views, image_size, models)
     turned = int(tilted(board, views, choice.fit.lens).sum())
-    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned))
+    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned, name))

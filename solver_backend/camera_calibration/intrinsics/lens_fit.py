@@ -28,7 +28,7 @@ from solver_backend.types.shapes import Bool, Float
 FEWEST_VIEWS = 3
 """Pictures of a board from which a lens is fitted."""
 CORNER_SIGMA_PX = 0.3
-"""What a corner is expected to err by; the penalty's scale follows from it."""
+"""What a corner is expected to be off by; the penalty's scale follows from it."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ def fitted_lens(
         model: which coefficients.
         start: a lens to start from; found from the homographies if left out.
         steps: of the adjustment, at most.
-        square_pixels: fx equals fy but for what the start says.
+        square_pixels: fx equals fy but for the start's ratio.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or all of them show the board alike.

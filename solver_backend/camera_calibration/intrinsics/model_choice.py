@@ -40,7 +40,7 @@ def chosen_lens(
     image_size: tuple[int, int],
     models: Sequence[str] = tuple(LENS_MODELS),
 ) -> LensChoice:
-    """Fit every model without a part of the pictures, judge it by that part, and fit the best one to all.
+    """Fit every model without a part of the pictures, evaluate it on that part, and fit the best one to all.
 
     Parts are taken in turn (picture i belongs to part i mod 4), so that each spans the recording; of fewer than twelve
     pictures each is left out alone. A richer model is
@@ -59,7 +59,7 @@ def chosen_lens(
     """
     first = fitted_lens(board, views, image_size, LENS_MODELS[models[0]])
     folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
-    if len(views) <= 3:  # too few to leave one out: the simplest model, judged by what it was fitted to
+    if len(views) <= 3:  # too few to leave one out: the simplest model, evaluated on what it was fitted to
         return LensChoice(first, {models[0]: first.rmse_px})
     held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}

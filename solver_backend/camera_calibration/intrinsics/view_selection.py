@@ -61,17 +61,20 @@ def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.
     return count
 
 
-def advice(sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int) -> tuple[Diagnostic, ...]:
-    """Return what to film again, of no camera by name yet; nothing where the pictures suffice.
+def advice(
+    sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
+) -> tuple[Diagnostic, ...]:
+    """Return what to film again; nothing where the pictures suffice.
 
     Args:
         sightings: the pictures that were used.
         image_size: width and height, px.
         tilted: how many of them show the board turned by more than 15 degrees.
+        camera: its name.
     """
     words: list[Diagnostic] = []
     if len(sightings) < 12:
-        words.append(diagnostic("board_pictures_few", count=len(sightings)))
+        words.append(diagnostic("board_pictures_few", cameras=[camera], count=len(sightings)))
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape
     parts = {
@@ -80,12 +83,12 @@ def advice(sightings: list[BoardSighting], image_size: tuple[int, int], tilted: 
     }  # fmt: skip
     bare = [name for name, part in parts.items() if part.mean() < 0.4]
     if bare:
-        words.append(diagnostic("board_parts_bare", parts=bare))
+        words.append(diagnostic("board_parts_bare", cameras=[camera], parts=bare))
     if tilted < min(5, len(sightings)):
-        words.append(diagnostic("board_tilts_few", count=tilted))
+        words.append(diagnostic("board_tilts_few", cameras=[camera], count=tilted))
     share = float(np.median([_extent(v) for v in sightings])) / min(image_size) if sightings else 0.0
     if sightings and share < 0.25:
-        words.append(diagnostic("board_small", percent=100 * share))
+        words.append(diagnostic("board_small", cameras=[camera], percent=100 * share))
     return tuple(words)
 
 

@@ -1,4 +1,4 @@
-"""Where a point could be: linear triangulation from subsets of its views, judged by all of them."""
+"""Where a point could be: linear triangulation from subsets of its views, compared by all of them."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ def best_candidate(views: UndistortedViews, scale_px: Array) -> Array:
     """Return for every point the linear triangulation that its views agree with most.
 
     Tried are all usable views, all but one, and every pair (of the ``MOST_VIEWS`` most confident views of that point).
-    The judge is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), with r in pixels:
+    The criterion is ``Σ ½ (1 + confidence) r²/(r² + scale²)`` over all views (Geman and McClure 1987), r in pixels:
     two doubtful views outvote a confident one, and between equal numbers confidence decides.
 
     Args:

@@ -59,7 +59,7 @@ def triangulate(
     ``σ² A⁻¹ (Σ c² JᵀJ) A⁻¹`` with ``A = Σ c JᵀJ`` over the inliers.
 
     With three views and one of them wrong along an epipolar line, two pairs agree equally well and the more confident
-    one wins: geometry alone cannot tell.
+    one wins: geometry alone does not decide.
 
     Args:
         cameras: C calibrated cameras.

@@ -1,4 +1,4 @@
-"""By how many whole frames each camera lags, told by the pairs of views: points of one moment meet epipolar lines."""
+"""By how many whole frames each camera lags, from the pairs of views: points of one moment meet epipolar lines."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver_backend.types import Cameras
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance to an epipolar line."""
 LEAST_SHARE = 0.3
-"""A lag is judged where at least this share of the most common points is left."""
+"""A lag is evaluated where at least this share of the most common points is left."""
 ROUNDS = 10
 """Rounds of reweighting at most; chosen by hand."""
 

@@ -15,7 +15,7 @@ ROBUST_SIGMAS = 3.0
 DEPTH_SIGMA_M = 0.5
 """How far a point may lie from where it was triangulated."""
 BLOCKS = 8
-"""Stretches of the take that err independently, from whose disagreement the deviations are told."""
+"""Stretches of the take with independent errors, from whose disagreement the deviations are estimated."""
 
 MOST_NUMBERS = 4_000_000
 """Of the rows that are in memory at once: 32 MB a copy; more views than that stand in several parts."""
@@ -52,8 +52,9 @@ def delay_step(
 
     A detection of camera c that is read by ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. What is least in
     ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over the delays δ, the drifts ε, the points' steps ξ and a constant b
-    for every view and keypoint, which an inexact calibration causes; only differences between cameras are told. The
-    covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, for neighbouring frames err alike.
+    for every view and keypoint, which an inexact calibration causes; only differences between cameras are estimated.
+    The covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, for errors of neighbouring frames are
+    correlated.
 
     Args:
         cameras: C cameras.
@@ -63,7 +64,7 @@ def delay_step(
         at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
         sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
         drifting: look for drifts; else they are zero.
-        blocks: stretches of the take that err independently; several times as many as cameras tell the deviations.
+        blocks: stretches of the take with independent errors; the deviations need several times as many as cameras.
 
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
     Liang and Zeger 1986 (the covariance).

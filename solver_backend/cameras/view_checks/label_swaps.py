@@ -18,7 +18,7 @@ EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}
 ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance."""
 VIEWS_WEIGHT = 0.3
-"""Weight of a frame's distances to the other views: detectors err alike in neighbouring frames."""
+"""Weight of a frame's distances to the other views: a detector's errors are alike in neighbouring frames."""
 STEP_PX_SHARE = 0.004
 """A keypoint's usual way from frame to frame at 60 fps as a share of the image width."""
 SWITCH_COST = 6.0
@@ -50,10 +50,10 @@ class LabelSwap:
 def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
     """Find and undo exchanges of left and right limbs in single views.
 
-    For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are judged by how far the
+    For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are weighed by how far the
     detections are from where the other views expect them, its transitions by the way the detections would jump. Of
-    exchanges that overlap in several views the one that explains most is undone first, and the others are judged anew.
-    What was found is in the order of view, limb and frame.
+    exchanges that overlap in several views the one that explains most is undone first, and the others are evaluated
+    anew. What was found is in the order of view, limb and frame.
 
     Args:
         cameras: C cameras.
@@ -119,7 +119,7 @@ def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray
 
 
 def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
-    """Return every exchange that some view's best states hold, judged as if the other views were right."""
+    """Return every exchange that some view's best states hold, evaluated as if the other views were right."""
     columns = _columns(keypoints.joint_set)
     step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
     found = []
@@ -145,7 +145,7 @@ def _against_views(
 ) -> np.ndarray:
     """Return (C, F, 2) the cost of left and right as labelled and exchanged, by their distance to the predictions.
 
-    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are judged with the mean of their
+    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are measured with the mean of their
     covariances, so that an uncertain side attracts nothing.
     """
     px, covariance = predictions.px, predictions.covariance

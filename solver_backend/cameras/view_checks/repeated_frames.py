@@ -59,7 +59,7 @@ def skipped_frames(keypoints: Keypoints2D) -> np.ndarray:
 def without_repeats(keypoints: Keypoints2D, repeated: np.ndarray) -> Keypoints2D:
     """Return detections whose (C, F) repeated or skipped frames lie on the straight way from frame to new frame.
 
-    A repeated frame tells where somebody was, not where he is. Runs longer than ``LONGEST`` and those at the end of the
+    A repeated frame shows where somebody was, not where he is. Runs longer than ``LONGEST`` and those at the end of the
     take show nothing instead.
     """
     views, frames = repeated.shape

@@ -18,13 +18,13 @@ LAG_FRAMES, LEAST_LAG_FRAMES, LAG_SIGMA_SHARE = 100, 40, 0.005
 """Frames on which the whole lags of four and of many views are compared, and how far detections scatter there as a
 share of the image's width."""
 LAG_STRETCHES, LAG_STEP = 6, 2
-"""These frames lie in so many stretches of the take, every second frame: a lag is told by the frames around."""
+"""These frames lie in so many stretches of the take, every second frame: a lag is estimated from the frames around."""
 SAMPLED_FRAMES = 300
 """Frames on which delays are estimated."""
 FEW_VIEWS = 4
-"""With more views fewer frames tell as much."""
+"""With more views fewer frames carry as much information."""
 LEAST_FRAMES = 24
-"""Of shorter takes no delay is told."""
+"""For shorter takes no delay is reported."""
 ROUNDS = 8
 IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
 """Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
@@ -35,7 +35,7 @@ many keypoints it must be more."""
 LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
 """Smaller drifts, and those that are not sure, are none: slow errors of a detector look like a drift."""
 LARGEST_SIGMA_FRAMES = 0.2
-"""A delay less certain than this cannot be told: too little moves."""
+"""A delay less certain than this cannot be reported: too little moves."""
 MEDIAN_FRAMES = 5
 """Length of the running median that takes outliers from the tracks before they are interpolated."""
 SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
@@ -99,9 +99,9 @@ def estimate_delays(
     search = _Search(cameras, tracks, frames, sigma_px)
     delay, drift, sigma = search.settled(lags, np.asarray(points))
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
-    told = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
-    told[1][np.abs(told[1]) < LEAST_DRIFT_FRAMES] = 0.0
-    return Delays(told[0], np.where(known, sigma, np.nan), told[1], beyond)
+    reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
+    reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
+    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond)
 
 
 @dataclass(frozen=True)
@@ -183,7 +183,7 @@ def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) ->
 
 
 def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
-    """Return (C,) whether the person moves so that a view can tell when."""
+    """Return (C,) whether the person moves so that a view shows when."""
     way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
     way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
     square = ((way / sigma_px[:, None]) ** 2).sum(-1)

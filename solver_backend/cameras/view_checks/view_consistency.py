@@ -17,7 +17,7 @@ FRAME_WEIGHT = 6.0
 """A frame's keypoints count as so many independent ones."""
 SWITCH_COST = 15.0
 """Cost of a change between the two."""
-JUDGED_FRAMES = 16
+TRIED_FRAMES = 16
 """Frames of a range on which explanations are tried."""
 DISAGREEING_SIGMAS = 3.0
 """Residual that counts half in the misfit."""
@@ -41,7 +41,7 @@ class ViewRange:
         """The frames as a slice."""
         return slice(self.first, self.last + 1)
 
-    def sample(self, count: int = JUDGED_FRAMES) -> np.ndarray:
+    def sample(self, count: int = TRIED_FRAMES) -> np.ndarray:
         """Return up to ``count`` frames spread over the range."""
         return np.unique(np.linspace(self.first, self.last, min(count, self.length)).round().astype(int))
 
@@ -61,8 +61,8 @@ def inconsistent_ranges(triangulation: Triangulation, confidence: np.ndarray, le
     """
     inliers = np.asarray(triangulation.inliers)
     located = np.isfinite(np.asarray(triangulation.residual_px))
-    judged = (confidence > 0) & (located | ((confidence > 0).sum(axis=0) >= 3))
-    good, bad = (judged & inliers).sum(-1), (judged & ~inliers).sum(-1)
+    checked = (confidence > 0) & (located | ((confidence > 0).sum(axis=0) >= 3))
+    good, bad = (checked & inliers).sum(-1), (checked & ~inliers).sum(-1)
     weight = FRAME_WEIGHT / np.maximum(good + bad, FRAME_WEIGHT)
     unary = np.stack(
         [-weight * (good * np.log(1 - p) + bad * np.log(p)) for p in (OUTLIERS_AGREEING, OUTLIERS_CONTRADICTING)],

@@ -151,7 +151,7 @@ def _trials(cameras: Cameras, keypoints: Keypoints2D, view_range: ViewRange, sig
 
 
 def _rotated(cameras: Cameras, keypoints: Keypoints2D, at: ViewRange, sigma_px: np.ndarray) -> Rotated | None:
-    """Return how the view's camera was rotated, judged by the points that the others locate."""
+    """Return how the view's camera was rotated, estimated from the points that the others locate."""
     others = [i for i in range(len(cameras)) if i != at.view]
     if len(others) < 2:
         return None

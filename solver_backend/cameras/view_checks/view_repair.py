@@ -47,7 +47,7 @@ def repair_views(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triang
     """Undo the faults of whole views that are beyond doubt, and return them in the order in which they were undone.
 
     Args:
-        cameras: C cameras; with two, nothing says which of them is wrong.
+        cameras: C cameras; with two, nothing shows which of them is wrong.
         keypoints: detections of one person.
         triangulation: of these detections.
     """

@@ -1,1 +1,1 @@
-"""Rigs and skeletons of any program: roles of their bones on a person, told from names and structure."""
+"""Rigs and skeletons of any program: roles of their bones on a person, recognised from names and structure."""

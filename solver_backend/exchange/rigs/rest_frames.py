@@ -13,7 +13,7 @@ from .roles import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
 _BENT = np.sin(np.radians(8.0))
-"""Sine of a hinge's rest angle from which the plane of its bones tells its axis."""
+"""Sine of a hinge's rest angle from which the plane of its bones determines its axis."""
 _LIKELY = 0.5
 """Cosine between that axis and anatomy's from which it is believed."""
 _BENT_REST_DEG = 50.0
@@ -23,7 +23,7 @@ _SNAP = np.cos(np.radians(12.0))
 
 
 def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
-    """Return the (3, 3) rotation of a skeleton's axes to the stage's; None where left cannot be told from right.
+    """Return the (3, 3) rotation of a skeleton's axes to the stage's; None where nothing separates left from right.
 
     Args:
         places: (3,) head at rest by role; the pelvis or the feet among them.

@@ -32,7 +32,7 @@ _MIDDLE = 0.04
 
 @dataclass(frozen=True)
 class StructureGuess:
-    """What a skeleton's structure says."""
+    """What a skeleton's structure indicates."""
 
     roles: dict[str, str]
     """Bone by role; empty for no humanoid."""
@@ -163,7 +163,7 @@ def _left_first(skeleton: Skeleton, limbs: _Limbs, up: np.ndarray) -> tuple[bool
 
 
 def _side_votes(skeleton: Skeleton, a: int, b: int) -> tuple[int, int]:
-    """Return how many names say that a is left and b right, and the other way round."""
+    """Return how many names indicate that a is left and b right, and the other way round."""
     counts = [0, 0]
     for branch, side in ((a, 0), (b, 1)):
         for bone in skeleton.below(branch):

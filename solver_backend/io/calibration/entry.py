@@ -33,7 +33,7 @@ class CameraEntry:
     t: np.ndarray
     """(3,) in the file's unit."""
     image_size: tuple[int, int] | None = None
-    """Width and height in pixels where the file says so."""
+    """Width and height in pixels where the file states it."""
     fisheye: bool = False
     """The coefficients are those of the fisheye model."""
 

@@ -104,7 +104,7 @@ def _human36m_nodes(tree: Any) -> list[tuple[str, Mapping[str, Any]]] | None:
     """Return the cameras of Human3.6M's JSON: ``intrinsics[camera]`` and ``extrinsics[subject][camera]``; None else.
 
     Raises:
-        CalibrationInvalid: it holds the extrinsics of several subjects, and nothing says whose the recording is.
+        CalibrationInvalid: it holds the extrinsics of several subjects, and nothing shows whose the recording is.
     """
     inner, outer = (tree.get("intrinsics"), tree.get("extrinsics")) if isinstance(tree, Mapping) else (None, None)
     if not isinstance(inner, Mapping) or not isinstance(outer, Mapping) or not all(map(is_camera, inner.values())):

@@ -38,7 +38,7 @@ def read_calibration(path: Path | str, *, unit: str | None = None, up_axis: str 
     Raises:
         CalibrationMissing: the path holds no calibration of a known format.
         CalibrationInvalid: a camera lacks a value or is impossible.
-        FileMissing, FileDamaged: the file is not there, truncated or not what its name says.
+        FileMissing, FileDamaged: the file is not there, truncated or not what its name stands for.
     """
     path = Path(path)
     if path.is_dir() and is_colmap(path):

@@ -43,7 +43,7 @@ def line_files(folder: Path) -> list[Path]:
 
 
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
-    """Return the files of each camera where one folder holds all cameras; {} where names do not say camera and frame.
+    """Return the files of each camera where one folder holds all cameras; {} where names do not state camera and frame.
 
     A camera is what stands before the frame number. Every camera needs two files or more.
     """

@@ -57,7 +57,7 @@ def read_detections(
     Args:
         sources: where each camera's detections lie, by the camera's name.
         joint_set: what the keypoints are; None takes the names in the files or ``configured``, or recognises it.
-        configured: what the recording's settings say they are, believed unless the keypoints clearly contradict.
+        configured: what the recording's settings state, believed unless the keypoints clearly contradict.
         trim: cut to the frames every camera has.
         apart: read each camera from its own first frame to its last, where they differ.
         own: what the user's own keypoint names mean.

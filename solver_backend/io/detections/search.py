@@ -32,7 +32,7 @@ _STARTS = re.compile(r"^(results|predictions|alphapose|person_keypoints)[_\-. ]+
 _MOST_CAMERAS = 64
 """Files beside one another that may be a camera each; more are frames."""
 _LOOKED_AT = 4096
-"""Characters of a file that say which program wrote it."""
+"""Characters of a file that show which program wrote it."""
 _WHOLE = re.compile(
     r'"(instance_info|image_id|annotations|images|frames?|frame_(id|idx|index|number))"|"[^"]+\.(jpe?g|png)"\s*:'
 )

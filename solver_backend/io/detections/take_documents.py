@@ -29,7 +29,7 @@ _FRAME_NUMBERS = ("frame_id", "frame", "frame_idx", "frame_index", "frame_number
 
 
 def documents_in(text: str, path: Path) -> Any:
-    """Return what a file says: one JSON document, or the list of those on its lines (OpenPifPaf's videos).
+    """Return what a file holds: one JSON document, or the list of those on its lines (OpenPifPaf's videos).
 
     Raises:
         FileDamaged: it is neither.
@@ -66,7 +66,7 @@ def frames_in_document(document: Any, path: Path, camera: str = "") -> CameraFra
     """Return the frames of one camera that a document holds; None if it is of no program that writes whole takes.
 
     Args:
-        document: what the file says.
+        document: what the file holds.
         path: the file.
         camera: folder of the pictures to read, of a document of several cameras; empty for all.
 

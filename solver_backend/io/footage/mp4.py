@@ -21,14 +21,14 @@ _QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
 
 @dataclass(frozen=True)
 class VideoHeader:
-    """What the header of a video says."""
+    """What the header of a video states."""
 
     fps: float
     """Frames per second, the mean over the video."""
     num_frames: int
     """Number of frames."""
     size: tuple[int, int]
-    """Width and height in pixels, as a player shows it (rotated if the header says so)."""
+    """Width and height in pixels, as a player shows it (rotated if the header states it)."""
 
 
 def read_video_header(path: Path) -> VideoHeader | None:

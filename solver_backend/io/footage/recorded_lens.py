@@ -32,7 +32,7 @@ def recorded_focal_mm(footage: Path) -> float | None:
         footage: a video, a picture, or a folder of pictures.
 
     Returns:
-        Millimetres; None where the file says nothing that can be.
+        Millimetres; None where the file states none that can be.
     """
     if footage.is_dir():
         pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)

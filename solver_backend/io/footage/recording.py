@@ -49,7 +49,7 @@ def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
 
 
 def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
-    """Return which recording a video's name says that it is a chapter of, and which; None for other names."""
+    """Return which recording a video is a chapter of by its name, and which chapter; None for other names."""
     if found := _FIRST.fullmatch(path.stem):
         return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
     if found := _CHAPTER.fullmatch(path.stem):

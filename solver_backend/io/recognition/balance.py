@@ -23,7 +23,7 @@ AHEAD_M = 0.05
 CARRIES_M = 0.04
 """A foot so much above the other one still carries with a weight of ``exp(-1/2)``, where up is known well."""
 LEAST_HEIGHT = 0.7
-"""Of the centre of mass above the support, in lengths of the leg, for somebody who is on her feet."""
+"""Of the centre of mass above the support, in lengths of the leg, for somebody who is on their feet."""
 
 
 @dataclass(frozen=True)

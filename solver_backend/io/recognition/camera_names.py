@@ -13,7 +13,7 @@ _CAMERA = re.compile(r"cam(?:era)?[\s_\-.]*\d+", re.IGNORECASE)
 
 
 def name_key(name: str) -> tuple[str, ...]:
-    """Return what tells a camera's name from another's: its words and numbers without fillers and leading zeros.
+    """Return what distinguishes names of cameras: words and numbers without fillers and leading zeros.
 
     ``cam01_json``, ``Cam_1``, ``camera-001`` and ``int_cam01_img`` all give ``('1',)``; ``left_json`` ``('left',)``.
     """
@@ -72,7 +72,7 @@ def _distinct_parts(names: Sequence[str]) -> list[tuple[str, ...]]:
         return _name_keys(names)
     start = _shared_start(names)
     end = _shared_start([name[start:][::-1] for name in names])
-    # A number is one word: of cam10 and cam11 more than 0 and 1 tells them apart.
+    # A number is one word: of cam10 and cam11 more than 0 and 1 distinguishes them.
     while start and names[0][start - 1].isdigit():
         start -= 1
     while end and names[0][len(names[0]) - end].isdigit():

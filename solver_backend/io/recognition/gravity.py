@@ -18,15 +18,15 @@ BODY_SIGMA = np.radians(12.0)
 """How far the direction from ankles to shoulders is from gravity, over a take, per axis."""
 BALANCE_SIGMA = np.radians(3.5)
 """How far the direction from the support to the centre of mass is from gravity in the mean of a long take, per axis:
-what a person accelerates, and what keypoints make of her masses."""
+what a person accelerates, and what keypoints make of the body's masses."""
 LEANS_SIGMA = np.radians(12.0)
-"""Frames that lean by more are of somebody who runs, leaps or turns over, who tells little."""
+"""Frames that lean by more are of somebody who runs, leaps or turns over, which shows little."""
 APART_SIGMAS = 1.4
 """Beyond this many of ``BODY_SIGMA`` body and balance contradict each other, and neither is believed."""
 FOOT_SIGMA_M = 0.02
 """How far a standing foot's keypoint is from its usual height."""
 FRAMES_PER_STEP, FPS = 14, 30.0
-"""Frames that tell the same about the floor, at so many a second."""
+"""Frames that show the same of the floor, at so many a second."""
 LOWEST = 0.15
 """Share of a foot's heights that lie below the floor's, by noise."""
 _ROUNDS, _PASSES = 40, 5
@@ -53,17 +53,17 @@ class Upright:
 def upright_from_person(
     points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet, fps: float = FPS
 ) -> Upright:
-    """Return the move that stands a person upright on the floor; she stands around the origin.
+    """Return the move that stands a person upright on the floor; the person then stands around the origin.
 
-    Three witnesses of gravity, each with its covariance: the direction from ankles to shoulders where she stands tall;
-    the centre of mass, which in the mean is above what carries it; and the floor, a plane on which each kind of
-    keypoint of the feet has a height of its own, the lowest 15 % of each below it by noise. The more she walked about,
-    the more the floor counts; who only balances in one place is told upright by her balance.
+    Three witnesses of gravity, each with its covariance: the direction from ankles to shoulders of a person who stands
+    tall; the centre of mass, which in the mean is above what carries it; and the floor, a plane on which each kind of
+    keypoint of the feet has a height of its own, the lowest 15 % of each below it by noise. The more the person walks
+    about, the more the floor counts; for somebody who only balances in one place, the balance counts.
 
     Args:
         points: (F, K, 3) metres, NaN where unknown.
         joint_set: names of the keypoints.
-        fps: frames a second; the nearer they are, the more of them tell the same.
+        fps: frames a second; the nearer they are, the more of them show the same.
 
     Raises:
         NoDetections: shoulders and ankles are never seen together.

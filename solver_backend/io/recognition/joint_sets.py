@@ -25,7 +25,7 @@ UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
 to 0.19 in its own order, and 0.42 to 0.57 in the median of others; who crouches comes near."""
 _ENOUGH = 10
-"""People from whom an order is called unlike."""
+"""People from which an order is called unlike."""
 
 
 def require_fit(joint_set: JointSet, num_keypoints: int, *, where: str = "") -> JointSet:

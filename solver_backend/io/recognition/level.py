@@ -1,6 +1,6 @@
 """Whether a calibration's world is level, by witnesses that do not depend on each other.
 
-A person's balance, the floor under her feet and the cameras, which are set up without roll, each compare the
+A person's balance, the floor under the feet and the cameras, which are set up without roll, each compare the
 calibration's Z with the direction that the person shows to be up. Somebody who lies, leans or climbs convinces one of
 them at most; the others contradict.
 """
@@ -57,10 +57,10 @@ class Level:
     sigma: float
     """Root mean square of the angle by which that up is off, radians."""
     balance: float
-    """How much better the person's up explains her balance than the calibration's Z does, in squared standard
+    """How much better the person's up explains the balance than the calibration's Z does, in squared standard
     deviations; negative where it is worse, 0 where nothing is known."""
     floor: float
-    """The same of the floor under her feet."""
+    """The same of the floor under the feet."""
     cameras: float
     """The same of the cameras' roll."""
     floor_m: float
@@ -140,7 +140,7 @@ def _balance(points: np.ndarray, joint_set: JointSet, z: np.ndarray, tilt_sigma:
     if len(body.centre) <= 4:
         return 0.0
     lean = leaning(body, np.array([0.0, 0.0, 1.0]), max(LEAST_TILT, 1.5 * tilt_sigma))[:, :2]
-    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on her feet shows no balance
+    if len(lean) <= max(4, len(body.centre) // 2):  # who is seldom on the feet shows no balance
         return 0.0
     mean, spread = robust_mean(lean)
     up = np.array([*mean, 1.0]) / np.sqrt(1.0 + mean @ mean)

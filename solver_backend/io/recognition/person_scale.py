@@ -23,7 +23,7 @@ LENGTH_SIGMA_M = 0.012
 STATURE_SIGMA_M = 0.005
 """How well people know their stature."""
 MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
-"""Of adults, where it is not told (NCD-RisC 2016, both sexes)."""
+"""Of adults, where it is not given (NCD-RisC 2016, both sexes)."""
 _ROUNDS = 20
 """Rounds of reweighting; chosen by hand."""
 
@@ -70,15 +70,15 @@ def scale_from_stature(
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
     apart = np.array(list(measured.values()))
-    told = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
+    prior = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
     J = np.zeros((len(apart) + 11, 11))
     J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M
     J[len(apart) : -1, 1:] = np.eye(10)
-    J[-1, 1:] = height_by_shape / told[1]
-    right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(told[0] - heights) / told[1]]])
+    J[-1, 1:] = height_by_shape / prior[1]
+    right = np.concatenate([lengths / LENGTH_SIGMA_M, np.zeros(10), [(prior[0] - heights) / prior[1]]])
     weight = np.ones(len(right))
     x = np.zeros(11)
-    for _ in range(_ROUNDS):  # bones that the detector means otherwise lose their say
+    for _ in range(_ROUNDS):  # bones that the detector means otherwise lose their weight
         x = np.linalg.lstsq(J * weight[:, None], right * weight, rcond=None)[0]
         residual = (J @ x - right)[: len(apart)]
         weight[: len(apart)] = 1.0 / np.sqrt(1.0 + residual**2 / 4.0)

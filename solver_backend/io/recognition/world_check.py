@@ -106,7 +106,7 @@ def disagreement(residual_px: float) -> tuple[Diagnostic, ...]:
 
 
 def nothing_checked(keypoints: Keypoints2D) -> WorldCheck:
-    """Return the figures of a person whom one camera sees: none is measured."""
+    """Return the figures of a person that one camera sees: none is measured."""
     nowhere, unknown = np.full((keypoints.num_frames, keypoints.xy.shape[2], 3), np.nan), float("nan")
     return WorldCheck(unknown, unknown, unknown, (unknown, unknown, unknown), unknown, nowhere, keypoints.fps, {})
 

@@ -44,7 +44,7 @@ class RingDepths:
     spread: np.ndarray
     """(N,) metres, standard deviation of them by their median absolute deviation."""
     rough: np.ndarray
-    """(N,) metres, the ring's middle even where it agrees on nothing; tells a blob's size, no marker's place."""
+    """(N,) metres, the ring's middle even where it agrees on nothing; gives a blob's size, no marker's place."""
 
     def with_parts(self, other: RingDepths, parts: np.ndarray) -> RingDepths:
         """Return these with the other's for the (N',) blobs that are parts, N' >= N."""

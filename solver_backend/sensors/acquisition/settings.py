@@ -25,7 +25,7 @@ class AcquisitionSettings:
     most_threshold: float = 0.6
     """And at most this: retro-reflections saturate."""
     sample_step: int = 8
-    """The background is told from every so many-th pixel of every so many-th row."""
+    """The background is estimated from every so many-th pixel of every so many-th row."""
     mask_contrast: float = 0.5
     """In an empty scene, what exceeds this share of the threshold is a lamp or another sensor."""
     mask_grow_px: int = 3
@@ -62,11 +62,11 @@ class AcquisitionSettings:
     """Depths in which a marker is believed."""
 
     halo_px: float = 1.5
-    """How much larger than its sphere a blob is, by blur and saturation, until round blobs have told it."""
+    """How much larger than its sphere a blob is, by blur and saturation, until it is measured on round blobs."""
     round: float = 1.35
     """A blob is round if its variance along its axis exceeds that of a disc of its area by less than this factor."""
     round_kept: int = 256
-    """The last so many round blobs of known depth tell the halo."""
+    """The last so many round blobs of known depth give the halo."""
     merged: float = 1.6
     """A blob whose variance along its axis exceeds a single disc's by this factor is two markers or more."""
     merged_px2: float = 0.3

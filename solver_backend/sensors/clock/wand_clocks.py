@@ -31,7 +31,7 @@ SMOOTHING_S = 0.06
 SLOWEST_M_S = 0.05
 """A wand this slow stands."""
 LEAST_CORRELATION = 0.5
-"""Pairs whose speeds agree less tell nothing."""
+"""Pairs whose speeds agree less carry no information."""
 MOST_MOMENTS = 900
 """Moments that are solved, spread over the recording."""
 
@@ -47,7 +47,7 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
 
     Args:
         views: of C sensors, lights in the wand's order.
-        wand: its lengths, which tell distances where there is no depth; None for a marker with depth.
+        wand: its lengths, which give distances where there is no depth; None for a marker with depth.
         reach_s: largest offset looked for.
 
     Raises:
@@ -64,7 +64,7 @@ def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float
 
 
 def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:
-    """Return the clocks by speed; alike, with a word, where speeds tell nothing or no more than that."""
+    """Return the clocks by speed; alike, with a word, where speeds show nothing or no more than that."""
     names = tuple(view.name for view in views)
     interval_s = float(np.median(np.concatenate([np.diff(view.times_s) for view in views])))
     try:

@@ -41,7 +41,7 @@ class Device(Protocol):
         """Begin.
 
         Raises:
-            MocapError: the device is not there or cannot be used; the error says which.
+            MocapError: the device is not there or cannot be used; the error names which.
         """
         ...
 
@@ -80,7 +80,7 @@ class OpenedDevice:
         self.close()
 
     def open(self) -> None:
-        """Begin; nothing to do unless a device says otherwise."""
+        """Begin; nothing to do unless a device overrides this."""
 
     def close(self) -> None:
-        """End; nothing to do unless a device says otherwise."""
+        """End; nothing to do unless a device overrides this."""

@@ -19,7 +19,7 @@ def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
         settings: of OAKs.
 
     Raises:
-        SensorUnknown: the kind is not known, or no identifier is told.
+        SensorUnknown: the kind is not known, or no identifier is given.
     """
     kind, _, rest = text.partition(":")
     identifier, _, name = rest.partition("=")

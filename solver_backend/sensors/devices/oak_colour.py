@@ -213,7 +213,7 @@ def record_colour(
 
 
 def _write_clocks(path: Path, files: Mapping[str, ColourFile]) -> None:
-    """Write by how much the videos' first pictures are apart, which players do not tell."""
+    """Write by how much the videos' first pictures are apart, which players do not report."""
     first = np.array([file.first_s for file in files.values()])
     clocks = replace(Clocks.alike(tuple(files)), offset_s=first[0] - first, method="the devices' stamps")
     write_text(path, json.dumps(clocks.as_dict(), indent=2) + "\n", overwrite=True)

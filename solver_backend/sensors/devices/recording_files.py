@@ -1,6 +1,6 @@
 """A recording of sensors: a folder with an index and the pictures of each sensor, readable up to its last frame.
 
-``recording.json`` says what it is, ``calibration.toml`` where the sensors stand, and each sensor's folder holds
+``recording.json`` states what it is, ``calibration.toml`` where the sensors stand, and each sensor's folder holds
 ``index.csv`` (frame's number, device's and host's time) and either ``frames.bin`` (infrared and depth of each frame as
 they are, one after the other) or ``infrared/000000.png`` and ``depth/000000.png``. A line of the index is written
 after its pictures, so that a recording that was ended anyhow is whole up to its last line.
@@ -66,7 +66,7 @@ LARGEST_NUMBER = 1e11
 
 @dataclass(frozen=True)
 class RecordingAbout:
-    """What ``recording.json`` says."""
+    """What ``recording.json`` states."""
 
     kind: str
     """One of ``KINDS``."""
@@ -84,7 +84,7 @@ class RecordingAbout:
 
 
 def read_about(folder: Path) -> RecordingAbout:
-    """Read what a recording says of itself.
+    """Read what a recording states of itself.
 
     Raises:
         RecordingInvalid: it is no recording, of a newer version, or its values are impossible.

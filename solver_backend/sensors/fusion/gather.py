@@ -61,15 +61,15 @@ class Gatherer:
     def push(self, seen: SensorSightings) -> None:
         """Take a frame; one whose times are no numbers is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
-            self._tell("time_jumped", seen, "sensor_time_missing")
+            self._report("time_jumped", seen, "sensor_time_missing")
             return
         seen = self._on_our_clock(seen)
         index = seen.sensor
         if not self._expected[index]:
             self._expected[index] = True
-            self._tell("sensor_back", seen, "sensor_back")
+            self._report("sensor_back", seen, "sensor_back")
         if seen.finding:
-            self._tell("sunlight", seen, seen.finding)
+            self._report("sunlight", seen, seen.finding)
         if self._gone is not None and seen.time < self._gone + 0.5 * self._period:
             return  # its moment is gone: what comes late is dropped
         self._queues[index].append(seen)
@@ -88,10 +88,10 @@ class Gatherer:
             moved = max(host, self._period) - step
             self._offset[index] += moved
             self._last[index] = replace(seen, time=seen.time + moved)
-            self._tell("time_jumped", before, "sensor_clock_jumped", step=step)
+            self._report("time_jumped", before, "sensor_clock_jumped", step=step)
             return replace(seen, time=seen.time + moved)
         if step > SILENT_S and self._expected[index]:
-            self._tell("sensor_silent", before, "sensor_gap", gap=step)
+            self._report("sensor_silent", before, "sensor_gap", gap=step)
         return seen
 
     def waiting(self, index: int) -> int:
@@ -99,7 +99,7 @@ class Gatherer:
         return len(self._queues[index])
 
     def ended(self, index: int) -> None:
-        """Say that a sensor has no more frames."""
+        """Mark that a sensor has no more frames."""
         self._ended[index] = True
 
     def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
@@ -118,7 +118,7 @@ class Gatherer:
             last = self._last[k]
             if now is not None and last is not None and now - last.host_s > SILENT_S:
                 self._expected[k] = False
-                self._tell("sensor_silent", last, "sensor_silent")
+                self._report("sensor_silent", last, "sensor_silent")
         lacking = [k for k in lacking if self._expected[k]]
         first = min(head.time for head in heads)
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
@@ -132,7 +132,7 @@ class Gatherer:
         self._gone = first
         return moment
 
-    def _tell(self, kind: str, seen: SensorSightings, code: str, **values: Any) -> None:
+    def _report(self, kind: str, seen: SensorSightings, code: str, **values: Any) -> None:
         found = diagnostic(code, cameras=[self._names[seen.sensor]], when="", **values)
         self.findings.append(Finding(kind, seen.sensor, seen.time, found))
         del self.findings[:-MOST_FINDINGS]

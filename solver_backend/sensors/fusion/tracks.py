@@ -78,9 +78,9 @@ class MarkerTracks:
         row = np.full(len(points), -1)
         row[j] = i
         row[row < 0] = self._begin(points[row < 0], covariance[row < 0], gained[row < 0])
-        told = TrackedPoints(found.time, points, covariance, self._number[row], self._score[row])
+        tracked = TrackedPoints(found.time, points, covariance, self._number[row], self._score[row])
         self._keep(self._unseen_s <= settings.lost_s)
-        return told
+        return tracked
 
     def _predict(self, dt: float) -> None:
         F = np.eye(6)

@@ -17,7 +17,7 @@ from solver_backend.geometry.rotations import skew
 from solver_backend.types.shapes import Float
 
 LENGTH_TOLERANCE_M = 0.025
-"""How far an edge may be off what was told, ..."""
+"""How far an edge may be off what was given, ..."""
 ANGLE_TOLERANCE_DEG = 5.0
 """... and the corner off a right angle."""
 LEAST_RATIO = 1.15
@@ -26,7 +26,7 @@ LEAST_FRAMES = 5
 MOST_POINTS = 24
 """Points of a frame beyond which it is not searched: cover the lamps."""
 FRAMES_PER_NEWS = 3.0
-"""Frames that err alike: a sensor's noise on a marker that stands has some memory."""
+"""Frames with correlated errors: a sensor's noise on a marker that stands has some memory."""
 SHARED_SIGMA_M = 0.5e-3
 """How far a marker is off in all frames together, of a well calibrated rig."""
 _ROUNDS = 20
@@ -97,7 +97,7 @@ def ground_from_gamma(
 
     Of each cloud the three points whose edges and angle are nearest to the Γ's are taken; their places are averaged
     robustly; up is ``u × v / |u × v|`` of the edges u (long) and v (short), its covariance that of both edges. A Γ that
-    was laid down mirrored is told by the sensors, which stand above the floor.
+    was laid down mirrored follows from the sensors, which stand above the floor.
 
     Args:
         clouds: points of each moment, of one sensor or of all, metres; anything else may be among them.
@@ -105,7 +105,7 @@ def ground_from_gamma(
         sensors: (C, 3) where the sensors stand, in the same world.
 
     Raises:
-        GammaNotFound: in too few clouds; says what was seen.
+        GammaNotFound: in too few clouds; the message states what was seen.
     """
     padded = _padded(clouds)
     found, triples = _triples(padded, gamma)

@@ -1,4 +1,4 @@
-"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and says so.
+"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and reports it.
 
 Where no sensor is live, all of them can wait: every frame is taken, however long it takes.
 """
@@ -179,7 +179,7 @@ class MarkerChain:
         elif what == "like" and self._recording is not None:
             self._recording.add(message[1])
         elif what == "trouble":
-            self._tell(message[1], name, message[2])
+            self._report(message[1], name, message[2])
         elif what == "end":
             self.ends[name] = message[1]
 
@@ -196,9 +196,9 @@ class MarkerChain:
         if task.device.name in task.cameras.names:
             self._gatherer.ended(task.cameras.names.index(task.device.name))
         if task.device.name not in self.ends:
-            self._tell("sensor_failed", task.device.name, "its process ended without a message; the others go on")
+            self._report("sensor_failed", task.device.name, "its process ended without a message; the others go on")
 
-    def _tell(self, kind: str, name: str, message: str) -> None:
+    def _report(self, kind: str, name: str, message: str) -> None:
         index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
         found = diagnostic("sensor_trouble", cameras=[name], reason=message)
         self._gatherer.findings.append(Finding(kind, index, float("nan"), found))

@@ -58,7 +58,7 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
     ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
     ``("trouble", code, sentence)``, and at last ``("end", SensorEnd)``.
     """
-    with suppress(ValueError):  # the one who began it ends it, and is told of Ctrl-C as well
+    with suppress(ValueError):  # the one who began it ends it, and receives Ctrl-C as well
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     run = _Run(task, out, threading.Event())
     try:
@@ -70,7 +70,7 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
 
 
 def _watch(out: Connection, stop: threading.Event) -> None:
-    """Wait for the word to stop, or for the one who would say it to be gone."""
+    """Wait for the word to stop, or for the one who would send it to be gone."""
     with suppress(EOFError, OSError):
         out.recv()
     stop.set()
@@ -80,7 +80,7 @@ class _Run:
     def __init__(self, task: SensorTask, out: Connection, stop: threading.Event) -> None:
         self._task, self._out, self._stop = task, out, stop
         self._recorder: SensorRecorder | None = None
-        self._frames, self._said = 0, False
+        self._frames, self._end_reported = 0, False
 
     def go(self) -> None:
         task, device = self._task, self._task.device
@@ -122,8 +122,8 @@ class _Run:
             self._out.send(("like", like))
             self._recorder = SensorRecorder(self._task.record, like, self._task.kind, patient=not self._task.live)
         self._recorder(frame)
-        if self._recorder.ended and not self._said:
-            self._said = True
+        if self._recorder.ended and not self._end_reported:
+            self._end_reported = True
             self._out.send(("trouble", "recording_ended", f"recording ended: {self._recorder.ended}"))
 
     def close(self) -> None:

@@ -1,4 +1,4 @@
-"""The scale that pictures of a lone marker do not tell: by the depths that sensors measured of it."""
+"""The scale that pictures of a lone marker do not show: by the depths that sensors measured of it."""
 
 from __future__ import annotations
 

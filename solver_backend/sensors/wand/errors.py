@@ -18,7 +18,7 @@ class WandAmbiguous(MocapError):
 
 
 class WandInvalid(MocapError):
-    """The wand's lengths are not such that its lights can be told apart, or are not those that were seen."""
+    """The wand's lengths are not such that its lights can be distinguished, or are not those that were seen."""
 
     code = "wand_invalid"
 

@@ -9,7 +9,7 @@ from solver_backend.types.shapes import Float
 EXACT_SHARE = 0.01
 """A moment this near a frame, as a share of the interval, is that frame."""
 LONGEST_GAP = 1.5
-"""Frames further apart than this many usual intervals are a gap, in which nothing is told."""
+"""Frames further apart than this many usual intervals are a gap, in which nothing is interpolated."""
 
 
 def values_and_velocities(

@@ -29,7 +29,7 @@ MOST_PX = 8.0
 """Median error with which nothing fits."""
 GOOD_PX = 1.0
 LATE_S = 0.001
-"""Worse errors and larger delays are told."""
+"""Worse errors and larger delays are reported."""
 
 
 def require_fit(found: Adjusted) -> None:
@@ -52,13 +52,15 @@ def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[Rig
     rig = result_of("wand", found)
     if options.wand is not None:
         return rig, float("nan")
-    told = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
-    rig = moved_world(rig, np.eye(3), np.zeros(3), told.scale)
+    by_depth = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
+    rig = moved_world(rig, np.eye(3), np.zeros(3), by_depth.scale)
     way = np.linalg.norm(rig.cameras.centres, axis=1)
-    return replace(rig, centre_sigma_m=np.hypot(rig.centre_sigma_m, told.sigma * way)), told.rmse_m
+    return replace(rig, centre_sigma_m=np.hypot(rig.centre_sigma_m, by_depth.sigma * way)), by_depth.rmse_m
 
 
-def judged(task: WandTask, found: Adjusted, moments: Moments, options: WandOptions) -> tuple[float, np.ndarray]:
+def held_out_errors(
+    task: WandTask, found: Adjusted, moments: Moments, options: WandOptions
+) -> tuple[float, np.ndarray]:
     """Return errors of stretches of time that a fit of its own did not see: px, and of the lights' distances (3,).
 
     Delays, one number a sensor, are those of the whole recording.

@@ -1,4 +1,4 @@
-"""A straight wand with three lights at unequal distances, and telling its lights apart in a picture."""
+"""A straight wand with three lights at unequal distances, and how its lights are distinguished in a picture."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.sensors.wand.errors import WandInvalid
 from solver_backend.types.shapes import Float
 
 SURE_SHARE = 0.43
-"""Where the shorter part is seen as more than this share of the wand, its ends are not told apart."""
+"""Where the shorter part is seen as more than this share of the wand, its ends are not distinguished."""
 STRAIGHT = 0.03
 """The middle light may be off the line of the others by this share of the wand, as it is seen, ..."""
 STRAIGHT_SIGMAS = 4.0
@@ -103,7 +103,7 @@ def in_order(px: Float[np.ndarray, "frames 3 2"], order: np.ndarray, sure: np.nd
 def middle_from_lights(wand: Wand, flat: Float[np.ndarray, "frames 3 2"]) -> Float[np.ndarray, "frames 3"]:
     """Return where the middle light is, (F, 3) metres in a camera's axes, from one picture of the wand.
 
-    Lights on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``, tell the proportions of their depths
+    Lights on a line, ``z₂ r₂ = (1 - q) z₁ r₁ + q z₃ r₃`` with ``q = d₁₂ / d₁₃``, give the proportions of their depths
     (the null vector of three rays), the wand's length their size. Depths are rough; ways across the sight are sure.
 
     Args:

@@ -18,7 +18,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
 
     Args:
         found: the calibration.
-        ground: up and floor, where a Γ told them.
+        ground: up and floor, where a Γ gave them.
     """
     rig, names = found.rig, found.rig.cameras.names
     head = [

@@ -1,6 +1,6 @@
 """A folder of tables, one a sensor, of where it saw the wand, with the sensors' lenses.
 
-Two kinds, told by the header. Without one, a row is ``t_ns;u1;v1;u2;v2;u3;v3``: nanoseconds and the pixels of three
+Two kinds, by the header. Without one, a row is ``t_ns;u1;v1;u2;v2;u3;v3``: nanoseconds and the pixels of three
 lights in any order, -1 where one is not seen (the format of eWand, Gossard et al. 2024). With the header
 ``t_ns;u;v;depth_mm`` a row is one marker that a depth sensor saw; several rows of the same time are several markers.
 """
@@ -34,7 +34,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
     """Return the views of a folder's tables.
 
     Args:
-        folder: with ``NAME.csv`` a sensor, and ``NAME.yaml`` or ``NAME.toml`` of its lens where no lenses are told.
+        folder: with ``NAME.csv`` a sensor, and ``NAME.yaml`` or ``NAME.toml`` of its lens where no lenses are given.
         lenses: by the sensors' names.
 
     Raises:
@@ -55,7 +55,7 @@ def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -
 
 
 def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
-    """Return the lens of a table's sensor: told by its name, or in a calibration file beside the table.
+    """Return the lens of a table's sensor: given by its name, or in a calibration file beside the table.
 
     Raises:
         CalibrationMissing: it is neither.

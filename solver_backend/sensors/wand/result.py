@@ -1,4 +1,4 @@
-"""What a wand is told to be, and what its calibration gives."""
+"""What a wand is stated to be, and what its calibration gives."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ class WandOptions:
     wand: Wand | None = None
     """Three lights; None is one marker with depth."""
     clocks: Clocks | None = None
-    """Told by a trigger; None has them found from the wand's movement."""
+    """Given by a trigger; None has them found from the wand's movement."""
     every_sensor: bool = False
     """Only moments at which all sensors saw it, as published; else two are enough."""
 

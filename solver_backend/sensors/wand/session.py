@@ -16,7 +16,7 @@ from solver_backend.sensors.clock.wand_clocks import coarse_clocks, common_momen
 from solver_backend.sensors.wand.coverage import coverage_of
 from solver_backend.sensors.wand.depth_scale import depth_sigma
 from solver_backend.sensors.wand.errors import WandAmbiguous, WandNotSeen
-from solver_backend.sensors.wand.judgement import findings_of, judged, metric, notes_of, require_fit
+from solver_backend.sensors.wand.judgement import findings_of, held_out_errors, metric, notes_of, require_fit
 from solver_backend.sensors.wand.leds import Wand, distances, identified, in_order
 from solver_backend.sensors.wand.result import WandCalibration, WandOptions
 from solver_backend.sensors.wand.solve import SIGMA_PX, WandTask, adjusted, cameras_at, triangulated
@@ -42,7 +42,7 @@ def calibrate_by_wand(
 ) -> WandCalibration:
     """Return sensors' poses by a wand that all of them saw.
 
-    Clocks first (told, or found by speed to a frame and by the adjustment to a small part of one); then poses, by
+    Clocks first (given, or found by speed to a frame and by the adjustment to a small part of one); then poses, by
     Umeyama's alignment of every pair's points or by essential matrices and the wand's lengths, chained; then one sparse
     bundle adjustment on pixels with the first sensor held.
 
@@ -54,7 +54,7 @@ def calibrate_by_wand(
     Raises:
         WandNotSeen: a sensor, or all others together, never saw it with another one.
         WandAmbiguous: something else shone in most frames.
-        WandInvalid: the wand is not the one that was told.
+        WandInvalid: the wand is not the one that was given.
         CalibrationInvalid: lenses of different models are mixed.
 
     Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
@@ -66,7 +66,7 @@ def calibrate_by_wand(
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
     of_clocks = map(sentence, clocks.findings)
     interval_s = float(np.median(np.diff(views[0].times_s)))
-    # Told offsets of a small part of a frame are delays of the pictures; larger ones are met between frames.
+    # Given offsets of a small part of a frame are delays of the pictures; larger ones are met between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))
     sampled = replace(clocks, offset_s=clocks.offset_s + known)
     moments = _moments(views, sampled, options)
@@ -83,7 +83,7 @@ def calibrate_by_wand(
     require_fit(found)
     rig, depth_rmse = metric(found, moments.where(used), options)
     scaled = replace(found, cameras=rig.cameras)
-    held_out_px, lengths = judged(task, scaled, moments.where(used), options)
+    held_out_px, lengths = held_out_errors(task, scaled, moments.where(used), options)
     at = triangulated(rig.cameras, moments, found.delays)
     together = moments.seen.astype(int) @ moments.seen.astype(int).T
     notes = (*notes_of(moments, together, names, options), *of_clocks)
@@ -119,7 +119,7 @@ def _with_lights(view: WandView, wand: Wand) -> WandView:
     """Return the view with its lights in the wand's order.
 
     Raises:
-        WandAmbiguous: what shines is in no line, or ends cannot be told apart.
+        WandAmbiguous: what shines is in no line, or ends cannot be distinguished.
     """
     order, sure = identified(wand, flat_of(view), SIGMA_PX / float(view.lens.K[0, 0]))
     seen = np.isfinite(view.px).all((1, 2))

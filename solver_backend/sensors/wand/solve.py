@@ -17,7 +17,7 @@ from solver_backend.sensors.wand.views import Moments, WandView
 from solver_backend.types import Cameras
 
 SIGMA_PX = 0.3
-"""Standard deviation of a light's or a marker's pixel position, with which robust scales are told."""
+"""Standard deviation of a light's or a marker's pixel position, from which robust scales are set."""
 STEPS, TOLERANCE = 60, 1e-6
 HELD_OUT_BLOCKS = 10
 """The recording is cut into so many stretches of time, every fifth of which is held out."""
@@ -52,7 +52,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
     """Return the bundle adjustment of moments, and the numbers of the moments that took part.
 
     Minimised is the reprojection of the lights of a rigid wand, or of a marker; the world is the first sensor's axes.
-    Lights alone do not tell a scale where there is but one: see ``depth_scale``.
+    Lights alone do not determine a scale where there is but one: see ``depth_scale``.
 
     Reference: Triggs et al. 2000.
     """
@@ -103,7 +103,7 @@ def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: 
 def held_out(count: int) -> np.ndarray:
     """Return (M,) which of M moments in their order are held out: every fifth stretch of time.
 
-    Stretches, so that a wand that moves slowly is not both learned and judged at one place.
+    Stretches, so that a wand that moves slowly is not both fitted and evaluated at one place.
     """
     block = np.arange(count) * HELD_OUT_BLOCKS // max(count, 1)
     return block % 5 == 2

@@ -23,7 +23,7 @@ def wand_views(
         folder: with a table a sensor, a recording of infrared and depth, or a shot of the studio.
         lenses: a calibration or a lens library; None takes what lies beside the tables.
         empty: a recording of the sensors with nobody there, whose lamps are left out.
-        lights: the wand has three lights and its lengths are told.
+        lights: the wand has three lights and its lengths are given.
         progress: called as sensors are read.
 
     Raises:

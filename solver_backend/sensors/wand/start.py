@@ -21,7 +21,7 @@ HYPOTHESES = 200
 """Samples of three pairs of points."""
 _REFINEMENTS = 15
 START_SIGMA_PX = 2.0
-"""Distance to an epipolar line at which a point loses its say, before anything is refined."""
+"""Distance to an epipolar line at which a point loses its weight, before anything is refined."""
 
 
 def robust_umeyama(
@@ -109,10 +109,10 @@ def poses_by_lights(
 
 
 def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
-    """Refuse a wand whose parts are seen in another proportion than was told.
+    """Refuse a wand whose parts are seen in another proportion than was given.
 
     Args:
-        wand: what was told.
+        wand: what the user gave.
         measured_m: (3,) distances of the lights as triangulated.
 
     Raises:

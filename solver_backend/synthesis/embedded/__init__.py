@@ -1,1 +1,1 @@
-"""Captures with known truth: authored motion, cameras on tripods, detectors that err."""
+"""Captures with known truth: authored motion, cameras on tripods, detectors with errors."""

@@ -1,4 +1,4 @@
-"""The embedded capture of the demo: four cameras around an authored motion, seen by a detector that errs."""
+"""The embedded capture of the demo: four cameras around an authored motion, seen by a detector with errors."""
 
 from __future__ import annotations
 

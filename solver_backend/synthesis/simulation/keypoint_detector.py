@@ -17,7 +17,7 @@ _HARMONICS = np.sqrt([0.2, 0.4, 0.4, 0.4, 0.4])
 
 @dataclass(frozen=True)
 class DetectorOutput:
-    """What the detector says, and what it did wrong."""
+    """What the detector returns, and what it did wrong."""
 
     xy: np.ndarray
     """(C, F, K, 2) px, NaN where missing."""
@@ -105,7 +105,7 @@ def _elsewhere(shape: tuple[int, ...], faults: DetectorFaults, rng: np.random.Ge
 def _confidence(
     error_mm: np.ndarray, outlier: np.ndarray, occluded: np.ndarray, rng: np.random.Generator
 ) -> np.ndarray:
-    """Return confidences that tell part of the truth: measured rank correlation with the error, -0.29."""
+    """Return confidences that carry part of the truth: measured rank correlation with the error, -0.29."""
     inlier = 0.68 - 0.0022 * error_mm - 0.15 * occluded + 0.09 * rng.normal(size=error_mm.shape)
     return np.clip(np.where(outlier, rng.uniform(0.1, 0.55, error_mm.shape), inlier), 0.05, 1.0)
 

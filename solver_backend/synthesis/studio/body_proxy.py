@@ -1,4 +1,4 @@
-"""The body made of ellipsoids, a few of each part, and of points that tell its box: sight lines without the mesh."""
+"""The body made of ellipsoids, a few of each part, and of points that give its box: sight lines without the mesh."""
 
 from __future__ import annotations
 

@@ -124,7 +124,7 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
 def make_data_set(
     spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()
 ) -> list[dict[str, Any]]:
-    """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` says.
+    """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` states.
 
     Args:
         spec: the description.

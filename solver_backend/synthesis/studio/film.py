@@ -27,12 +27,12 @@ class Filmed:
     """What filming found out by the way."""
 
     marker_seen: np.ndarray
-    """(C, F, M) share of each marker that each camera sees, float32; where nothing is filmed, told by sight lines."""
+    """(C, F, M) share of each marker that each camera sees, float32; where nothing is filmed, from sight lines."""
     person_seen: np.ndarray
     """(C, F) share of the picture that shows the person, float32."""
 
 
-def film(spec: Spec, stage: Stage, keep: Keep, told: Callable[[int], None] = lambda frame: None) -> Filmed:
+def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> Filmed:
     """Film a shot.
 
     Args:
@@ -40,7 +40,7 @@ def film(spec: Spec, stage: Stage, keep: Keep, told: Callable[[int], None] = lam
         stage: the shot.
         keep: takes every picture: 'infrared' and 'depth' (h, w) uint16, 'masks' (h, w) uint8, 'normals' (h, w, 3)
             uint8 in the camera's frame, 'exr' (h, w, 4) float32: the normal, and metres before any sensor.
-        told: is told each frame that is done.
+        on_frame: called with each frame that is done.
     """
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
     cameras = stage.cameras
@@ -58,7 +58,7 @@ def film(spec: Spec, stage: Stage, keep: Keep, told: Callable[[int], None] = lam
                 markers[view, frame], person[view, frame] = _shoot(
                     spec, stage, behind[view], kinds, (view, frame), surface, keep
                 )
-            told(frame + 1)
+            on_frame(frame + 1)
     return Filmed(markers, person)
 
 

@@ -34,8 +34,10 @@ DONE = "shot.json"
 """Of a shot's folder: it is whole."""
 
 
-def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] = lambda frame: None) -> dict[str, Any]:
-    """Make a shot and return what its ``shot.json`` says; a shot that is there already stays.
+def make_shot(
+    spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None
+) -> dict[str, Any]:
+    """Make a shot and return what its ``shot.json`` states; a shot that is there already stays.
 
     Several processes may make one shot at a time: the first that is through names its folder.
 
@@ -43,7 +45,7 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] =
         spec: the data set.
         shot: which one.
         shots: folder of all shots.
-        told: is told each frame that is filmed.
+        on_frame: called with each frame that is filmed.
 
     Raises:
         NobodySeen, CameraInsideBody: it cannot be filmed.
@@ -58,14 +60,14 @@ def make_shot(spec: Spec, shot: Shot, shots: Path, told: Callable[[int], None] =
     with unfinished_names(shots) as name:
         unfinished = shots / f"{name}{shot.name}"
         unfinished.mkdir()
-        record = _write_shot(spec, stage, unfinished, told)
+        record = _write_shot(spec, stage, unfinished, on_frame)
         (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
         publish(unfinished, folder, f"{folder.name}/{DONE}")
     return record
 
 
 def read_shot(folder: Path) -> dict[str, Any]:
-    """Return what the ``shot.json`` of a shot's folder says.
+    """Return what the ``shot.json`` of a shot's folder states.
 
     Raises:
         FileMissing, FileDamaged: it is not there, or no object of JSON.
@@ -76,10 +78,10 @@ def read_shot(folder: Path) -> dict[str, Any]:
     return record
 
 
-def _write_shot(spec: Spec, stage: Stage, folder: Path, told: Callable[[int], None]) -> dict[str, Any]:
+def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int], None]) -> dict[str, Any]:
     truth = find_truth(stage, spec.fps)
     with PictureWriter(folder, stage.cameras.names) as keep:
-        filmed = film(spec, stage, keep, told)
+        filmed = film(spec, stage, keep, on_frame)
     motion = true_motion(stage.person, stage.joints, truth.contacts, spec.fps)
     clean = clean_capture(spec, stage, truth, motion)
     if stage.labels:

@@ -1,4 +1,4 @@
-"""Which cameras see a marker, told without a picture.
+"""Which cameras see a marker, found without a picture.
 
 The limb that carries a marker hides it where it turns away; the others and furniture stand in its sight line.
 """

@@ -24,7 +24,7 @@ _SKIN, _FACING, _BEHIND = np.array([0.55, 0.58, 0.62]), (255, 120, 20), (200, 14
 _INK, _LINE, _PAPER = (30, 30, 30), (90, 90, 90), (255, 255, 255)
 _LIGHTS = ((np.array([-0.45, 0.55, 0.7]), 0.62), (np.array([0.87, 0.11, 0.44]), 0.2))
 _STEP = 4
-"""Levels of grey that are told apart: fewer make a smaller file."""
+"""Levels of grey that are distinguished: fewer make a smaller file."""
 _REACH_PX = (12, 20, 30, 44, 62, 84)
 """Distances from a marker at which its name may stand."""
 _TURNS = 24

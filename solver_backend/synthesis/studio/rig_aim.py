@@ -16,7 +16,7 @@ def aim_point(cameras: Cameras) -> np.ndarray:
     """Return the (3,) point that the cameras look at, metres: the nearest to all optical axes.
 
     With centres c and unit axes d it minimises ``sum |(I - d d^T) (p - c)|^2``, and a little the distance to 3 m ahead
-    of the cameras' middle, which alone tells where parallel axes and a single camera look.
+    of the cameras' middle, which alone shows where parallel axes and a single camera look.
     """
     axes, centres = cameras.R[:, 2], cameras.centres
     across = np.eye(3) - axes[:, :, None] * axes[:, None, :]

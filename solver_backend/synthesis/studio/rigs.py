@@ -20,7 +20,7 @@ from solver_backend.types import Cameras
 PRESETS = Path(__file__).parents[2] / "assets" / "studio_rigs.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
 STANDS = ("world", "aim")
-"""Where the person is before cameras that stand fixed: where the motion says, or where the cameras look."""
+"""Where the person is before cameras that stand fixed: where the motion has them, or where the cameras look."""
 _KNOWN = (
     "name", "preset", "layout", "about", "count", "radius_m", "height_m", "height_step_m", "room_m", "target_m", "size",
     "fov_deg", "distortion", "capture", "cameras", "range_m", "turn_deg", "scale", "stand",

@@ -15,7 +15,7 @@ _SOURCES = """## Data and licence
 {table}
 
 - **CMU motion capture** (mocap.cs.cmu.edu; sources `asfamc`, `amc`, `mb2`, `expmap`, `max`, `daz`, `segments`,
-  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, to judge by alone, `far` by way of repositories
+  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, only to evaluate, `far` by way of repositories
   under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this project
   was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." Free to copy, modify
   and redistribute; not for direct resale.
@@ -50,7 +50,7 @@ _LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct pose
 
 @dataclass(frozen=True)
 class Card:
-    """What a card says that neither data nor settings do."""
+    """What a card states that neither data nor settings do."""
 
     title: str
     """Name of the prior."""

@@ -29,7 +29,7 @@ def publish(
         header: what loading needs to know besides the arrays.
         settings: what the training was asked for, for the card.
         measure: loads the file and returns its figures.
-        card: what the card says besides.
+        card: what the card states besides.
     """
     path = job.out / f"{prior}.npz"
     path.parent.mkdir(parents=True, exist_ok=True)

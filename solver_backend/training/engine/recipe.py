@@ -29,7 +29,7 @@ class TrainingJob:
     hidden: int = 512
     """Width of SPoser's decoder layers."""
     far: Corpus | None = None
-    """Motions unlike the corpus, to judge by; None where they are not there."""
+    """Motions unlike the corpus, to evaluate on; None where they are not there."""
     start: Path | None = None
     """Weights to start from (SPoser and the lifter)."""
 

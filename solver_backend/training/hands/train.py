@@ -24,7 +24,7 @@ Orthopaedic Surgeons 1965; Hume et al. 1990), by the end of the angle's name."""
 OWN_SIGMA_DEG = 5.0
 """What each angle does for itself at least: nothing that a few sources have in common is a law."""
 TWIST_SIGMA_DEG = 15.0
-"""Of the thumb's twist, which joint centres do not tell."""
+"""Of the thumb's twist, which joint centres do not show."""
 HELD = 0.95
 """Share of every source's poses in the ellipsoid of that probability: the covariance is as small as that allows."""
 

@@ -18,7 +18,7 @@ WINDOWS, FRAMES = 2400, 24
 LONGEST = 400
 """Poses of a window at most: lengths are even in their logarithm, from standing still to a whole exercise."""
 STRAY = 1.2
-"""Placement, over that of the training of the network: recordings are of people who were not told our rules."""
+"""Placement, over that of the training of the network: recordings are of people who do not know our rules."""
 NOISE_M = 0.003
 """Standard deviation of a marker's place, metres; chosen by hand."""
 _FAR_M = 0.3
@@ -33,7 +33,7 @@ def write_distance_table(path: Path, table: PoseTable, *, windows: int = WINDOWS
     Args:
         path: file to write.
         table: poses; those of one recording stand in their order.
-        windows: number of people, each of whom does another piece.
+        windows: number of people, each with another piece.
         seed: of all draws.
     """
     rng, pairs = np.random.default_rng(seed), np.triu_indices(len(PLACES), 1)

@@ -49,9 +49,9 @@ def frame_of(points: torch.Tensor, seen: torch.Tensor) -> CanvasFrame:
 def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
     """Return the xy and yz views of normalised (B, N, 3) points: (B, 2, size, size), rows along y.
 
-    The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not be
-    told apart if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 for the
-    cloud's farthest to 1, the nearest one where several meet.
+    The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not
+    be distinguished if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 for
+    the cloud's farthest to 1, the nearest one where several meet.
     """
     near = _nearness(points, seen)
     xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)

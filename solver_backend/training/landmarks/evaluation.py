@@ -22,14 +22,16 @@ PART = 250
 """Poses of one draw; chosen by hand."""
 
 
-def judged_clouds(stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234) -> dict[str, list[Clouds]]:
+def evaluation_clouds(
+    stream: CloudStream, poses: Mapping[str, torch.Tensor], seed: int = 1234
+) -> dict[str, list[Clouds]]:
     """Return the clouds of every set of poses, the same for the same seed."""
     torch.manual_seed(seed)
     return {name: [stream.draw(part) for part in poses[name].split(PART)] for name in poses}
 
 
 @torch.no_grad()
-def judge(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
+def evaluate(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
     """Return RMSE and MPJPE in mm, PCK in percent, ``rmse3`` = (1 - PCK3) RMSE; of ours labels too, in percent.
 
     RMSE is the mean over samples of the root of the mean squared distance over landmarks.
@@ -54,10 +56,10 @@ def judge(model: LandmarkModel, clouds: list[Clouds]) -> dict[str, float]:
 
 
 def _labels(model: Ours, clouds: list[Clouds]) -> dict[str, float]:
-    """Return the share of right labels by point, and of markers of which a point was told to be another, in percent."""
+    """Return the share of right labels by point, and of markers with a point labelled as another, in percent."""
     right = points = 0
     for c in clouds:
-        told = model.net(c.points, c.seen).scores.argmax(-1)
-        right += int(((told == c.labels) & c.seen).sum())
+        estimated = model.net(c.points, c.seen).scores.argmax(-1)
+        right += int(((estimated == c.labels) & c.seen).sum())
         points += int(c.seen.sum())
     return {"labels_right": 100.0 * right / max(points, 1)}

@@ -43,15 +43,15 @@ class LandmarkTraining:
     """Capture the step as a CUDA graph."""
     checkpoint_s: float = 60.0
     judged: int = 3
-    """Times that the weights are judged in all, evenly over the training; the best are kept."""
+    """Times that the weights are evaluated in all, evenly over the training; the best are kept."""
 
 
-Judge = Callable[[LandmarkModel, float, int], None]
+Evaluate = Callable[[LandmarkModel, float, int], None]
 """Called with the averaged model, the seconds and the steps."""
 
 
 def train_landmarks(
-    model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, judge: Judge,
+    model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, evaluate: Evaluate,
     start: Path | None = None,
 ) -> LandmarkModel:  # fmt: skip
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
@@ -61,7 +61,7 @@ def train_landmarks(
         draw: makes a batch of clouds for a share of the training.
         settings: how long and how fast.
         folder: of the checkpoint.
-        judge: looks at the averaged model now and then.
+        evaluate: looks at the averaged model now and then.
         start: checkpoint of another row or seed to go on from, where ``folder`` has none.
 
     Raises:
@@ -75,21 +75,21 @@ def train_landmarks(
         run.resume(start, other_seed=True)
     run.advance()
     run.started = run.now()
-    saved, judged = time.monotonic(), math.floor(settings.judged * run.share)
+    saved, evaluated = time.monotonic(), math.floor(settings.judged * run.share)
     while not run.finished:
         run.advance()
         if run.steps % _SYNCHRONISED:
             continue
         run.synchronise()
-        if math.floor(settings.judged * run.share) > judged and not run.finished:
-            before, judged = run.now(), math.floor(settings.judged * run.share)
-            judge(run.averaged, run.seconds, run.steps)
+        if math.floor(settings.judged * run.share) > evaluated and not run.finished:
+            before, evaluated = run.now(), math.floor(settings.judged * run.share)
+            evaluate(run.averaged, run.seconds, run.steps)
             run.paused += run.now() - before
         if time.monotonic() - saved > settings.checkpoint_s:
             run.save()
             saved = time.monotonic()
     run.save()
-    judge(run.averaged, run.seconds, run.steps)
+    evaluate(run.averaged, run.seconds, run.steps)
     return run.averaged
 
 

@@ -1,4 +1,4 @@
-"""The networks side by side: what each costs on a batch of clouds, and where it says the landmarks are."""
+"""The networks side by side: what each costs on a batch of clouds, and where it places the landmarks."""
 
 from __future__ import annotations
 
@@ -37,10 +37,10 @@ BMSE_SIGMA = 0.02
 
 
 class LandmarkModel(nn.Module, ABC):
-    """A network that tells where landmarks are from a cloud."""
+    """A network that estimates where landmarks are from a cloud."""
 
     columns: tuple[int, ...] = ALL_LANDMARKS
-    """Which of the 77 landmarks it tells of."""
+    """Which of the 77 landmarks it estimates."""
     half_precision: bool = True
     """Whether a GPU may round products to bfloat16 in training: coordinates lose millimetres by it."""
 
@@ -138,7 +138,7 @@ class DemocapLike(LandmarkModel):
         gaussians, pixels = gaussians_near(truth[..., 0], truth[..., 1], self.size)
         log_near, found = self._read(front_and_back(points, seen, self.size), pixels)
         apart = relative_entropy(gaussians, log_near).mean(1)
-        # Far from the truth Welsch's gradient fades, and no heatmap tells of depth: absolute distance leads there.
+        # Far from the truth Welsch's gradient fades, and no heatmap shows depth: absolute distance leads there.
         depth = (found[..., 2] - truth[..., 2]).abs().mean(1)
         if self.kind == "bmse":
             return (HEAT_SHARE * apart + depth).mean() + balanced_mse(found, truth, BMSE_SIGMA)

@@ -35,8 +35,8 @@ def point_loss(reading: Reading, clouds: Clouds) -> torch.Tensor:
     distance = (error.square().sum(-1) + _SHARP_M**2).sqrt() - _SHARP_M
     likelihood = spread_loss(reading.spread, 10.0 * error.detach())
     positions = POSITION_SHARE * distance.mean(1) + SPREAD_SHARE * likelihood.mean(1)
-    told = weight[: len(positions)]
-    return (weight * (row + MARKER_SHARE * column)).mean() + (told * positions).mean()
+    position_weight = weight[: len(positions)]
+    return (weight * (row + MARKER_SHARE * column)).mean() + (position_weight * positions).mean()
 
 
 def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:

@@ -29,7 +29,7 @@ class PointNetWidths:
 
 @dataclass(frozen=True)
 class Reading:
-    """What the network says of B clouds of N points."""
+    """What the network returns for B clouds of N points."""
 
     scores: torch.Tensor
     """(B, N, 54) of each label, ghost last; ``softmax`` over the labels is a point's, over the points a marker's."""

@@ -1,4 +1,4 @@
-"""Poses that landmark networks are trained and judged on: with the pelvis' rotation, split, and as one small file."""
+"""Poses to train and evaluate landmark networks on: with the pelvis' rotation, split, and as one small file."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ from solver_backend.training.data.sources.clips import FAR, Clip
 from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor
 
 HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/Fixing_Kneeling", "keyed/Death01")
-"""Takes left out besides the held-out subjects: those whose markers the labels are judged by, and floor poses."""
+"""Takes left out besides the held-out subjects: those whose markers the labels are evaluated on, and floor poses."""
 SAMPLERS = ("random", "lerp", "slerp", "squad", "bezier", "bspline")
 TAIL_SHARE = 0.03
 """Share of the training poses, by Mahalanobis distance, that are anchors."""
 SAMPLED = 8000
 """Poses drawn by each sampling operator."""
-_JUDGED, _JUDGED_TAIL = 3000, 1500
+_ORDINARY, _TAIL = 3000, 1500
 
 
 @dataclass(frozen=True)
@@ -59,8 +59,8 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
 
     Args:
         clips: of ``load_clips``.
-        far: motions unlike the corpus: only their rare poses are judged by.
-        prior: autoencoder that says how rare a pose is (RVPoser).
+        far: motions unlike the corpus: only their rare poses are evaluated on.
+        prior: autoencoder that measures how rare a pose is (RVPoser).
         seed: of all draws.
     """
     rooted = [clip for clip in clips if clip.root is not None]
@@ -83,10 +83,10 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
         "training": _packed(training[~anchor]), "mahalanobis": distance[~anchor].astype(np.float32),
         "reconstruction": error[~anchor].astype(np.float32),
     }  # fmt: skip
-    return PoseTable(arrays | judged(held, list(far), rng))
+    return PoseTable(arrays | held_out_poses(held, list(far), rng))
 
 
-def judged(held: list[Clip], far: list[Clip], rng: np.random.Generator) -> dict[str, np.ndarray]:
+def held_out_poses(held: list[Clip], far: list[Clip], rng: np.random.Generator) -> dict[str, np.ndarray]:
     """Return the poses of the held-out takes: ``ordinary``, ``tail`` with ``tail_group`` and frames, ``floor``."""
     rotations, names, frames = _laid_out([*held, *far])
     tail = groups_of(rotations)
@@ -95,10 +95,10 @@ def judged(held: list[Clip], far: list[Clip], rng: np.random.Generator) -> dict[
     rows: list[np.ndarray] = []
     for group in range(len(GROUPS)):
         mine = np.flatnonzero(tail[:, group] & ~lying)
-        rows.append(_spread_out(rotations, mine, _JUDGED_TAIL // len(GROUPS), rng))
+        rows.append(_spread_out(rotations, mine, _TAIL // len(GROUPS), rng))
     chosen = np.concatenate(rows)
-    floor = _spread_out(rotations, np.flatnonzero(lying), _JUDGED_TAIL, rng)
-    ordinary = _spread_out(rotations, plain, _JUDGED, rng)
+    floor = _spread_out(rotations, np.flatnonzero(lying), _TAIL, rng)
+    ordinary = _spread_out(rotations, plain, _ORDINARY, rng)
     return {
         "tail": _packed(rotations[chosen]),
         "tail_group": np.repeat(np.arange(len(GROUPS)), [len(r) for r in rows]),

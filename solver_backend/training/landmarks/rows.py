@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import write_text
 from solver_backend.training.landmarks.cloud_stream import Clouds, CloudStream, Variety
 from solver_backend.training.landmarks.drawing import SIZE
-from solver_backend.training.landmarks.evaluation import SETS, judge, judged_clouds
+from solver_backend.training.landmarks.evaluation import SETS, evaluate, evaluation_clouds
 from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks
 from solver_backend.training.landmarks.models import (
     DemocapLike,
@@ -52,7 +52,7 @@ OURS_WIDTH = 128
 
 @dataclass(frozen=True)
 class Row:
-    """One network to train and judge."""
+    """One network to train and evaluate."""
 
     network: str
     """``ours``, ``published``, ``democap`` or ``coordinates``."""
@@ -110,7 +110,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
 def train_row(
     row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path, start: Path | None = None
 ) -> dict[str, Any]:
-    """Train a row, judge it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
+    """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
 
     The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, in clouds of the row's own kind,
     which no figure is of. With ``start``, another row's checkpoint, it goes on from there: what then differs is the
@@ -121,8 +121,8 @@ def train_row(
     kinds = {name: CloudStream(body, device, variety) for name, variety in CLOUDS.items()}
     if row.network == "ours":
         kinds["any"] = CloudStream(body, device)
-    poses = judged_poses(table, device)
-    judged = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in judged_clouds(s, poses).items()}
+    poses = evaluation_poses(table, device)
+    evaluated = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in evaluation_clouds(s, poses).items()}
     selection = f"{'thesis' if row.variety == THESIS else 'fixed'} selection"
     torch.manual_seed(settings.seed)
     model = row.model()
@@ -130,7 +130,7 @@ def train_row(
     history: list[dict[str, Any]] = []
 
     def look(averaged: LandmarkModel, seconds: float, steps: int) -> None:
-        at = {name: judge(averaged, clouds) for name, clouds in judged.items()}
+        at = {name: evaluate(averaged, clouds) for name, clouds in evaluated.items()}
         history.append({"seconds": seconds, "steps": steps, **at})
         chosen = min(history, key=lambda h: h[selection]["rmse3"])
         if chosen is history[-1]:
@@ -146,8 +146,8 @@ def train_row(
     return min(history, key=lambda h: h[selection]["rmse3"])
 
 
-def judged_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
-    """Return the (N, 22, 3) poses of each set that rows are judged on; ``selection`` chooses the weights, no figure."""
+def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
+    """Return the (N, 22, 3) poses of each set of an evaluation; ``selection`` chooses the weights, no figure."""
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
 

@@ -32,8 +32,8 @@ def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance:
 class ThesisCorruption:
     """Occlusion (4.22 to 4.24), ghosts of the remaining markers' Gaussian (4.25), bounded offsets (4.26, 4.27).
 
-    The chances are the paper's. Neither the thesis nor the paper says how many markers are hidden, how many ghosts come
-    or how far markers are moved: those numbers are ours.
+    The chances are the paper's. Neither the thesis nor the paper states how many markers are hidden, how many ghosts
+    come or how far markers are moved: those numbers are ours.
     """
 
     device: str

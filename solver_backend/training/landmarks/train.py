@@ -28,7 +28,7 @@ from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_
 from solver_backend.training.landmarks.rows import named_rows, train_row
 
 TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
-"""Of poses, by the autoencoder that says how rare one is and blends: the thesis compares the two in table 4.6."""
+"""Of poses, by the autoencoder that measures how rare one is and blends: the thesis compares the two in table 4.6."""
 DISTANCES = "distances"
 """Row that is no network: the table of markers' distances."""
 PUBLISHED_WIDTH = 32
@@ -50,7 +50,7 @@ def train_landmark_rows(
         resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
         work: folder of the checkpoint; ``out`` and the row's name if None.
         start: checkpoint of another row or seed to go on from, where ``work`` has none.
-        balanced_by: autoencoder that says how rare a recorded pose is; a table has its own already.
+        balanced_by: autoencoder that measures how rare a recorded pose is; a table has its own already.
         progress: called as recordings are read.
 
     Raises:

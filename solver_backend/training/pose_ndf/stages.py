@@ -57,7 +57,7 @@ def perturbed_validation(validation: Corpus, manifold: PoseManifold, count: int,
     """Return poses of unseen subjects with their distance to the training poses, turned by 1 to 60 degrees.
 
     The spread of the turns is drawn evenly, or evenly in its logarithm: then half of the poses are turned by less than
-    8 degrees, and what tells them apart is mostly how the subjects differ.
+    8 degrees, and what distinguishes them is mostly how the subjects differ.
     """
     poses = unit_quats(torch.as_tensor(validation.rotations[possible_frames(validation)]))
     generator = torch.Generator().manual_seed(1)

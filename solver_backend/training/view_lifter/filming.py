@@ -161,7 +161,7 @@ def _detected(
     bias = BIAS_M * (steady + 0.5 * torch.linspace(-1.0, 1.0, WINDOW)[:, None, None] * drift)
     thrown = torch.rand(count, WINDOW, len(POINTS), generator=generator) < THROWN
     far = torch.where(thrown, 0.25, 0.0)[..., None] * torch.randn(image.shape, generator=generator)
-    # A detector errs smoothly: half of its noise lasts three frames.
+    # A detector's errors are smooth: half of its noise lasts three frames.
     white = torch.randn(image.shape, generator=generator)
     smooth = torch.nn.functional.avg_pool1d(white.permute(0, 2, 3, 1).flatten(0, 2)[:, None], 3, 1, 1)[:, 0]
     smooth = 1.7 * smooth.unflatten(0, (count, len(POINTS), 2)).permute(0, 3, 1, 2)

@@ -18,10 +18,10 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.outputs import write_text
 from solver_backend.labelling.point_network import load_network
 from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety
-from solver_backend.training.landmarks.evaluation import judged_clouds
+from solver_backend.training.landmarks.evaluation import evaluation_clouds
 from solver_backend.training.landmarks.models import LandmarkModel
 from solver_backend.training.landmarks.poses import PoseTable
-from solver_backend.training.landmarks.rows import CLOUDS, judged_poses
+from solver_backend.training.landmarks.rows import CLOUDS, evaluation_poses
 from solver_backend.training.landmarks.tail_poses import GROUPS
 from tests.benchmarks.landmark_rows.row_tables import read_figures, row_tables
 from tests.benchmarks.landmark_rows.tail_pictures import (
@@ -60,8 +60,8 @@ def main() -> None:
 
 def picture(table: PoseTable, models: dict[str, LandmarkModel], out: Path, kind: str) -> None:
     """Draw two poses of each group of the tail and of the floor: the first row's median and 90th percentile."""
-    poses = judged_poses(table)
-    clouds = judged_clouds(CloudStream(load_body(), "cpu", CLOUDS.get(kind, Variety())), poses)
+    poses = evaluation_poses(table)
+    clouds = evaluation_clouds(CloudStream(load_body(), "cpu", CLOUDS.get(kind, Variety())), poses)
     parts = [*clouds["tail"], *clouds["floor"]]
     groups = np.concatenate([table.arrays["tail_group"], np.full(len(poses["floor"]), len(GROUPS))])
     answers = {name: np.concatenate([landmarks(model, part) for part in parts]) for name, model in models.items()}

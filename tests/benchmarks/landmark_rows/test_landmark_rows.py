@@ -14,10 +14,10 @@ from PIL import Image  # noqa: E402
 from solver_backend.body.body import load_body  # noqa: E402
 from solver_backend.labelling.outputs import LANDMARKS  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from solver_backend.training.landmarks.evaluation import LIMBS, SETS, judge  # noqa: E402
+from solver_backend.training.landmarks.evaluation import LIMBS, SETS, evaluate  # noqa: E402
 from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
-from solver_backend.training.landmarks.rows import FIXED, Row, judged_poses, train_row  # noqa: E402
+from solver_backend.training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
 from tests.benchmarks.landmark_rows.row_tables import PCK_LIMITS_CM, read_figures, row_tables  # noqa: E402
 from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
     ANSWER,
@@ -55,8 +55,8 @@ def test_a_trained_row_is_read_back_as_it_was_judged(tmp_path):
     model = trained_model(read_figures({"row": tmp_path})["row"], tmp_path / "weights.npz")
     torch.manual_seed(1234)
     stream = CloudStream(load_body(), "cpu", FIXED)
-    clouds = {name: stream.draw(pose) for name, pose in judged_poses(table).items()}
-    assert judge(model, [clouds["tail"]])["rmse_mm"] == pytest.approx(best["fixed tail"]["rmse_mm"], rel=2e-3)
+    clouds = {name: stream.draw(pose) for name, pose in evaluation_poses(table).items()}
+    assert evaluate(model, [clouds["tail"]])["rmse_mm"] == pytest.approx(best["fixed tail"]["rmse_mm"], rel=2e-3)
     told = landmarks(model, clouds["tail"])
     assert told.shape == (6, len(LANDMARKS), 3) and np.isnan(told).any(axis=(0, 2)).sum() == 6
 

@@ -13,7 +13,7 @@ from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
 
 SAME = re.compile(
-    r"[A-Z0-9 +\-Γ]+|[a-z_]+|Spine\d|Active Object .*|Said"
+    r"[A-Z0-9 +\-Γ]+|[a-z_]+|Spine\d|Active Object .*|Findings|Doubted"
     r"|MediaPipe|NumPy|PyTorch|Pose2Sim|Cycles|Alembic|Godot|Maya|Unity|Unreal|Blend"
 )
 """Abbreviations and names, and the names of properties that no panel shows."""

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import EARLIER, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -52,6 +53,17 @@ def test_points_cameras_and_rate(tmp_path: Path, capture: Capture, camera: str, 
 
 def test_a_rate_that_is_given_comes_first(tmp_path: Path, capture: Capture) -> None:
     assert load_capture(table(tmp_path, capture), joint_set=capture.keypoints.joint_set, fps=50.0).fps == 50.0
+
+
+def test_a_rate_that_nothing_states_is_a_problem(tmp_path: Path, capture: Capture) -> None:
+    path = table(tmp_path, capture)
+    stated = load_capture(path, joint_set=capture.keypoints.joint_set)
+    assert diagnostic("frame_rate_configured", rate=24, file="config.toml") in stated.notes
+    config = tmp_path / "config.toml"
+    config.write_text(config.read_text().replace("fps_recording", "other"))
+    found = load_capture(path, joint_set=capture.keypoints.joint_set)
+    assert found.fps == 30.0 and diagnostic("frame_rate_not_recorded", rate=30.0) in found.problems
+    assert not {*EARLIER} & {item.code for item in (*found.notes, *found.problems)}
 
 
 @pytest.mark.parametrize(

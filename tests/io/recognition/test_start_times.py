@@ -9,14 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
+from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.exchange.diagnostics import Remedy
 from solver_backend.exchange.errors import FrameCountMismatch, JobInvalid, NotSynchronised
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.reader import ReadOptions
+from solver_backend.io.recognition.start_times import InTime, bring_to_one_time
+from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import frame_text
+from tests.support.walking_take import walk
 from tests.support.words import words
 
 LENGTH = 200
@@ -119,6 +124,46 @@ def test_required_synchronisation_is_refused_where_nothing_moves(tmp_path, demo)
     with pytest.raises(NotSynchronised, match="too little moves"):
         read(root, sync="on")
     assert any("too little moves" in note for note in words(read(root).notes))
+
+
+def read_rows(capture: Capture, starts: tuple[int, ...], length: int, **options: Any) -> InTime:
+    """Bring what cameras recorded that started at these frames to one time."""
+    cameras, keypoints = capture.require_multiview()
+    rows = [np.arange(start, start + length) for start in starts]
+    xy, confidence = (
+        np.stack([view[row] for view, row in zip(values, rows, strict=True)])[:, :, None]
+        for values in (keypoints.xy, keypoints.confidence)
+    )
+    detections = Detections(cameras.names, xy, confidence, keypoints.joint_set)
+    return bring_to_one_time(cameras, detections, keypoints.fps, ReadOptions(**options))
+
+
+def test_movement_that_repeats_is_a_problem_with_both_offsets():
+    take = walk(500)
+    in_place = benchmark_capture(replace(take, root=take.root * [1.0, 1.0, 0.0]), BenchmarkSettings(seed=1))
+    found = read_rows(in_place, (0, 45, 0, 0), 400)
+    [problem] = found.problems
+    assert problem.code == "start_ambiguous" and not found.first_rows and not found.notes
+    assert problem.where.cameras == (in_place.cameras.names[1], in_place.cameras.names[0])
+    one, other = problem.values["one"], problem.values["other"]
+    assert {(one - 45) % 60, (other - 45) % 60} <= {0, 1, 59}, "45 frames late, or whole periods of the walk from there"
+    assert f"by {one:+d} or {other:+d} frames against" in words([problem])[0]
+    with pytest.raises(NotSynchronised, match="as in movement that repeats"):
+        read_rows(in_place, (0, 45, 0, 0), 400, sync="on")
+
+
+def test_a_camera_that_shows_too_little_is_left_out_where_the_others_are_moved(demo):
+    _, keypoints = demo.require_multiview()
+    confidence = keypoints.confidence.copy()
+    confidence[3, :100] = confidence[3, 110:] = 0.0
+    found = read_rows(replace(demo, keypoints=replace(keypoints, confidence=confidence)), (0, 45, 90, 0), 200)
+    moved, left_out = found.problems
+    assert (moved.code, left_out.code) == ("starts_apart", "start_left_out")
+    assert left_out.where.cameras == ("cam04",) and left_out.remedy is Remedy.EXCLUDED
+    assert moved.where.cameras == ("cam02", "cam03") and moved.values["late"] == pytest.approx([45, 90], abs=1)
+    [kept] = found.notes
+    assert (kept.code, kept.values["rows"]) == ("take_in_common", list(found.first_rows))
+    assert kept.values["count"] == found.detections.num_frames and not found.detections.confidence[3].any()
 
 
 def test_a_synchronous_take_is_not_touched(tmp_path, demo):

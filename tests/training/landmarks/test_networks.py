@@ -12,7 +12,7 @@ torch = pytest.importorskip("torch")
 from solver_backend.body.body import load_body  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
 from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
-from solver_backend.training.landmarks.evaluation import judge  # noqa: E402
+from solver_backend.training.landmarks.evaluation import evaluate  # noqa: E402
 from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
     divergence_from_gaussians,
     fused,
@@ -204,7 +204,7 @@ def test_every_network_learns_one_batch_a_little_and_is_judged(make, clouds):
         optimizer.step()
         losses.append(float(loss.detach()))
     assert losses[-1] < losses[0]
-    figures = judge(model, [clouds])
+    figures = evaluate(model, [clouds])
     assert figures["rmse3"] == pytest.approx((1 - figures["pck3_all"] / 100) * figures["rmse_mm"])
     assert model.positions(clouds).shape == (2, len(model.columns), 3)
 

@@ -29,7 +29,7 @@ class Ended:
 
     ticket: Ticket
     how: str
-    """ENDED: the record says how; DIED: it has ended its workers; LOST: nobody knows, it is to be begun again."""
+    """ENDED: the record states how; DIED: it has ended its workers; LOST: nobody knows, it is to be begun again."""
     record: dict[str, Any] = field(default_factory=dict)
     """Of the take, if it ended."""
     worker: str = ""

@@ -164,7 +164,7 @@ class ClusterEngine:
                 result = future.result(timeout=_CONNECT_S)
             except Exception:  # it was lost between its end and now
                 return [Ended(ticket, LOST)]
-            return [self._judged(ticket, result)]
+            return [self._ended(ticket, result)]
         if future.status == "error":
             error = future.exception(timeout=_CONNECT_S)
             if type(error).__name__ == "KilledWorker":
@@ -179,7 +179,7 @@ class ClusterEngine:
         attempts = (read_record(self._work.out / ticket.name) or {}).get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
 
-    def _judged(self, ticket: Ticket, result: dict[str, Any]) -> Ended:
+    def _ended(self, ticket: Ticket, result: dict[str, Any]) -> Ended:
         worker = result["worker"]
         if "unsuitable" in result:
             self._workers.bad[worker] = result["unsuitable"]

@@ -74,7 +74,7 @@ def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None
 
 
 def _withdrawn(out: Path, marker: str) -> Callable[[], MocapError | None]:
-    """Return what tells whether the batch is over: its marker is gone, or another batch's."""
+    """Return a function that checks whether the batch is over: its marker is gone, or another batch's."""
     looked, missed = time.monotonic(), 0
 
     def stopped() -> MocapError | None:

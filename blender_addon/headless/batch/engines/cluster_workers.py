@@ -23,7 +23,7 @@ class Workers:
     Args:
         address: of the scheduler, for errors.
         out: folder of the results.
-        marker: what its marker says.
+        marker: what its marker states.
         patience_s: how long a batch waits for the first worker, or for another one.
     """
 
@@ -61,10 +61,10 @@ class Workers:
             self._notes.append(text)
 
     def infos(self) -> dict[str, Any]:
-        """Return what the scheduler says of each worker; nothing while it is gone."""
+        """Return what the scheduler reports about each worker; nothing while it is gone."""
         try:
             return dict(self.client.scheduler_info(n_workers=-1)["workers"])
-        except Exception:  # the connection is going down; the next look says so
+        except Exception:  # the connection is going down; the next look reports it
             return {}
 
     def allowed(self, ticket: Ticket) -> set[str] | None:
@@ -76,7 +76,7 @@ class Workers:
         return others or good
 
     def state_memory(self, wanted_mb: float) -> bool:
-        """Return whether all workers say how much memory their takes may have.
+        """Return whether all workers state how much memory their takes may have.
 
         Raises:
             WorkersUnsuitable: no worker has as much as a take may take.

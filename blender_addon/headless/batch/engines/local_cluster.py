@@ -96,7 +96,7 @@ def _has_bokeh() -> bool:
 
 
 def machine_memory_mb() -> float | None:
-    """Return this machine's memory, None where the system does not say."""
+    """Return this machine's memory, None where the system does not report it."""
     try:
         return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES") / 2**20
     except (AttributeError, ValueError, OSError):

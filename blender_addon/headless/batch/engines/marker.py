@@ -12,7 +12,7 @@ NAME = ".batch"
 
 
 def put_marker(out: Path) -> str:
-    """Write a new marker and return what it says.
+    """Write a new marker and return what it states.
 
     Raises:
         OutputNotWritable: the folder cannot be written to.
@@ -24,7 +24,7 @@ def put_marker(out: Path) -> str:
 
 
 def marker_in(out: Path) -> str:
-    """Return what the marker says; "" where there is none, or it is not to be seen from here."""
+    """Return what the marker states; "" where there is none, or it is not to be seen from here."""
     try:
         return (out / NAME).read_text(encoding="utf-8")[:64]
     except (OSError, UnicodeDecodeError):

@@ -15,7 +15,7 @@ _WRIST, _KNUCKLE = 0, 9
 
 @dataclass(frozen=True)
 class HandFaults:
-    """How much a detector of hands errs; lengths are shares of a palm, wrist to middle knuckle."""
+    """How much a detector of hands is off; lengths are shares of a palm, wrist to middle knuckle."""
 
     whole: float = 0.05
     """Standard deviation per axis of an error of the whole hand, alike for ``drift_s``."""

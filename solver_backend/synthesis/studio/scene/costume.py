@@ -169,7 +169,7 @@ def _folds(points: np.ndarray, rng: np.random.Generator) -> np.ndarray:
 
 
 class _Regions:
-    """Parts of the skin by garment, told by the joint that moves a vertex and by its place on the resting body."""
+    """Parts of the skin by garment, from the joint that moves a vertex and from its place on the resting body."""
 
     def __init__(self, body: Body) -> None:
         owner = body.weights.argmax(axis=1)

@@ -19,7 +19,7 @@ _KERNEL_PX = 2
 
 @dataclass(frozen=True)
 class InfraredModel:
-    """How bright things are, and how the sensor errs; all chosen to look like figure 5.5 of the thesis."""
+    """How bright things are, and the sensor's errors; all chosen to look like figure 5.5 of the thesis."""
 
     flood: float = 9000.0
     """Counts of a white surface square on at 1 m."""

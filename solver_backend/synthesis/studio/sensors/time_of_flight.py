@@ -16,7 +16,7 @@ from solver_backend.synthesis.studio.sensors.infrared import FULL
 
 @dataclass(frozen=True)
 class TimeOfFlightModel:
-    """How the sensor errs; of the size that Tölgyessy et al. 2021 measured on Azure Kinects, up to 3.9 m."""
+    """The sensor's errors; of the size that Tölgyessy et al. 2021 measured on Azure Kinects, up to 3.9 m."""
 
     constant_mm: float = 0.8
     """Standard deviation at no distance."""

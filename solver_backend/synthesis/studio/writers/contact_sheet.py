@@ -1,4 +1,4 @@
-"""A contact sheet: pictures of as many shots as fit, and a data card that says what a data set holds."""
+"""A contact sheet: pictures of as many shots as fit, and a data card that states what a data set holds."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from solver_backend.io.motions.recorded_clip import RecordedClip
 from solver_backend.io.motions.skeleton_maps import HIP_SPLAY
 
 FPS = 120.0
-"""CMU's rate; the files do not say it."""
+"""CMU's rate; the files do not state it."""
 _TPOSE = {
     "lfemur": (0.0, 0.0, -HIP_SPLAY), "rfemur": (0.0, 0.0, HIP_SPLAY), "lowerneck": (-0.279, 0.0, 0.0),
     "upperneck": (0.367, 0.0, 0.0), "head": (0.192, 0.0, 0.0), "lhumerus": (0.0, 0.0, -0.14),

@@ -29,7 +29,7 @@ KEYED_ARCHIVE = "mesh2motion_cc0.tar.xz"
 FAULT_DEG = 30.0
 """A joint this far beyond its anatomical range was tracked wrongly."""
 FAR = "far"
-"""Folder of motions unlike any that is trained on: priors are judged by them."""
+"""Folder of motions unlike any that is trained on: priors are evaluated on them."""
 _FOLDERS = ("asfamc", "amc", "mb2", "expmap", "max", "daz", "daz_more", "segments", "jump")
 """Conversions; a take that several of them hold is read from the first."""
 _AMC = ("11_01", "13_30", "13_31", "14_14", "14_20")
