@@ -23,13 +23,13 @@ READING = (
     "fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", "camera", "offset",
     "by_order", *WORLD,
 )  # fmt: skip
-"""Fields that say how a capture is read, beside its frames."""
+"""Fields that state how a capture is read, beside its frames."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
     if row.kind in ("file", "name_or_file")
 }
-"""Settings that may be paths, and what tells whether a text is one."""
+"""Settings that may be paths, and the test of whether a text is one."""
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ def joint_rotations(angles: Float[np.ndarray, "n a"], side: int) -> Float[np.nda
 
 
 def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndarray, "n a"]:
-    """Return (n, A) angles of hands, radians; twist, which points do not tell, is 0.
+    """Return (n, A) angles of hands, radians; twist, which points do not show, is 0.
 
     With the direction v of a bone in the frame of the segment before: ``flexion = atan2(-v_y, v_x)`` and
     ``spread = asin(-σ v_z)``.

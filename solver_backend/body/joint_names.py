@@ -64,7 +64,7 @@ _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}
 def joint_centre_places(labels: Sequence[str]) -> dict[str, str]:
     """Return the place of each label, empty for those that are not used, where labels are those of joint centres.
 
-    A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. An empty answer says that the labels
+    A place is ``=`` and a joint of the body, or ``~`` and a detector's keypoint. The answer is empty where labels
     are not a skeleton's: fewer than ``LEAST_SHARE`` are words of one vocabulary, or no limb is there on both sides.
     """
     bare = tuple(map(bare_label, labels))

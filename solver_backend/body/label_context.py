@@ -1,4 +1,4 @@
-"""What all labels of a recording together say: shared affixes, sides glued to the end, the system they are of."""
+"""What all labels of a recording together show: shared affixes, sides glued to the end, the system they are of."""
 
 from __future__ import annotations
 
@@ -96,7 +96,7 @@ def _count(context: LabelContext, labels: Iterable[str]) -> int:
 def _glued(names: Sequence[str], letters: tuple[tuple[str, str], ...]) -> dict[str, tuple[str, str]]:
     """Return side and name of the labels that end in a side's letter.
 
-    One letter alone says nothing (``HEEL``, ``ARMl`` for the lateral marker beside ``ARMm``): the other side's label
+    One letter alone is not enough (``HEEL``, ``ARMl`` for the lateral marker beside ``ARMm``): the other side's label
     has to be there, and none that ends in m instead.
     """
     there = set(names)

@@ -18,10 +18,10 @@ _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "O
 
 @dataclass(frozen=True)
 class LabelWords:
-    """What the file of layouts says of words."""
+    """What the file of layouts states of words."""
 
     vocabulary: dict[str, str]
-    """Word by each way to write it, in capitals; empty for words that say nothing."""
+    """Word by each way to write it, in capitals; empty for words without meaning."""
     sides: dict[str, str]
     """L or R by each word for a side."""
     phrases: dict[tuple[str, ...], tuple[str, ...]]

@@ -41,7 +41,7 @@ class Family:
 
 @dataclass(frozen=True)
 class LayoutFile:
-    """What a file of marker layouts says (see ``docs/reference/file-formats.md``)."""
+    """What a file of marker layouts states (see ``docs/reference/file-formats.md``)."""
 
     kinds: dict[str, tuple[float, float]]
     """How far markers of each kind of place stray from their rules: off the skin and along it, metres."""

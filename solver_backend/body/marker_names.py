@@ -54,7 +54,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
 
     Args:
         labels: of the recording.
-        own: place by label, told by hand, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
+        own: the user's place by label, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
             may share), or empty where a label is to be left out.
     """
     own = {**joint_centre_places(labels), **own}
@@ -68,7 +68,7 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
         label: own[label] or None if label in own else found[0] if len(found) == 1 and not virtual[label] else None
         for label, found in meant.items()
     }
-    # Surest first: what a person says, names of the layouts, words.
+    # Surest first: what the user gave, names of the layouts, words.
     order = sorted(places, key=lambda label: 0 if label in own else 2 - context.is_exact(label))
     first = {place: label for label in reversed(order) if (place := places[label]) is not None and place[0] != "@"}
     known = {label: place for label, place in places.items() if place is not None and first.get(place, label) == label}

@@ -38,7 +38,7 @@ def rest_rotations(body: Body, root: np.ndarray, local: np.ndarray, parts: tuple
     frame of the pelvis.
 
     Args:
-        body: whose rest skeleton says where limbs point.
+        body: whose rest skeleton defines where limbs point.
         root: (F, 3, 3) body to world, Z up.
         local: (F, n, 3, 3) of the joints after the root.
         parts: keys of ``PARTS``; of joints that the body lacks nothing is turned.

@@ -81,7 +81,7 @@ class StateLayout:
         Args:
             code_dof: dimension of the codes' manifold.
             num_joints: joints after the root that turn.
-            uncovered: columns of the pose that the prior says nothing of.
+            uncovered: columns of the pose that the prior does not cover.
         """
         covered = tuple(joint for joint in range(num_joints) if joint not in uncovered)
         return cls(

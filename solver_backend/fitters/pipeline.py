@@ -282,5 +282,5 @@ def _sources(capture: Capture, settings: SolveSettings) -> dict[str, Any]:
     """Return which files went into a solve."""
     path = resolve_body(settings.body)
     fingerprint = {"file": path.name, "sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
-    whom = {"person": capture.person} if capture.person else {}
-    return {"body_file": fingerprint, "capture": capture.name, **whom, "sources": list(capture.sources)}
+    named = {"person": capture.person} if capture.person else {}
+    return {"body_file": fingerprint, "capture": capture.name, **named, "sources": list(capture.sources)}

@@ -31,7 +31,7 @@ class Problem:
     measurements: Measurements
     """What is solved from."""
     pose_terms: tuple[PoseTerm, ...]
-    """What poses are judged by besides."""
+    """Further terms that evaluate poses."""
 
     @classmethod
     def of(cls, body: Body, prior: AutoencodingPrior, measurements: Measurements) -> Problem:
@@ -45,7 +45,7 @@ class Problem:
 
     @property
     def objective(self) -> FrameObjective:
-        """What all frames are judged by, one by one: the data and the pose terms."""
+        """The objective of all frames, one by one: the data and the pose terms."""
         return FrameObjective((self.measurements.term,), self.pose_terms)
 
     @property

@@ -79,7 +79,7 @@ class SolvedFrames:
     resting: np.ndarray | None = None
     """(F, J) bool: nothing measured informs the joint, which is at rest; None: all are informed."""
     diagnostics: tuple[Diagnostic, ...] = ()
-    """What the motion is to say of these poses."""
+    """What the motion is to report of these poses."""
 
 
 MethodResult = tuple[SolvedFrames, Convergence]

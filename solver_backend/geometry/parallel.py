@@ -42,7 +42,7 @@ def usable_cores() -> int:
 
     More threads than that take turns, and their blocks push each other out of the cache.
     """
-    affinity = getattr(os, "sched_getaffinity", None)  # Linux alone tells
+    affinity = getattr(os, "sched_getaffinity", None)  # only Linux reports it
     return len(affinity(0)) if affinity else os.cpu_count() or 1
 
 

@@ -107,7 +107,7 @@ def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
 
 
 def is_antipodal(z: Array) -> Array:
-    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` says that two points have no unique geodesic; (...) bool."""
+    """Return where ``z = cos²(ψ/2) = |a + b|²/4`` shows that two points have no unique geodesic; (...) bool."""
     return z < 100.0 * array_namespace(z).finfo(z.dtype).eps
 
 

@@ -1,4 +1,4 @@
-"""Many symmetric 3x3 matrices at once: inverse in closed form, and the six numbers that say each."""
+"""Many symmetric 3x3 matrices at once: inverse in closed form, and the six numbers that define each."""
 
 from __future__ import annotations
 

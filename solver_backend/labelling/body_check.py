@@ -1,4 +1,4 @@
-"""What a body says of labels: laid over the markers that are sure, it tells where the others should be."""
+"""Likelihoods of labels by a body: laid over the markers that are sure, it predicts where the others should be."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ GHOST_M = 0.12
 GUESS_WIDER, STEPS = 3.0, 5
 """Where the network has markers that are not sure counts for little; steps that a frame takes."""
 BAD_FIT_M = 0.06
-"""A body this far from the markers that it is laid over says nothing: of all, in the median, or of a limb's."""
+"""A body this far from the markers that it is laid over is not used: of all, in the median, or of a limb's."""
 FREEDOM = 3.0
 """Degrees of freedom of Student's distribution of these distances: where a limb is posed wrongly, all are off."""
 _FARTHEST_M = 0.2
@@ -60,7 +60,7 @@ def body_evidence(
     positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
     labels: np.ndarray, trusted: np.ndarray, fps: float, fit: BodyFit,
 ) -> np.ndarray:  # fmt: skip
-    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it says nothing.
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it is not used.
 
     Args:
         positions: (F, N, 3) metres, NaN where missing.

@@ -49,7 +49,7 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
     Args:
         evidence: (T, 54) log likelihoods, ghost last.
         together: (T, T) bool: both are seen at one time.
-        bound: labels told by hand, by stretch.
+        bound: labels assigned by the user, by stretch.
     """
     count = len(evidence)
     labels = np.full(count, -1)

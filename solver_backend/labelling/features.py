@@ -1,4 +1,4 @@
-"""What the network is told of a cloud: waves of the coordinates, and how far points are from each other."""
+"""What the network is given of a cloud: waves of the coordinates, and how far points are from each other."""
 
 from __future__ import annotations
 

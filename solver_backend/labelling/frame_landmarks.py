@@ -25,7 +25,7 @@ _PAIRS = _PART * 100**2
 
 @dataclass(frozen=True)
 class FramesRead:
-    """What the network says of some frames."""
+    """What the network reads in some frames."""
 
     frames: np.ndarray
     """(B,) their numbers."""

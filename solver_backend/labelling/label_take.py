@@ -18,7 +18,7 @@ from solver_backend.labelling.voting import AGREED, FIRST_AGREED, TRUSTED, UNKNO
 from solver_backend.types import MarkerCloud
 
 READ_FPS = 30.0
-"""Frames a second that the network reads: votes nearer to each other say the same."""
+"""Frames a second that the network reads: votes nearer to each other repeat each other."""
 ROUNDS, BODY_FROM = 5, 2
 """Times that all is voted again with what the last vote named, and the first of them that a body is laid over."""
 _FLOOR = -8.0
@@ -92,7 +92,7 @@ def label_take(
         network: that reads frames.
         start_fit: makes the fit of a body that is laid over what was named.
         progress: called as frames are read.
-        told: marker's name by (column, frame), from a person: it binds the whole stretch. Empty text: none of them.
+        told: marker's name by (column, frame), from the user: it binds the whole stretch. Empty text: none of them.
         persistent: each column is one marker throughout the take.
 
     Raises:
@@ -130,7 +130,7 @@ def _read(
     positions: np.ndarray, seen: np.ndarray, frames: np.ndarray, tracklets: Tracklets, network: PointNetwork,
     progress: Progress,
 ) -> tuple[Votes, np.ndarray, np.ndarray]:  # fmt: skip
-    """Return what the chains were told, and the frames' landmarks with their covariances."""
+    """Return the votes on the chains, and the frames' landmarks with their covariances."""
     chains = tracklets.num_chains
     evidence, mean, count = np.zeros((chains, GHOST + 1)), np.zeros((chains, GHOST + 1)), np.zeros(chains)
     landmarks = np.zeros((len(frames), len(LANDMARKS), 3))
@@ -148,10 +148,10 @@ def _read(
     return Votes(frames, evidence, mean / np.maximum(count, 1.0)[:, None], count), landmarks, covariance
 
 
-def _bound(told: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[int, int]:
-    """Return the label of each chain that a person told."""
+def _bound(given: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[int, int]:
+    """Return the label of each chain that the user assigned one."""
     found = {}
-    for (column, frame), name in told.items():
+    for (column, frame), name in given.items():
         stretch = tracklets.number[frame, column]
         if stretch >= 0:
             found[int(tracklets.chain[stretch])] = MARKERS.index(name) if name in MARKERS else GHOST

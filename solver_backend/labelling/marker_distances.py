@@ -21,7 +21,7 @@ PLACED_M = 0.006
 FREEDOM = 4.0
 """Degrees of freedom of Student's distribution: one partner that is named wrongly must not decide."""
 LONG_S = 3.0
-"""Time seen together from which the change of a distance tells as much as it ever does."""
+"""Time seen together from which the change of a distance is as informative as it ever gets."""
 ALIKE = 0.5
 """Part of the pairs that are placed on one side of a person as on the other."""
 ALIKE_M, ALIKE_CHANGE = 0.012, 0.5
@@ -138,11 +138,11 @@ def distance_evidence(
     variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (C, P, partners)
     measured = np.nan_to_num(mean)[:, None]
     log = _student(measured - table.mean[:, theirs][None], variance)
-    told = _of_the_other_side(found, partners, theirs)[:, theirs] / size
+    mirrored = _of_the_other_side(found, partners, theirs)[:, theirs] / size
     near = ALIKE_M**2 + (ALIKE_CHANGE * np.exp(table.change[:GHOST, theirs])) ** 2 + moment[:, :GHOST]
-    alike = _student(measured - np.nan_to_num(told)[None], np.minimum(variance[:, :GHOST], near))
+    alike = _student(measured - np.nan_to_num(mirrored)[None], np.minimum(variance[:, :GHOST], near))
     mixed = np.logaddexp(np.log(1.0 - ALIKE) + log[:, :GHOST], np.log(ALIKE) + alike)
-    log[:, :GHOST] = np.where(np.isfinite(told)[None], mixed, log[:, :GHOST])
+    log[:, :GHOST] = np.where(np.isfinite(mirrored)[None], mixed, log[:, :GHOST])
     off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
     log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
     # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
@@ -172,7 +172,7 @@ def _of_the_other_side(found: ChainDistances, partners: np.ndarray, theirs: np.n
 
 
 def _size(found: np.ndarray, expected: np.ndarray) -> float:
-    """Return the median ratio of distances that are long enough to tell."""
+    """Return the median ratio of distances that are long enough to be compared."""
     far = np.isfinite(found) & (expected > _SCALE_FROM_M)
     return float(np.clip(np.median(found[far] / expected[far]), 0.7, 1.4)) if far.any() else 1.0
 

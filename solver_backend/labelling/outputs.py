@@ -1,4 +1,4 @@
-"""What the landmark network tells of: the markers of the superset, and the joints."""
+"""What the landmark network estimates: the markers of the superset, and the joints."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ GHOST = len(MARKERS)
 """Label of a point that is none of the markers."""
 JOINTS: tuple[str, ...] = SMPL_JOINTS
 LANDMARKS: tuple[str, ...] = (*MARKERS, *JOINTS)
-"""Markers, then joints: what positions are told of."""
+"""Markers, then joints: what positions are estimated of."""
 OTHER_PLACES: tuple[str, ...] = tuple(
     place for place in dict.fromkeys(load_layouts().names.values()) if place not in MARKERS
 )

@@ -1,4 +1,4 @@
-"""What the network says of clouds."""
+"""What the network reads in clouds."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from solver_backend.labelling.tracklets import Tracklets
 UNKNOWN = -1
 """Label of a point that nobody dares to name."""
 MEMORY_S = 0.15
-"""Readings nearer in time than this err alike, and count as one."""
+"""Readings nearer in time than this have the same error, and count as one."""
 NETWORK_MOST = 4.0
 """Most readings that the network's word counts as: what it takes a marker for, it takes it for throughout a take."""
 DISTANCE_SHARE = 1.5
@@ -29,7 +29,7 @@ SELDOM_COST = 1.5
 SURE = 0.8
 """Probability that a label needs to stand."""
 TRUSTED = 0.6
-"""Probability of labels whose chains tell of the others."""
+"""Probability of labels whose chains help to name the others."""
 FIRST_AGREED, AGREED = 0.5, 0.4
 """Mean probability by the network that these need besides: at first, and always where a body is laid over them."""
 
@@ -40,7 +40,7 @@ _ROWS = 512
 
 @dataclass(frozen=True)
 class Votes:
-    """What the network said of C chains in K frames."""
+    """The network's votes on C chains in K frames."""
 
     frames: np.ndarray
     """(K,) frames read."""
@@ -62,10 +62,10 @@ def voted(
     word, and what is known beforehand.
 
     Args:
-        votes: what the network said.
+        votes: the network's.
         together: (C, C) chains that are seen at one time.
         fps: of the take.
-        bound: labels told by hand, by chain.
+        bound: labels assigned by the user, by chain.
         by_distance: (C, 54), see ``distance_evidence``.
         by_body: (C, 54), see ``body_evidence``.
     """

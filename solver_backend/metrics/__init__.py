@@ -1,4 +1,4 @@
-"""Measures of a solve; every name says its unit, every docstring its alignment. Missing points (NaN) take no part."""
+"""Measures of a solve; every name states its unit, every docstring its alignment. Missing points (NaN) take no part."""
 
 from solver_backend.metrics.angles import angle_mae_deg, geodesic_deg
 from solver_backend.metrics.generation import diversity, frechet_distance

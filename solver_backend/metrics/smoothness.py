@@ -60,7 +60,7 @@ def foot_skating_cm_per_frame(
 
     ``FS = 1/N Σ v (2 - 2^(h/H))`` over the frames with ``h ≤ H``, where ``v`` is the horizontal way to the next frame
     and ``h`` the height (thesis 6.3.4). The sum is divided by the number of frames, which is what its unit (cm/frame)
-    says; a toe below the floor counts as on it.
+    states; a toe below the floor counts as on it.
 
     Args:
         toes: (F, N, 3) metres, Z up.

@@ -48,7 +48,7 @@ class LieVAE(PoseAutoencoder):
     def energy(self, rotations: Poses) -> Energies:
         """Return the mean squared rotation to the reconstruction by ``residual_sigma``: (N,).
 
-        Codes say nothing: all are as likely.
+        Codes do not count: all are equally likely.
         """
         return self._distance_to_reconstruction(rotations)
 

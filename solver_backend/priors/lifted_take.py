@@ -87,7 +87,7 @@ def lift_take(
 UP_RAD = 0.17
 """Error of the lifter's up over a take, per axis: 10 degrees, alike in most of its frames."""
 FLOOR_M, FEET_ALIKE_S = 0.1, 0.5
-"""Error of a lower sole's height by its own distance, metres; so long neighbouring frames err alike."""
+"""Error of a lower sole's height by its own distance, metres; the time over which errors are correlated."""
 SOLE_M, ANKLE_M = 0.02, 0.08
 """Heights of a standing foot's heel or toe, and of its ankle."""
 _FEET = {

@@ -1,6 +1,6 @@
 """The lifter: pose code, root and shape of a person from the 3D points of a frame, by a small network.
 
-It says where a fit starts. Points are seen from the trunk, so that neither place nor heading matter.
+It gives the start of a fit. Points are seen from the trunk, so that neither place nor heading matter.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ class Lifted:
     pelvis: Array
     """(F, 3) metres."""
     betas: Array
-    """(F, 10) shape, as each frame alone tells it."""
+    """(F, 10) shape, as each frame alone gives it."""
     usable: Array
     """(F,) bool: shoulders and hips are there."""
 

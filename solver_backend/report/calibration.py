@@ -16,7 +16,7 @@ COLUMNS = ("left", "middle", "right")
 
 @dataclass(frozen=True)
 class CameraFits:
-    """How C cameras fit one take; px unless said."""
+    """How C cameras fit one take; px unless stated."""
 
     verdict: str
     """One sentence."""
@@ -33,7 +33,7 @@ class CameraFits:
     tilt_deg: float
     """Between the world's up and the person's, degrees."""
     tilt_sigma_deg: float
-    """Standard deviation of that angle by what a person tells, degrees."""
+    """Standard deviation of that angle as a person shows it, degrees."""
     findings: tuple[str, ...]
     """What is wrong, with what to do."""
 

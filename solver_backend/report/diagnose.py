@@ -48,7 +48,7 @@ def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
-    """Return what a motion says was found when it was solved; in ``findings`` where an earlier version wrote it."""
+    """Return what a motion states was found when it was solved; in ``findings`` where an earlier version wrote it."""
     return read_diagnostics([*_list(motion, "findings"), *_list(motion, "diagnostics")])
 
 

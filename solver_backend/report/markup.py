@@ -22,7 +22,7 @@ def number(value: float, digits: int = 1) -> str:
 
 
 def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
-    """Return a section with a heading and a sentence that says how to read it."""
+    """Return a section with a heading and a sentence that explains how to read it."""
     lead_html = f'<p class="lead">{lead}</p>' if lead else ""
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
@@ -73,7 +73,7 @@ def heat_table(
         rows: R names.
         columns: C names.
         strength: (R, C) tint of each cell in 0..1.
-        unit: said in each cell's tooltip.
+        unit: stated in each cell's tooltip.
         digits: decimals shown.
         total: the last row and column sum the others up.
     """

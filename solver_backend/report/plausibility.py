@@ -32,7 +32,7 @@ USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 """Share and number of agreeing views below which, both, a result is useless: two of four can meet by chance (cameras
 started seconds apart: 56 %, 2.2 views), two of three or three of five hardly."""
 AGREES_SHARE = 0.06
-"""A view agrees with the body up to this median distance over the person's extent in the picture; detectors err by
+"""A view agrees with the body up to this median distance over the person's extent in the picture; detectors are off by
 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distance over the person's extent that no detector has, and that makes a result useless."""

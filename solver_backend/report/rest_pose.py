@@ -129,11 +129,11 @@ def _figure(
         worse = float(np.clip(np.nan_to_num(error / max(2.5 * everything, 1e-9)), 0.0, 1.0))
         name = label.rpartition(":")[2]
         moved = number(1000 * float(np.linalg.norm(here - there)), 0)
-        told = f"{text(name)}: {number(error)} mm, {moved} mm from its rule"
+        tooltip = f"{text(name)}: {number(error)} mm, {moved} mm from its rule"
         parts.append(
             f'<line class="moved" x1="{x0}" y1="{y0}" x2="{x}" y2="{y}"/>'
             f'<circle class="marker" style="--h:{100 * worse:.0f}%" cx="{x}" cy="{y}" r="{3 + 3 * worse:.1f}">'
-            f'<title>{told}</title></circle><text class="place" x="{x + 5}" y="{y - 4}">{text(name)}</text>'
+            f'<title>{tooltip}</title></circle><text class="place" x="{x + 5}" y="{y - 4}">{text(name)}</text>'
         )
     drawing = f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img">{"".join(parts)}</svg>'
     return f"<figure><h3>{view.title}</h3>{drawing}</figure>"

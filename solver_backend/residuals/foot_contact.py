@@ -17,7 +17,7 @@ def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sig
     Args:
         planted: (F, L) bool.
         anchors: (F, L, 3) metres, finite everywhere.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         sigma_m: standard deviation of a planted point.
     """
     return PositionTerm(constant(anchors, like), constant(np.where(planted, 1.0 / sigma_m**2, 0.0), like))

@@ -29,7 +29,7 @@ class LandmarkCost:
 
 
 class LandmarkLoss(Protocol):
-    """Anything that judges squared distances, and may have unknowns of its own in every frame."""
+    """Anything that evaluates squared distances, and may have unknowns of its own in every frame."""
 
     def unknowns(self, num_landmarks: int) -> int:
         """Return n, how many it has in a frame."""

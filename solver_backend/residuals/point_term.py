@@ -1,4 +1,4 @@
-"""Terms on landmark positions: what each tells the solver is a quadratic model around them.
+"""Terms on landmark positions: what each gives the solver is a quadratic model around them.
 
 All views of one landmark collapse into one 3x3 matrix, so the number of cameras leaves the solver's hot loop.
 """
@@ -32,7 +32,7 @@ class PointEvidence:
 
 
 class PointTerm(FrameTerm, Protocol):
-    """Anything that judges landmark positions of a range of frames."""
+    """Anything that evaluates landmark positions of a range of frames."""
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) positions; ``scale`` is the robust scale in standard deviations."""

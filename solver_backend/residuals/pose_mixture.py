@@ -1,4 +1,4 @@
-"""What people's poses are like, for whatever no keypoint tells: a lumbar bend, a forearm's twist, a wrist."""
+"""What people's poses are like, for whatever no keypoint shows: a lumbar bend, a forearm's twist, a wrist."""
 
 from __future__ import annotations
 

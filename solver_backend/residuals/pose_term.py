@@ -1,4 +1,4 @@
-"""Terms on poses: what each tells the solver of the rotations of the joints, whatever was measured."""
+"""Terms on poses: what each gives the solver about the rotations of the joints, whatever was measured."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ class PoseEvidence:
 
 
 class PoseTerm(FrameTerm, Protocol):
-    """Anything that judges poses one by one."""
+    """Anything that evaluates poses one by one."""
 
     def __call__(self, local: Array) -> PoseEvidence:
         """Return the evidence at (F, J, 3, 3) rotations."""

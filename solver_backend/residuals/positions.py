@@ -35,7 +35,7 @@ class PositionTerm:
         Args:
             positions: (F, L, 3) metres, NaN where nothing was observed.
             covariance: (F, L, 3, 3) m², positive definite wherever something was.
-            like: array that says kind, type and device.
+            like: array that sets kind, type and device.
         """
         seen = np.isfinite(positions).all(-1)
         covariance = np.where(seen[..., None, None], covariance, np.eye(3))

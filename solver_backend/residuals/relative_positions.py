@@ -26,7 +26,7 @@ class RelativePositionTerm:
     precision: Array
     """(F, L, 3, 3) W, 1/m²: inverse covariances; 0 where a point is not known."""
     share: float
-    """c: how much one frame counts, where frames err alike."""
+    """c: how much one frame counts, where the errors of frames are correlated."""
 
     @classmethod
     def of(

@@ -47,7 +47,7 @@ class ReprojectionTerm:
             cameras: C calibrated cameras.
             keypoints: detections of the same C views.
             sigma_px: standard deviation of each detection, broadcast against (C, F, L).
-            like: array that says kind, type and device.
+            like: array that sets kind, type and device.
         """
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)

@@ -70,8 +70,9 @@ def levenberg_marquardt(
     ``(H + λ diag H) δ = -g``, ``x ← retract(x, δ)`` where the cost falls, else λ grows
     (Levenberg 1944, Marquardt 1963).
 
-    A problem may tell the costs of its P parts in a row, each with a λ of its own: a part that a step made worse holds
-    back itself and the next part, with which it shares unknowns, and nobody else. Steps are taken whole all the same.
+    A problem may return the costs of its P parts in a row, each with a λ of its own: a part that a step made worse
+    holds back itself and the next part, with which it shares unknowns, and nobody else. Steps are taken whole all the
+    same.
 
     A step whose equations promise less than counts ends it untried (the predicted reduction of Moré 1978, section 7).
 
@@ -107,7 +108,7 @@ def levenberg_marquardt(
             state, system = select(better, candidate, state), system.merged(better, new_system)
             cost = xp.where(_of_parts(better, cost), new_cost, cost)
         total = _total(cost)
-        # A step that was refused says nothing of how near the minimum is, unless not even the shortest is taken.
+        # A step that was refused does not show how near the minimum is, unless not even the shortest is taken.
         most = _most(damping)
         enough = settings.tolerance * _share_awaited(most, damping)
         converged = converged | (better & (change < enough)) | (~better & (most > MOST_DAMPING))
@@ -119,7 +120,7 @@ def levenberg_marquardt(
 def _adapted(damping: Array, better: Array, worse_part: Array) -> Array:
     """Return the damping of the next step: less where the last one did good, more where it did harm.
 
-    A refused step says nothing against parts that it bettered: their damping stays as it was.
+    A refused step does not count against parts that it bettered: their damping stays as it was.
     """
     xp = array_namespace(damping)
     if damping.ndim == 1 or damping.shape[1] == 1:

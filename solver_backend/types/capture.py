@@ -131,7 +131,7 @@ def _checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PersonInViews:
-    """One of the people whom a recording shows."""
+    """One of the people that a recording shows."""
 
     name: str
     """What they are called."""
@@ -169,11 +169,11 @@ class Capture:
     problems: tuple[Diagnostic, ...] = ()
     """What the user should know before solving; sentences become diagnostics."""
     people: tuple[PersonInViews, ...] = ()
-    """Everybody whom two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
+    """Everybody that two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
     """Whose ``keypoints`` are, by name, where a recording shows several people."""
     stature_m: float = 0.0
-    """Stature of the person whom a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
+    """Stature of the person that a single camera sees, metres; 0 where it is unknown. Several cameras measure it."""
     floor_from_person: bool = False
     """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
     focal_sigma: float = 0.0

@@ -1,7 +1,7 @@
-"""Array types that say their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
+"""Array types that state their shape: in ``Float[Array, "*batch 3"]`` a name is one size throughout a signature.
 
-``*batch`` is any number of dimensions, and ``#`` says that they broadcast (jaxtyping's notation). Type checkers see the
-array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
+``*batch`` is any number of dimensions, and ``#`` marks those that broadcast (jaxtyping's notation). Type checkers
+see the array alone. Nothing is checked at run time, unless jaxtyping was imported before this module, as the tests do.
 """
 
 from __future__ import annotations

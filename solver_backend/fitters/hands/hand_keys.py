@@ -40,7 +40,7 @@ class KeyEquations:
         return cls(band, np.zeros((num_keys, DOF)))
 
     def add_frames(self, rows: WindowRows, gradient: np.ndarray, hessian: np.ndarray) -> None:
-        """Add what the frames of N windows say of their keys, in place.
+        """Add what the frames of N windows contribute to their keys, in place.
 
         Args:
             rows: N rows of n frames.

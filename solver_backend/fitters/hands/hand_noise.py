@@ -16,8 +16,8 @@ MODEL_ERROR_M = 0.004
 """Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
 
 ALONE = 0.04
-"""What a hand counts that one view alone shows: nothing tells a palm from its mirror image in depth there, and a wrist
-that follows the wrong one turns by half a circle."""
+"""What a hand counts that one view alone shows: nothing separates a palm from its mirror image in depth there, and a
+wrist that follows the wrong one turns by half a circle."""
 
 
 def hand_term(

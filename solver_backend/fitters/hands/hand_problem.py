@@ -17,7 +17,7 @@ from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types.shapes import Float
 
 TURN_SIGMA = float(np.deg2rad(35.0))
-"""How far a wrist is turned from where the body's keypoints have it: of twist they say little."""
+"""How far a wrist is turned from where the body's keypoints have it: they hardly constrain twist."""
 ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 250.0}
 """Standard deviations of accelerations, rad/s² and m/s². Fingers of the recorded exercises reach 150 rad/s²."""
 
@@ -31,7 +31,7 @@ class WristPath:
     places: Float[np.ndarray, "frames 3"]
     """(F, 3) metres."""
     covariance: Float[np.ndarray, "frames 3 3"] | None = None
-    """(F, 3, 3) m² of the place; None where the path says nothing of place and turn, but where to begin."""
+    """(F, 3, 3) m² of the place; None where the path constrains neither place nor turn and is only a start."""
 
 
 @dataclass(frozen=True)
@@ -126,7 +126,7 @@ class KeyModel:
         return cost + equations.add_acceleration(keys, sigma**-2.0), equations
 
     def _hold_wrist(self, keys: np.ndarray, equations: KeyEquations) -> float:
-        """Add what the body says of the wrist at each key, and return its cost."""
+        """Add the body's constraint on the wrist at each key, and return its cost."""
         covariance = self.problem.wrist.covariance
         if covariance is None:
             return 0.0

@@ -114,7 +114,7 @@ def calibrated_offsets(
 ) -> Float[np.ndarray, "markers 3"]:
     """Return (L, 3) offsets between what the frames show and the rule, each as sure as it is.
 
-    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames that err apart.
+    ``o = (Σ_f G_fᵀ (m_f - p_f) / σ² n' + o⁰ / σ⁰²) / (n' / σ² + 1 / σ⁰²)`` with n' frames whose errors are independent.
     """
     frames = np.unique(np.linspace(0, len(positions) - 1, min(len(positions), SAMPLE)).astype(int))
     posed = problem.skeleton.pose(states[frames][:, FINGERS])
@@ -125,7 +125,7 @@ def calibrated_offsets(
     own = problem.sites.offset + (np.swapaxes(G, -1, -2) @ np.where(shown[..., None], left, 0.0)[..., None])[..., 0]
     count = shown.sum(0)[:, None]
     mean = np.where(shown[..., None], own, 0.0).sum(0) / np.maximum(count, 1)
-    # Neighbouring frames err alike: a take tells as much as a dozen of its frames.
+    # Errors of neighbouring frames are correlated: a take holds as much information as a dozen of its frames.
     precision = np.minimum(count, 12) / (2 * MARKER_SIGMA_M) ** 2
     return (precision * mean + place / PLACE_SIGMA_M**2) / (precision + 1 / PLACE_SIGMA_M**2)
 

@@ -88,7 +88,7 @@ def solve_hand(
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:
-    """Return (F, 5) fingers of whose bends the data say much more than the prior does.
+    """Return (F, 5) fingers whose bends the data determine much better than the prior does.
 
     Args:
         problem: the hand.

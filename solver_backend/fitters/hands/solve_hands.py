@@ -172,7 +172,7 @@ def statistics(hands: SolvedHands) -> dict[str, Any]:
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(_states(hand)))
         far = np.linalg.norm(left.error[left.measured], axis=-1)
-        # Views err in pixels; markers, of three dimensions, in metres.
+        # Errors in views are in pixels; those of markers, of three dimensions, in metres.
         name, unit = ("reprojection_median_px", 1.0) if left.error.shape[-1] == 2 else ("residual_median_mm", 1000.0)
         found[SIDES[side]] = {
             "seen_percent": round(100.0 * float(hand.informed.any(axis=1).mean()), 1),

@@ -20,7 +20,7 @@ LEAST_PALM = 4
 SIZES = (0.75, 1.35)
 """Least and largest hands, as shares of the body's own: four standard deviations of hands of one stature."""
 LEAST_BONES = 60
-"""Measured bones that tell a size: a second or so of a palm."""
+"""Measured bones that determine a size: a second or so of a palm."""
 FARTHEST_M = 0.08
 """No wrist starts further from where the body has it."""
 

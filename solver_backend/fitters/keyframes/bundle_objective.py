@@ -36,7 +36,7 @@ unlike its corpus. Chosen on strange bodies; 1.5 gains as much again on dance an
 
 
 class KeyTerm(Protocol):
-    """Anything that judges keyframes."""
+    """Anything that evaluates keyframes."""
 
     def part(self, keys: slice) -> KeyTerm:
         """Return the term of some of the keys."""
@@ -88,7 +88,7 @@ def bundle_objective(
         points: the data, and contacts where feet stand.
         residuals: keys may leave the prior's manifold.
         smoothing: how many times as bounded accelerations are as those of recorded motion.
-        looseness: how many times as far as the prior errs joints may leave the manifold.
+        looseness: joints may leave the manifold by so many times the prior's error.
     """
     spacing = 0.5 * window
     terms: list[KeyTerm] = [

@@ -21,9 +21,9 @@ from solver_backend.geometry.symmetric import packed
 CHUNK_WINDOWS = 100
 """Windows solved at a time."""
 OVERLAP_WINDOWS = 8
-"""Windows on both sides of a chunk that are solved along with it: what lies beyond has no say in what is kept."""
+"""Windows on both sides of a chunk that are solved along with it: what lies beyond does not affect what is kept."""
 SINGLE_TO_M = 100.0
-"""Nearer to the origin than this single precision tells places to 8 µm."""
+"""Nearer to the origin than this single precision resolves places to 8 µm."""
 
 
 @dataclass(frozen=True)
@@ -108,7 +108,7 @@ def solve_long(
     what order, the keys are the same (the red-black order of Gauss and Seidel; Young 1971).
 
     Args:
-        model: what the keys are judged by.
+        model: what evaluates the keys.
         layout: windows of the take.
         start: 2N + 1 keys.
         schedule: robust scales and iterations.
@@ -162,7 +162,7 @@ def covariance_of_joints(
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
     Args:
-        model: what the keys were judged by.
+        model: what evaluated the keys.
         layout: windows of the take.
         keys: the solution.
         frames: F poses.

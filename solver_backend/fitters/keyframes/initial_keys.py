@@ -19,7 +19,7 @@ from solver_backend.geometry.rotations import quat_from_matrix
 
 
 def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:
-    """Return keyframes fitted to the located points of the seen frames nearest to them, or told by a rough motion.
+    """Return keyframes fitted to the located points of the seen frames nearest to them, or taken from a rough motion.
 
     Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.
     """

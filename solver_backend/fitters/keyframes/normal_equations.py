@@ -1,4 +1,4 @@
-"""Normal equations of keyframes: what the frames of every window say of its three keys (thesis eq. 6.6)."""
+"""Normal equations of keyframes: what the frames of every window contribute to its three keys (thesis eq. 6.6)."""
 
 from __future__ import annotations
 
@@ -67,13 +67,13 @@ class KeyframeNormalEquations:
         return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add the (n, 3 D, 3 D) matrices of a range of windows, but for what they say of their last keys alone."""
+        """Add the (n, 3 D, 3 D) matrices of a range of windows, without their part of the last keys alone."""
         inner = 2 * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add what N windows say of their last keys alone (N, D, D), and the (2 N + 1, D) derivative by the keys."""
+        """Add N windows' part of their last keys alone (N, D, D), and the (2 N + 1, D) derivative by the keys."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
@@ -100,7 +100,7 @@ class KeyframeNormalEquations:
 
 @dataclass(frozen=True)
 class FrameData:
-    """What the frames are judged by, and how keys become frames."""
+    """What evaluates the frames, and how keys become frames."""
 
     subject: Subject
     """The person."""
@@ -126,7 +126,7 @@ class FrameData:
 
 @dataclass(frozen=True)
 class DataEquations:
-    """What the frames of N windows say of their keys; matrices are formed when asked for."""
+    """What the frames of N windows contribute to their keys; matrices are formed when asked for."""
 
     cost: Array
     """(N,) of each window's frames."""
@@ -168,7 +168,7 @@ def data_equations(
     weights w: ``H_ab = P_aᵀ (Σ_f w_a w_b H_f) P_b``, and the network's derivative is needed at the keys alone.
 
     Args:
-        data: what the frames are judged by.
+        data: what evaluates the frames.
         keys: 2 N + 1 keys.
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.

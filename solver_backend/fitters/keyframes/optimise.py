@@ -62,7 +62,7 @@ class KeySolution:
 
 @dataclass(frozen=True)
 class BundleModel:
-    """What the keys are judged by."""
+    """What evaluates the keys."""
 
     subject: Subject
     """The person."""
@@ -74,7 +74,7 @@ class BundleModel:
     """The blocks of a key that are unknowns; residual rotations that are none do not act."""
 
     def part(self, keys: slice) -> BundleModel:
-        """Return what some of the keys are judged by."""
+        """Return what evaluates some of the keys."""
         return replace(self, objective=self.objective.part(keys))
 
     def astype(self, precision: Any) -> BundleModel:
@@ -110,7 +110,7 @@ class BundleModel:
         return self._at_windows(data.cost, keys), form
 
     def information(self, layout: KeyframeLayout, keys: Keyframes, scale: float) -> KeyframeNormalEquations:
-        """Return the equations at a solution, for what they tell of it, from the frames that form Hessians alone."""
+        """Return the equations at a solution, for its covariance, from the frames that form Hessians alone."""
         # Fixed codes: rows are strided before those that form Hessians are chosen among them, so that few are posed.
         stride = 1 if CODE in self.free else max(1, int(np.diff(layout.bounds).max()) // HESSIAN_FRAMES)
         rows = layout.rows(stride)
@@ -118,7 +118,7 @@ class BundleModel:
 
     @property
     def frames(self) -> FrameData:
-        """What the frames are judged by."""
+        """What evaluates the frames."""
         return FrameData(self.subject, self.prior, self.objective.frames, self.free)
 
     def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
@@ -142,7 +142,7 @@ def solve_sliding(
     """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
-        model: what the keys are judged by.
+        model: what evaluates the keys.
         layout: windows of the take.
         start: 2N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
         schedule: robust scales and iterations.
@@ -170,7 +170,7 @@ def solve_keys(
     """Solve the free keyframes at once: normal equations are block-tridiagonal, a step is linear in the take's length.
 
     Args:
-        model: what the keys are judged by.
+        model: what evaluates the keys.
         layout: windows of the frames.
         start: 2N + 1 keys.
         schedule: robust scales and iterations.

@@ -1,6 +1,6 @@
 """Markers that the body left far behind draw it once more: where the kernel had taken exact points for outliers.
 
-A hand bent to its end is told by one marker, 12 cm from where the prior expects it: at the last robust scale that is
+A hand bent to its end is shown by one marker, 12 cm from where the prior expects it: at the last robust scale that is
 an outlier that nothing draws at, and the objective itself is content, as giving up one marker costs less than a wrist
 so far off the manifold. Optical markers whose labels passed their checks are not outliers for a tenth of a second.
 """
@@ -27,7 +27,7 @@ def resolve_outlier_markers(
 
     Args:
         measurements: the markers of a calibrated person: a motion's own keypoints, which a clean-up solves, are none.
-        model: what the keys are judged by; they may leave the manifold.
+        model: what evaluates the keys; they may leave the manifold.
         layout: windows of the keys.
         keys: of a solution.
         schedule: of the last pass, from a scale at which far markers draw.

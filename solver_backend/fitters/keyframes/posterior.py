@@ -47,7 +47,7 @@ def joint_covariance(
     what does not average out, by joint.
 
     Args:
-        model: what the keys were judged by.
+        model: what evaluated the keys.
         layout: windows of the keys.
         keys: the solution.
         frames: the poses of all frames of the layout.
@@ -137,10 +137,10 @@ def _pose_covariance(diagonal: Array, upper: Array, d_pose_d_keys: Array, window
 
 
 def noise_inflation(points: Array, term: DataTerm, scale: float, num_frames: int) -> float:
-    """Return how much less n neighbouring frames tell than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
+    """Return how much less n neighbouring frames determine than n independent ones: ``1 + 2 sum_k (1 - k/n) r^k``.
 
-    A detector errs alike in neighbouring frames. r, the lag-one correlation of first-order autoregressive noise, is
-    measured on the residuals of inliers; n is the number of frames that a key averages over.
+    A detector's errors in neighbouring frames are correlated. r, the lag-one correlation of first-order autoregressive
+    noise, is measured on the residuals of inliers; n is the number of frames that a key averages over.
 
     Args:
         points: (F, L, 3) landmarks of a solution.

@@ -29,12 +29,12 @@ def resolve_lost_limbs(
 ) -> Keyframes:  # fmt: skip
     """Return the keys with lost limbs solved again from the points, where that lowers the cost; the very same if none.
 
-    Points that are wrong for some frames look like a limb that the body lost, and only the cost tells them apart. What
+    Points that are wrong for some frames look like a limb that the body lost, and only the cost separates them. What
     is lost for longer than a chunk is no lost limb, and stays too.
 
     Args:
         measurements: what locates the points.
-        model: what the keys are judged by.
+        model: what evaluates the keys.
         layout: windows of the keys.
         keys: of a solution.
         points: (F, L, 3) its landmarks.

@@ -1,4 +1,4 @@
-"""What smooths keyframes where the data say nothing: bounded acceleration, fading speed."""
+"""What smooths keyframes where the data do not constrain them: bounded acceleration, fading speed."""
 
 from __future__ import annotations
 

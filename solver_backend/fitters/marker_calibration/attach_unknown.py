@@ -10,7 +10,7 @@ from solver_backend.body.markers import ON_BONE
 from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS
 
 LEAST_FRAMES = 8
-"""Frames in which a marker must be seen to tell its bone."""
+"""Frames in which a marker must be seen to identify its bone."""
 RESIDUAL_M = 0.03
 """A marker that stays no closer to any bone's frame is worn by nobody (a wand, another person, a ghost)."""
 REACH_M = 0.45

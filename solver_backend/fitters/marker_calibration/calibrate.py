@@ -34,8 +34,8 @@ PRIOR_FRAMES = 4.0
 POSE_FRAMES = 24.0
 """What is known of poses counts, for all frames together, as much as for so many at most: what the prior finds unlikely
 in one pose of a person, by posture or by how their bones differ, it finds in others. Of 64 frames counted one by one it
-moves markers that sit on their places by a centimetre; counted for one alone, real people's hidden markers are told
-worse (docs/research-log/sensors.md)."""
+moves markers that sit on their places by a centimetre; counted for one alone, real people's hidden markers are
+predicted worse (docs/research-log/sensors.md)."""
 SIGMA_RANGE_M = (0.003, 0.03)
 """Least and largest standard deviation of a marker."""
 SCORING_STEPS = 4
@@ -65,11 +65,11 @@ class SubjectCalibration:
 
 
 def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: Progress) -> SubjectCalibration:
-    """Return the person that varied frames of a take tell: shape, places of the markers, and how far these stray.
+    """Return the person that varied frames of a take determine: shape, places of the markers, and how far these stray.
 
     Args:
         problem: markers made ready.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         settings: robust scale, iterations, and the shape where it is known.
         progress: called as stages advance.
     """
@@ -118,7 +118,7 @@ def marker_sigma(term: DataTerm, points: Array, noise: np.ndarray) -> np.ndarray
     Args:
         term: markers of the frames that were looked at.
         points: (F, L, 3) where the body has them.
-        noise: (F, L, 3, 3) m², what the tracker says of each marker's error.
+        noise: (F, L, 3, 3) m², what the tracker reports of each marker's error.
 
     Reference: Rao 1971, "Estimation of variance and covariance components — MINQUE theory".
     """

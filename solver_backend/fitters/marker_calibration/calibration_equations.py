@@ -70,10 +70,10 @@ def calibration_equations(
     by_joints = by_state[:, frames.layout.joints]
     by_joints_T = xp.matrix_transpose(by_joints)
     for term in objective.poses:
-        judged = term(frames.local)
-        blocks = blocks + pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(judged.factors), by_joints))
-        g_blocks = g_blocks + pose_weight * xp.matmul(by_joints_T, judged.gradient[..., None])[..., 0]
-        cost = cost + pose_weight * xp.sum(judged.cost)
+        found = term(frames.local)
+        blocks = blocks + pose_weight * xp.matmul(by_joints_T, xp.matmul(term.hessian(found.factors), by_joints))
+        g_blocks = g_blocks + pose_weight * xp.matmul(by_joints_T, found.gradient[..., None])[..., 0]
+        cost = cost + pose_weight * xp.sum(found.cost)
     off = turns_of(xp.reshape(state.residual, (count, -1)), state.layout)
     sigma = prior.residual_sigma[list(state.layout.turned)]
     stiff = constant(pose_weight * sigma.reshape(-1) ** -2.0, off)
@@ -86,7 +86,7 @@ def calibration_equations(
 def _shared(
     evidence: PointEvidence, by_pose: Array, by_betas: Array, by_offsets: Array
 ) -> tuple[Array, Array, Array]:  # fmt: skip
-    """Return what the frames say of shape and places: (m, m), (m,), and how poses meet them, (F, n, m)."""
+    """Return what the frames contribute to shape and places: (m, m), (m,), and how poses meet them, (F, n, m)."""
     xp = array_namespace(by_pose)
     count, num = by_pose.shape[:2]
     size = 10 + 3 * num

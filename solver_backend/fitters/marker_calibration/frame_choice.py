@@ -13,8 +13,8 @@ LEAST_SEEN = 0.6
 def varied_frames(points: np.ndarray, count: int) -> np.ndarray:
     """Return up to ``count`` frame numbers whose poses differ most, ascending.
 
-    Poses are told apart by the distances between markers, which neither place nor heading change; the next frame is the
-    one that is farthest from all that are chosen (Gonzalez 1985, "Clustering to minimize the maximum intercluster
+    Poses are distinguished by the distances between markers, which neither place nor heading change; the next frame is
+    the one that is farthest from all that are chosen (Gonzalez 1985, "Clustering to minimize the maximum intercluster
     distance").
 
     Args:

@@ -9,7 +9,7 @@ from solver_backend.fitters.marker_calibration.gap_neighbours import (
     LOOKED_AT,
     joining_shares,
     neighbours_by_distance,
-    told_by_neighbours,
+    predict_from_neighbours,
 )
 from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.small_systems import solved_3x3
@@ -30,7 +30,7 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
     mean of an Ornstein-Uhlenbeck process between its ends, ``d_a e^{-(t - a) / τ}`` where a gap has one end. τ follows
     from the take: what markers are off lasts in slow movement and changes within a stride.
 
-    Between two ends, what neighbours are off beside what joins their own ends is added (``told_by_neighbours``).
+    Between two ends, what neighbours are off beside what joins their own ends is added (``predict_from_neighbours``).
 
     Reference: Uhlenbeck and Ornstein 1930, "On the theory of the Brownian motion".
 
@@ -58,7 +58,7 @@ def filled(measured: np.ndarray, solved: np.ndarray, bones: np.ndarray, fps: flo
                     share = joining_shares(since, last - first + 1, lasting)
                 joined += share[:, None] * off[end, m]
             if len(ends) == 2:
-                joined += told_by_neighbours(beside, (first, last), lasting)
+                joined += predict_from_neighbours(beside, (first, last), lasting)
             found[gap, m] = solved[gap, m] + (bones[gap, m] @ joined[:, :, None])[..., 0]
     return found
 

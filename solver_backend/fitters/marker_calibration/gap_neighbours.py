@@ -1,4 +1,4 @@
-"""What a hidden marker is off, told by its neighbours: skin and bones that the body does not follow move them alike."""
+"""A hidden marker's error, from its neighbours': skin and bones that the body does not follow move them alike."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def neighbours_by_distance(points: np.ndarray, frames: int = 60) -> np.ndarray:
     return np.argsort(distance, axis=1, kind="stable")[:, :-1]
 
 
-def told_by_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
+def predict_from_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) -> np.ndarray:
     """Return (n, 3) what a marker is off in a gap beyond what joins its ends, in metres.
 
     With ``δ(t) = d(t) - s_a(t) d(a) - s_b(t) d(b)``, what is left of the error d between two frames a and b (see
@@ -62,12 +62,12 @@ def told_by_neighbours(off: np.ndarray, gap: tuple[int, int], lasting: float) ->
     np.fill_diagonal(covariance, (1.0 + NOISE) * variance + 1e-12)
     weights = np.linalg.solve(covariance[1:, 1:], covariance[1:, 0])
     now = _rests(off[first - 1 : last + 2], near, 1, 1, np.arange(1, length + 1), length, lasting)[0]
-    told = np.moveaxis(now, 1, 2) @ weights
-    return told * np.minimum(1.0, MOST_M / np.maximum(np.linalg.norm(told, axis=-1, keepdims=True), 1e-9))
+    predicted = np.moveaxis(now, 1, 2) @ weights
+    return predicted * np.minimum(1.0, MOST_M / np.maximum(np.linalg.norm(predicted, axis=-1, keepdims=True), 1e-9))
 
 
 def joining_shares(times: np.ndarray, length: int, lasting: float) -> np.ndarray:
-    """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``: what a gap's first end tells at times 1..n.
+    """Return ``sinh((n + 1 - t) / τ) / sinh((n + 1) / τ)``: the share of a gap's first end at times 1..n.
 
     Args:
         times: frames since the first end.

@@ -54,7 +54,7 @@ def clean_labels(
 ) -> CleanedLabels:
     """Return the markers with exchanged labels put back and ghosts left out.
 
-    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` says what an
+    For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is what an
     exchange of labels gains; where its mean over a window is large, they are exchanged. A label whose own marker is
     missing may simply be the other's.
 

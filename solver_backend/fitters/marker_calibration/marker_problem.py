@@ -52,7 +52,7 @@ def marker_problem(
         cloud: labelled markers.
         body: whose shape is sought.
         prior: decoder of poses.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         settings: of the solve.
         progress: called as stages advance.
         person: from an earlier calibration; None calibrates on the take.
@@ -180,7 +180,7 @@ def calibrated(
     own = read_label_places(settings.layout) if settings.layout else {}
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
-    # The chosen labels alone may say less than all together: their places go with them.
+    # The chosen labels alone may identify less than all together: their places go with them.
     own = {**names.known, **own}
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     check_handedness(problem.measurements.points, problem.measurements.landmarks)

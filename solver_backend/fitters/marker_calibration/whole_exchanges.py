@@ -31,7 +31,7 @@ def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
 
     Args:
         problem: markers made ready.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
     frames = varied_frames(problem.measurements.points, FRAMES)
@@ -58,12 +58,12 @@ def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple
     straight, crossed = (
         ((points[:, a] - shifted[:, i]) ** 2 + (points[:, b] - shifted[:, j]) ** 2).sum(-1) for i, j in ((a, b), (b, a))
     )
-    judged = np.flatnonzero(np.isfinite(straight).sum(0) >= min(LEAST, len(points)))
-    straight, crossed = (np.nanmedian(part[:, judged], axis=0) for part in (straight, crossed))
+    compared = np.flatnonzero(np.isfinite(straight).sum(0) >= min(LEAST, len(points)))
+    straight, crossed = (np.nanmedian(part[:, compared], axis=0) for part in (straight, crossed))
     wrong = (straight > 2 * OFF_M**2) & (crossed < SHARE * straight)
     found: list[tuple[int, int]] = []
     for k in np.flatnonzero(wrong)[np.argsort(crossed[wrong] - straight[wrong])]:
-        pair = int(a[judged[k]]), int(b[judged[k]])
+        pair = int(a[compared[k]]), int(b[compared[k]])
         if not any(set(pair) & set(other) for other in found):
             found.append(pair)
     return found

@@ -1,4 +1,4 @@
-"""What a solve starts from and is judged by, whatever was measured: keypoints in views, or optical markers."""
+"""What a solve starts from and is evaluated by, whatever was measured: keypoints in views, or optical markers."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from solver_backend.types import JointSet, MarkerCloud
 
 
 class ResidualReport(Protocol):
-    """What a motion says of how far it is from the measurements, in their own unit."""
+    """How far a motion is from the measurements, in their own unit."""
 
     def __call__(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
         """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""

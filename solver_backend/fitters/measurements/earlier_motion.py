@@ -22,10 +22,10 @@ from solver_backend.types import Motion
 ALIKE_S = 0.07
 """Frames of so long count once, as where one camera is solved: its errors last."""
 UNKNOWN_SIGMA_M = 0.1
-"""Deviation per axis of a motion that does not say its own."""
+"""Deviation per axis of a motion that does not state its own."""
 SAME_DEG, SAME_M = 15.0, 0.6
-"""A motion that lies no further off is in the same world: one camera errs so in depth and in up, and a turn that is
-fitted to its errors would turn right poses."""
+"""A motion that lies no further off is in the same world: one camera is off so far in depth and in up, and a turn
+that is fitted to its errors would turn right poses."""
 LEAST_POINTS = 12
 """Points of both by which the motion finds its place in the world of the cameras."""
 
@@ -42,7 +42,7 @@ def begin_at(
         motion: of the same frames and body.
         body: whose landmarks were located.
         prior: whose codes the start is in.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
 
     Raises:
         MotionInvalid: the motion is of other frames or another body.

@@ -21,7 +21,7 @@ def measure_landmarks(
         landmarks: the L points on the body.
         points: (F, L, 3) world metres, NaN where a landmark was not located.
         fps: frames per second.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         sigma_m: standard deviation of a landmark, per axis.
 
     Raises:

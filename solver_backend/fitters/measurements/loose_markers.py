@@ -15,7 +15,7 @@ def loose_markers(cloud: MarkerCloud, worn: Sequence[str], layout: str = "") -> 
     Args:
         cloud: all markers.
         worn: labels of the person's.
-        layout: path of a file that says how labels are read, see ``read_label_places``; empty for none.
+        layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
     """
     labels = cloud.labels or ()
     own = read_label_places(layout) if layout else {}

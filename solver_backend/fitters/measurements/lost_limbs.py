@@ -37,8 +37,8 @@ def lost_landmarks(
     lost_m, beside_m = bounds_m
     variance = np.trace(covariance, axis1=-2, axis2=-1) / 3
     squared = np.sum((found - points) ** 2, axis=-1)
-    told = np.maximum(LOST_SIGMAS**2 * variance, (ROUGHNESS * roughness(points)) ** 2)
-    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, told))
+    needed = np.maximum(LOST_SIGMAS**2 * variance, (ROUGHNESS * roughness(points)) ** 2)
+    off = (variance < SURE_M**2) & (squared > np.maximum(beside_m**2, needed))
     lost = np.zeros_like(off)
     if len(off) < SHORTEST:
         return lost

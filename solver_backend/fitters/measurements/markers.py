@@ -24,7 +24,7 @@ SIGMA_M = 0.01
 
 
 def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> MarkerCloud:
-    """Return the markers whose labels a layout knows, or whose place is told by hand (see ``name_markers``).
+    """Return the markers whose labels a layout knows, or whose place the user gave (see ``name_markers``).
 
     Raises:
         MarkersUnknown: there are no labels, or fewer than ``LEAST_MARKERS`` of them are known.
@@ -51,9 +51,9 @@ def measure_markers(
     Args:
         cloud: every marker labelled by a name that a layout knows (see ``LayoutFile.place_of``).
         body: on whose skin they sit.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         sigma_m: standard deviation of a marker against the body, per axis.
-        own: places told by hand, see ``name_markers``.
+        own: places that the user gave, see ``name_markers``.
 
     Raises:
         MarkersUnknown: there are no labels, one stands twice or is of no known layout.
@@ -68,10 +68,10 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     """Return what markers measure whose landmarks are known.
 
     Args:
-        cloud: F frames of L labelled markers. What the tracker says of its own error adds to the place's: covariances
+        cloud: F frames of L labelled markers. The tracker's own error adds to the place's: covariances
             Σ to ``σ_marker² 1 + Σ``, else residuals to ``σ_marker² + residual²``.
         landmarks: the L places of the markers on the body.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         sigma_m: (L,) standard deviation of each marker against the body, per axis.
 
     Raises:

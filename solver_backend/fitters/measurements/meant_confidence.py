@@ -1,4 +1,4 @@
-"""Keypoints weighed by what their detector's confidence means, where a noise map says it."""
+"""Keypoints weighed by what their detector's confidence means, where a noise map states it."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from solver_backend.types import Capture
 
 
 def with_meant_confidence(capture: Capture, path: str) -> Capture:
-    """Return the capture with its confidences read by a noise map, and a note that says so.
+    """Return the capture with its confidences read by a noise map, and a note that reports it.
 
     Args:
         capture: keypoints of one person.

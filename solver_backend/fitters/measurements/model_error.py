@@ -1,4 +1,4 @@
-"""How far the body misses a person when nothing else errs: what a fit must allow beside a detector's noise.
+"""How far the body misses a person when nothing else is off: what a fit must allow beside a detector's noise.
 
 The body and the prior of poses follow no person exactly. Where detections are better than that, a robust kernel that
 knows the detector's noise alone takes limbs for outliers, and the information of a keypoint is overstated.

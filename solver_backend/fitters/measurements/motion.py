@@ -18,7 +18,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.types import JointSet, Motion
 
 SIGMA_M = 0.02
-"""How far a pose may stray from the motion's: what a hand-set pose beside it says counts for more."""
+"""How far a pose may stray from the motion's: a hand-set pose beside it counts for more."""
 YIELDING_S = 0.25
 """So long before and after a pinned pose nothing is measured: there the earlier motion was wrong."""
 _LANDMARKS = JointSet.HALPE_26
@@ -31,7 +31,7 @@ def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Arra
         body: the body the motion is of.
         motion: F frames.
         pinned: frames whose poses somebody set.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
 
     Raises:
         MotionInvalid: the motion is of another body or layout.

@@ -1,4 +1,4 @@
-"""Keypoints that calibrated cameras see: triangulated, checked, and judged by their reprojection."""
+"""Keypoints that calibrated cameras see: triangulated, checked, and evaluated by their reprojection."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ def measure_views(
     Args:
         capture: calibrated cameras and 2D keypoints.
         body: whose landmarks the keypoints are.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         progress: called as stages advance.
         estimate_sync: see ``check_capture``.
         sync: see ``check_capture``.
@@ -64,7 +64,7 @@ def measurements_of(
         capture: calibrated cameras and 2D keypoints.
         triangulation: of these.
         body: whose landmarks the keypoints are.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         found: before.
         model_error: allow for what a body cannot follow beside the detector's noise (see ``fit_sigma_px``).
 

@@ -26,7 +26,7 @@ def measure_network_landmarks(
     Args:
         cloud: F frames of points in any order.
         body: whose landmarks they are.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         joints: its 24 joints too, beside its 53 markers.
         progress: called as frames are read.
 
@@ -53,8 +53,8 @@ def measure_directly(
     Args:
         capture: with markers.
         body: whose landmarks they are.
-        like: array that says kind, type and device.
-        settings: say which of them.
+        like: array that sets kind, type and device.
+        settings: name which of them.
         person: who is known, if anybody.
         progress: called as frames are read.
 

@@ -28,7 +28,7 @@ STEPS = 5
 LEAST_DELAY_FRAMES = 0.3
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 8.0
-"""... nor those that are not sure: a detector errs alike for longer than the deviation knows."""
+"""... nor those that are not sure: a detector's errors last longer than the deviation allows for."""
 LEAST_REPEATED = 1.0
 """Per cent of a view's frames that are shown again; fewer are bridged without a word."""
 _UNKNOWN = ("delay_unknown", "delays_unknown", "delay_beyond")

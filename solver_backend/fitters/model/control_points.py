@@ -53,7 +53,7 @@ def _spline(flat: np.ndarray, layout: KeyframeLayout) -> tuple[np.ndarray, Windo
 def _nearest(flat: np.ndarray, rows: WindowRows, shares: np.ndarray) -> np.ndarray:
     """Return (K, d) control points, by conjugate gradients from the keys (Hestenes and Stiefel 1952).
 
-    What the frames do not tell, where keys are denser than they, stays as the keys have it.
+    What the frames do not determine, where keys are denser than they, stays as the keys have it.
     """
     weighted_T = np.swapaxes(shares * (rows.weight > 0)[..., None], 1, 2)
     normal = weighted_T @ shares

@@ -224,7 +224,7 @@ class KeyframeCurve:
         """Return (W·n, d): ``Σ_k w_k x_k`` of the keys' values (W, k, d)."""
         if self.weights.shape[1] > 1:
             return rows_of(array_namespace(values).matmul(self.weights, values))
-        # Single frames are summed key by key: how a BLAS adds three numbers has no say in them.
+        # Single frames are summed key by key: how a BLAS adds three numbers does not affect them.
         return sum(self.weights[:, 0, k, None] * values[:, k] for k in range(values.shape[1]))
 
     def _shared(self, by_frames: Array) -> Array:

@@ -88,7 +88,7 @@ def frame_equations(
     Args:
         subject: the person.
         frames: F poses.
-        objective: what they are judged by.
+        objective: what evaluates them.
         scale: of Geman-McClure's penalty.
         hessian_frames: those whose matrices are wanted, in single precision, as they only steer the steps; None: all,
             in the poses' own.

@@ -1,4 +1,4 @@
-"""What a foreign skeleton's joints say about ours: places, and rotations from a pose in which both stand alike."""
+"""What a foreign skeleton's joints determine of ours: places, and rotations from a pose in which both stand alike."""
 
 from __future__ import annotations
 

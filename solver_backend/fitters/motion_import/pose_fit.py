@@ -40,7 +40,7 @@ def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndar
 
     Args:
         rest: (24, 3) joints of the shaped body at rest.
-        measured: what the skeleton says.
+        measured: what the skeleton states.
     """
     parts = [
         _fit_block(rest, measured.places[at : at + _BLOCK], measured.turns[at : at + _BLOCK])

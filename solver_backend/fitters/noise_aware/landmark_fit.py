@@ -6,7 +6,7 @@ its start (3, from the left), its translation (3), and what the loss has of its 
 ``E = Σ_i loss(|l_i - l_i*|² / σ0²) + λ_β |β|² + λ_pose |z|²``
 
 The thesis has the code follow from the pose, z = E(θ). That lets joints leave the poses that the prior knows, where its
-encoder says nothing: joints then turned by 45 degrees too much. So the pose follows from the code.
+encoder is unreliable: joints then turned by 45 degrees too much. So the pose follows from the code.
 """
 
 from __future__ import annotations
@@ -64,7 +64,7 @@ class LandmarkFit:
     """What stays while the poses of F frames are fitted."""
 
     subject: Subject
-    """The person; landmarks sit where their layout says."""
+    """The person; landmarks sit where their layout places them."""
     prior: GaussianVAE
     """Whose decoder D makes poses."""
     start: CodedFrames

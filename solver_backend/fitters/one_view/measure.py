@@ -28,7 +28,7 @@ from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 MODEL_ERROR_M = 0.015
-"""What a body of average proportions misses of a person's keypoints, per axis: no second view tells limbs' lengths."""
+"""What a body of average proportions misses of a person's keypoints, per axis: no second view shows limbs' lengths."""
 ALIKE_S = 0.07
 """Frames of so long count once: neighbouring windows see the same frames. Chosen on takes of subjects 08 and 60; errors
 last longer, which ``open_depth`` adds to the deviations."""
@@ -44,7 +44,7 @@ def measure_one_view(
         capture: cameras and keypoints, of which one view has detections.
         body: whose landmarks the keypoints are.
         prior: decoder of poses.
-        like: array that says kind, type and device.
+        like: array that sets kind, type and device.
         betas: shape of the person, None where it is unknown.
         progress: called as stages advance.
 
@@ -135,7 +135,7 @@ def _covariances(sigma: np.ndarray, sight: np.ndarray, size: float, from_camera:
 
 
 def _precision(sigma: np.ndarray, sight: np.ndarray, known: np.ndarray, joint: np.ndarray) -> np.ndarray:
-    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``; points of one joint err alike and share its weight."""
+    """Return (F, L, 3, 3) ``(1 - d dᵀ) / a² + d dᵀ / l²``; points of one joint share its error and its weight."""
     along = sight[:, None, :, None] * sight[:, None, None, :]
     across, deep = (1.0 / sigma[..., k, None, None] ** 2 for k in (0, 1))
     shared = np.bincount(joint, minlength=len(SMPL_JOINTS))[joint]

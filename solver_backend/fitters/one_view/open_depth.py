@@ -18,8 +18,8 @@ from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.symmetric import packed, unpacked
 
 ALIKE = 1.2
-"""Lifted depths err by so many of the lifter's deviations in solved takes, and for so long that a bundle averages none
-of it out. Like ``ACROSS_M`` set on takes of subjects 08 and 60, so that 95 % ellipsoids hold 90 to 97 %."""
+"""Lifted depths are off by so many of the lifter's deviations in solved takes, and for so long that a bundle averages
+none of it out. Like ``ACROSS_M`` set on takes of subjects 08 and 60, so that 95 % ellipsoids hold 90 to 97 %."""
 ACROSS_M = 0.02
 """What a body of average proportions and an unseen bias of the detector leave across the picture, per axis."""
 OPEN_M = 0.15
@@ -27,7 +27,7 @@ OPEN_M = 0.15
 SHORTEST_S = 0.2
 """A shorter stretch is not worth a look."""
 STANDS_SHARE = 0.02
-"""Of feet and frames; in fewer, nothing says where the floor is. A walker's feet stand in half of them."""
+"""Of feet and frames; in fewer, nothing locates the floor. A walker's feet stand in half of them."""
 LIMB_ENDS = {
     "left_wrist": "left arm", "right_wrist": "right arm", "left_ankle": "left leg", "right_ankle": "right leg",
     "head": "head",
@@ -65,7 +65,7 @@ def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> S
 
 
 def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> list[Diagnostic]:
-    """Return what a result of one camera always says, and the limbs whose depth is open."""
+    """Return what a result of one camera always reports, and the limbs whose depth is open."""
     joints = problem.body.layout.recorded.joints
     columns = [joints.index(name) for name in LIMB_ENDS if name in joints]
     usual = 100.0 * float(np.median(one.sight_sigma_m[:, columns]))

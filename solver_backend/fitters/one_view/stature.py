@@ -49,7 +49,7 @@ def size_of(
     """Return how large the person is: of the known shape or stature, else by the floor; see ``size_by_floor``.
 
     Args:
-        capture: says the stature, and whether the floor was found from the person.
+        capture: states the stature, and whether the floor was found from the person.
         body: whose stature is the average's.
         betas: the known shape, or None.
         points, names, seen, camera_height: see ``size_by_floor``.
@@ -73,7 +73,7 @@ def size_of(
 def measured_size(
     points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float
 ) -> tuple[float, float] | None:  # fmt: skip
-    """Return the size at which the feet of an average person reach the floor, and its deviation; None: no foot says it.
+    """Return the size at which an average person's feet reach the floor, and its deviation; None: no foot shows it.
 
     All that one camera sees of a person ``s`` times as large is ``s`` times as far away: a foot at height h comes down
     to ``H - s (H - h)`` below a camera at height H.

@@ -57,7 +57,7 @@ def _far(normalised: np.ndarray) -> np.ndarray:
     count = np.isfinite(ordered).sum(axis=1)
     row, least = np.arange(frames), np.maximum(count, 1)
     per_frame = 0.5 * (ordered[row, (least - 1) // 2] + ordered[row, least // 2])
-    judged = count > 0
-    if not judged.any():
-        return judged
-    return judged & (per_frame > max(FAR * float(np.median(per_frame[judged])), FAR_SIGMAS))
+    measured = count > 0
+    if not measured.any():
+        return measured
+    return measured & (per_frame > max(FAR * float(np.median(per_frame[measured])), FAR_SIGMAS))

@@ -21,10 +21,10 @@ takes, CMU's walk and the demo, are off by 25 and 90 mm, 61 and 183, 23 and 131 
 
 
 def assumed_joints(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the joints whose places only a posture says; none where a landmark near the root is ever located.
+    """Return the joints whose places only a posture determines; none where a landmark near the root is ever located.
 
     A landmark measures the joint of the bone that carries it and the joints below that bone. One on the thigh near the
-    knee says where the knee is, and not where the thigh comes from.
+    knee shows where the knee is, and not where the thigh comes from.
 
     Args:
         body: whose tree.

@@ -33,7 +33,7 @@ class ManifoldWeights:
 
 @dataclass(frozen=True)
 class PoseSequence:
-    """What F consecutive frames are judged by."""
+    """The objective of F consecutive frames."""
 
     subject: Subject
     """Whose landmarks stand for the mesh."""

@@ -1,4 +1,4 @@
-"""A take as its recipe works on it: keys, the person, what the keys are judged by, and what was learned so far."""
+"""A take as its recipe works on it: keys, the person, the objective of the keys, and what was learned so far."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ ON_THE_MANIFOLD = (CODE, ROOT, TRANSL, UNCOVERED)
 OFF_THE_MANIFOLD = (*ON_THE_MANIFOLD, RESIDUAL)
 """Every joint may leave the prior's manifold by a small rotation."""
 FIXED_CODES = (ROOT, TRANSL, UNCOVERED, RESIDUAL)
-"""Joints leave the manifold from where it was reached. What exact markers of a known person say of a pose, they say of
+"""Joints leave the manifold from where it was reached. Exact markers of a known person constrain a pose through
 its joints: a code that is free beside the residual rotations is determined twice, and Gauss-Newton's steps overshoot
 along what nothing determines. The decoder leaves the loop."""
 
@@ -83,7 +83,7 @@ class PosedKeys:
 
 @dataclass(frozen=True)
 class Bundle:
-    """Keys of a take and what they are judged by."""
+    """Keys of a take and their objective."""
 
     problem: Problem
     """The measurements made ready."""
@@ -115,7 +115,7 @@ class Bundle:
         cls, problem: Problem, subject: Subject, settings: SolveSettings, layout: KeyframeLayout, window: int,
         keys: Keyframes, schedule: Schedule, solve: Solve, restart: Start, frames: np.ndarray | None = None,
     ) -> Bundle:  # fmt: skip
-        """Return a bundle before its first pass, which judges keys on the manifold by the data."""
+        """Return a bundle before its first pass, which fits keys on the manifold to the data."""
         free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
         posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
         objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
@@ -123,15 +123,17 @@ class Bundle:
 
     @property
     def model(self) -> BundleModel:
-        """What the keys are judged by."""
+        """The objective of the keys."""
         return BundleModel(self.posed.subject, self.problem.prior, self.objective, self.free)
 
     def move(self, keys: Keyframes) -> Bundle:
         """Return the bundle with other keys."""
         return replace(self, posed=replace(self.posed, keys=keys))
 
-    def judge(self, free: Collection[str], looseness: float = OFF_MANIFOLD, *, contacts: bool = True) -> Bundle:
-        """Return the bundle judged by what was learned so far.
+    def with_objective(
+        self, free: Collection[str], looseness: float = OFF_MANIFOLD, *, contacts: bool = True
+    ) -> Bundle:  # fmt: skip
+        """Return the bundle with the objective that follows from what was learned so far.
 
         Args:
             free: names of the blocks that are unknowns.

@@ -65,9 +65,9 @@ def solve_range(
     before, sample = PosedFrames.of_motion(motion, subject.betas), problem.sample
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
-    judged, objective = before.select(sample), problem.objective.select(sample)
+    sampled, objective = before.select(sample), problem.objective.select(sample)
     person = ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None)
-    subject = refit_shape(subject, judged, objective, scale, person)
+    subject = refit_shape(subject, sampled, objective, scale, person)
     layout, moving = _layout(frame_range, motion.num_frames, window)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
     anew = hemisphere_aligned(_mixed(moving, initial_keys(problem, subject, layout), fixed))
@@ -77,7 +77,7 @@ def solve_range(
         problem, subject, settings, layout, window, fixed, both.schedule, partial(solve_keys, fixed=~moving),
         keys_of_frames(problem, subject, layout),
     )  # fmt: skip
-    bundle = replace(bundle, data=with_learned_noise(problem, subject, judged, settings))
+    bundle = replace(bundle, data=with_learned_noise(problem, subject, sampled, settings))
     found = [
         both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in enumerate((fixed, anew))
     ]
@@ -93,7 +93,7 @@ def solve_range(
     assert best.solution is not None
     frames, status = best.posed.poses, best.solution.convergence.status
     solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, status)
-    covariance = _covariance(best.judge(free, contacts=False), solved)
+    covariance = _covariance(best.with_objective(free, contacts=False), solved)
     progress(STAGE, 3, 3)
     return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), status)
 

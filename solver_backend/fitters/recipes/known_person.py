@@ -29,8 +29,8 @@ from solver_backend.fitters.solution import MethodResult
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
 """Mean acceleration of markers up to which the settings' window holds, and the least share of it, which runners reach:
-markers err by less than what keypoints need wider windows for. At 7 m/s knees bend by 3.2 degrees RMS from OpenSim's
-with 0.4 times the window, 5.7 with all of it."""
+markers are off by less than what keypoints need wider windows for. At 7 m/s knees bend by 3.2 degrees RMS from
+OpenSim's with 0.4 times the window, 5.7 with all of it."""
 NEAR_M = 0.01
 """A body between two frames of a rough motion is off by ``a h² / 8``; where that is less for all but the fastest
 twentieth of the markers, no pass has to come near."""
@@ -62,7 +62,7 @@ class KnownPersonPlan:
         apart = max(1, round(0.5 * settings.refine_window * rate / REFERENCE_FPS))
         mean, fastest = paces(measured.points[::stride], rate, apart)
         window = closer_window(usual, mean, CALM_M_S2, CLOSEST)
-        # Markers are exact: five frames or so between two keys tell what all of them do, and three are near enough.
+        # Markers are exact: five frames or so between two keys determine as much as all of them, and three nearly so.
         near = Schedule((2 * scale,), min(3, steps), max(1, round(0.3 * window)), 3e-2, hessian_frames=3)
         last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
         starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M

@@ -22,7 +22,7 @@ MARKER_SIGMA_M = 0.012
 LEAST_SIGMA_M = 0.02
 """The network's positions are never trusted more than this."""
 SAME_ERROR_S = 1.0
-"""Time over which the network's positions of unseen markers have the same error: repeated, they say nothing new.
+"""Time over which the network's positions of unseen markers have the same error: repeated, they add no information.
 
 Deviations 1, 10 and 1,000 times the network's gave joints 21.7, 19.1 and 20.5 mm off in three of decision 26's takes,
 at 60 and 120 Hz, where 1 s is 8 and 11 times."""

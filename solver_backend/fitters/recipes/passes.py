@@ -32,7 +32,7 @@ class Pass:
         """Return the bundle with the keys that this pass finds; ``alive`` is called before each linearisation."""
         for step in self.before:
             bundle = step(bundle)
-        bundle = bundle.judge(self.free, self.looseness)
+        bundle = bundle.with_objective(self.free, self.looseness)
         found = bundle.solve(bundle.model, bundle.posed.layout, bundle.posed.keys, self.schedule, alive=alive)
         return replace(bundle.move(found.keys), schedule=self.schedule, solution=found)
 

@@ -39,7 +39,7 @@ def solved_take(bundle: Bundle, stride: int = 1) -> MethodResult:
         contacts = find_contacts(to_numpy(points), names, problem.fps)
     give_back_freed_memory()
     # Standing feet steady the solution, but how sure it is follows from what was measured.
-    measured = bundle.judge([block.name for block in bundle.free.blocks], contacts=False).model
+    measured = bundle.with_objective([block.name for block in bundle.free.blocks], contacts=False).model
     constant_m = constant_m_of(problem)
     covariance = covariance_of_joints(measured, layout, keys, frames, scale, inflation, constant_m, stride=stride)
     feet = None if contacts is None else contacts.feet(names)

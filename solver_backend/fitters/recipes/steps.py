@@ -33,7 +33,7 @@ def space_keys(bundle: Bundle) -> Bundle:
         bundle, posed=replace(posed, keys=keys, layout=dense), window=round(problem.num_frames / dense.num_windows),
         restart=keys_of_frames(problem, posed.subject, dense),
     )  # fmt: skip
-    return closer.judge([block.name for block in bundle.free.blocks])
+    return closer.with_objective([block.name for block in bundle.free.blocks])
 
 
 def resolve_lost_limbs(bundle: Bundle) -> Bundle:

@@ -51,7 +51,7 @@ POSE_SIGMA_M = 0.03
 BLOCK_FRAMES = 64
 """Frames fitted at a time."""
 NEAR, FAR = ((8.0,), 4), ((20.0, 5.0), 12)
-"""Robust scales and linearisations of a fit that starts where the lifter says, or from a start pose."""
+"""Robust scales and linearisations of a fit that starts from the lifter's pose, or from a start pose."""
 TOLERANCE = 1e-2
 """A start is good enough when no frame's cost falls by more than this share."""
 
@@ -73,7 +73,7 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
 
 
 def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
-    """Fit poses to the located points of these frames, from where the lifter says or from the best start pose."""
+    """Fit poses to the located points of these frames, from the lifter's pose or from the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
     parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas)

@@ -13,7 +13,7 @@ from solver_backend.geometry.arrays import Array
 from solver_backend.residuals.point_term import DataTerm
 
 PRIOR_FRAMES = 60.0
-"""How many frames' worth of evidence says that all views are alike; errors of neighbouring frames are."""
+"""How many frames' worth of evidence there is that all views are alike; errors of neighbouring frames are."""
 RANGE = (0.2, 5.0)
 """Least and largest variance of one view's keypoint, as a share of the keypoint's mean over the views."""
 

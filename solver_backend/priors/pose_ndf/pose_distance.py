@@ -17,7 +17,7 @@ def _joint_weights() -> np.ndarray:
 
 JOINT_WEIGHTS: np.ndarray = _joint_weights()
 """(21,) weights ``w`` of the joints 1..21, mean 1: the root of the number of joints that a joint moves, itself counted.
-The paper says only that joints early in the chain weigh more."""
+The paper states only that joints early in the chain weigh more."""
 
 
 TURN_METRIC: np.ndarray = JOINT_WEIGHTS / 8.0

@@ -8,7 +8,7 @@ import pytest
 from research.baselines.rigid_filling import fill_rigidly
 from solver_backend.fitters.marker_calibration import gap_neighbours
 from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
-from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, told_by_neighbours
+from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, predict_from_neighbours
 from solver_backend.geometry.rotations import exp_so3
 
 FRAMES, FPS = 400, 60.0
@@ -85,12 +85,12 @@ def test_what_neighbours_are_off_tells_what_a_hidden_marker_is_off():
     truth, off[gap[0] : gap[1] + 1, 0] = off[gap[0] : gap[1] + 1, 0].copy(), np.nan
     times = np.arange(1, 41)
     ends = [joining_shares(t, 40, 100.0)[:, None] * off[f, 0] for t, f in ((times, 179), (41 - times, 220))]
-    told = told_by_neighbours(off, gap, 100.0)
+    told = predict_from_neighbours(off, gap, 100.0)
     alone, with_others = (np.linalg.norm(sum(ends) + more - truth, axis=-1).mean() for more in (0.0, told))
     assert with_others < 0.4 * alone
     independent = rng.normal(size=off.shape) * 0.005
     independent[gap[0] : gap[1] + 1, 0] = np.nan
-    assert np.linalg.norm(told_by_neighbours(independent, gap, 100.0), axis=-1).mean() < 0.004
+    assert np.linalg.norm(predict_from_neighbours(independent, gap, 100.0), axis=-1).mean() < 0.004
 
 
 def test_a_long_take_tells_no_more_stretches_than_a_short_one(monkeypatch):
@@ -103,7 +103,7 @@ def test_a_long_take_tells_no_more_stretches_than_a_short_one(monkeypatch):
     ends = sum(joining_shares(t, 10, 100.0)[:, None] * off[f, 0] for t, f in ((times, 2999), (11 - times, 3010)))
     rests = gap_neighbours._rests
     monkeypatch.setattr(gap_neighbours, "_rests", lambda *a: looked_at.append(a[3]) or rests(*a))
-    told = told_by_neighbours(off, (3000, 3009), 100.0)
+    told = predict_from_neighbours(off, (3000, 3009), 100.0)
     assert max(looked_at) <= gap_neighbours.MOST_STRETCHES
     alone, with_others = (np.linalg.norm(ends + more - truth, axis=-1).mean() for more in (0.0, told))
     assert with_others < 0.4 * alone
