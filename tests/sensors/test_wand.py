@@ -19,6 +19,7 @@ from solver_backend.sensors.wand.result import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.start import robust_umeyama
 from tests.support.waved_wand import Waving, as_tables, pose_errors, sensors, waved
+from tests.support.words import words
 
 WAND = Wand(0.13, 0.26)
 
@@ -54,7 +55,7 @@ def test_clocks_are_found_from_how_the_wand_moves(wand: Wand | None, late: tuple
     assert np.abs(found.clocks.offset_s - late).max() < 0.0003
     mm, degrees = pose_errors(found.rig.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
-    assert sum("clock of" in word for word in found.rig.findings) == 2
+    assert sum("clock of" in word for word in words(found.rig.findings)) == 2
 
 
 def test_the_interleave_of_a_trigger_counts() -> None:

@@ -24,6 +24,7 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
+from solver_backend.io.native.earlier_sentences import as_today
 from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews, stacked_hands
 
 _TRUTH = "truth_"
@@ -149,7 +150,7 @@ def _capture(fields: Fields, path: Path) -> Capture:
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
         footage_first=_footage_first(fields),
         sources=fields.texts("sources"),
-        notes=(*read_diagnostics(fields.texts("notes"), EARLIER_NOTE), *notes_in(found)),
+        notes=(*map(as_today, read_diagnostics(fields.texts("notes"), EARLIER_NOTE)), *notes_in(found)),
         problems=(*read_diagnostics(fields.texts("problems")), *warnings_in(found)),
         people=people,
         person=fields.text("person", "") if people else "",
