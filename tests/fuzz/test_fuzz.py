@@ -40,6 +40,7 @@ def test_the_sound_files_are_read_and_the_odd_ones_are_read_or_named(target: Tar
         folder = tmp_path / str(number)
         folder.mkdir()
         write(folder)
+        assert number >= len(target.dialects) or any(file.suffix in target.kinds for file in folder.rglob("*"))
         with suppress(*((MocapError, AddonError) if number >= len(target.sound) else ())):
             target.read(folder)
 

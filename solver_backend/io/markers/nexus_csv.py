@@ -61,7 +61,7 @@ def read_nexus_csv(
         delimiter, block = _block(lines, start, path)
         blocks.append(block)
     # Nexus writes one block; scripts that join exports write one a subject.
-    same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers)]
+    same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
     problems = frame_problems(blocks[0].numbers, None)
     if len(same) < len(blocks):
         problems += (diagnostic("blocks_left_out", count=len(blocks) - len(same)),)

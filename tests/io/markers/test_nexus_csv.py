@@ -114,3 +114,6 @@ def test_sections_follow_each_other_without_an_empty_line_and_several_hold_traje
     shorter = block + block.replace("103,0,102,-20,1500,92,15,30\n", "")
     found = read_nexus_csv(write(tmp_path / "t.csv", shorter))
     assert facts(found.report.problems) == ("1 blocks of trajectories of other frames are left out.",)
+    odd = block.replace("103,0,102,", "1e300,0,102,")
+    assert read_nexus_csv(write(tmp_path / "t.csv", odd)).cloud.positions.shape == (3, 2, 3)
+    assert read_nexus_csv(write(tmp_path / "t.csv", odd + odd)).cloud.positions.shape == (3, 4, 3)
