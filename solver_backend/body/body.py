@@ -114,7 +114,7 @@ def body_from_arrays(arrays: dict[str, np.ndarray], *, where: str, default_id: s
     names, groups = (arrays.get(key) for key in _LAYOUT_KEYS)
     arrays = {key: _numbers(key, arrays[key], where) for key in (*REQUIRED_KEYS, "posedirs") if key in arrays}
     v_template, kintree = arrays["v_template"], arrays["kintree_table"].astype(np.int64)
-    count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 else 0
+    count, num_joints = len(v_template), kintree.shape[-1] if kintree.ndim == 2 and len(kintree) else 0
     parents = tuple(-1 if p >= num_joints or p < 0 else int(p) for p in kintree[0]) if num_joints else ()
     layout = _layout(body_id, parents, names, groups, where)
     posedirs = arrays.get("posedirs")

@@ -127,6 +127,7 @@ def spoil(arrays, **changes):
             {"kintree_table": np.zeros((2, 30))},
             r"kintree_table has 30 joints; 24 \(SMPL\), 52 \(SMPL-H\), 55 \(SMPL-X\)",
         ),
+        ({"kintree_table": np.zeros((0, 24))}, "kintree_table has 0 joints"),
         ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
         ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor holds NaN or infinite"),
         ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table holds NaN"),
