@@ -18,6 +18,8 @@ from solver_backend.exchange.regular_file import open_regular
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
 _LARGEST_TOML = 2_000_000
+LONGEST_HEADING = 200
+"""Characters of a column's heading at most: patterns take time that grows with the square of what they look into."""
 _PART = 1 << 20
 """Bytes that are read at once."""
 _MOST_KEY_PARTS = 32

@@ -12,10 +12,12 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.calibration.qualisys import read_qualisys
+from solver_backend.io.detections.column_table import is_table
 from solver_backend.io.detections.openpose import read_document
 from solver_backend.io.detections.picture_documents import people_in_picture
 from solver_backend.io.files import read_json, read_toml
 from solver_backend.io.footage.mp4 import read_video_header
+from solver_backend.io.markers.point_table import begins_as_points
 from solver_backend.io.motions.bvh import read_bvh
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 from tests.support.trial_files import read_folders
@@ -135,3 +137,12 @@ def test_long_motions_are_read_a_part_at_a_time(tmp_path: Path) -> None:
     (tmp_path / "a.bvh").write_text(BVH + f"Frames: 40000\nFrame Time: 0.01\n{lines}\n")
     clip = read_bvh(tmp_path / "a.bvh")
     assert clip.rotations.shape == (40_000, 1, 3, 3)
+
+
+@pytest.mark.parametrize("heading", ["[" * 60_000, "_" * 60_000, "a_" * 30_000])
+def test_a_heading_without_an_end_is_none_at_once(tmp_path: Path, heading: str) -> None:
+    path, text = tmp_path / "a.csv", f"{heading}!,{heading}!\n1,2\n"
+    path.write_text(text)
+    begun = time.process_time()
+    assert not is_table(path) and not begins_as_points(text)
+    assert time.process_time() - begun < 1.0

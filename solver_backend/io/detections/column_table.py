@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames, People
-from solver_backend.io.files import read_text
+from solver_backend.io.files import LONGEST_HEADING, read_text
 
 _COLUMN = re.compile(
     r"(?P<name>.*\w)[ ._-]+(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|prob|c|p|v)", re.I
@@ -87,7 +87,7 @@ def _points(heading: list[str]) -> dict[str, dict[str, int]]:
     """Return the column of each coordinate of each point."""
     points: dict[str, dict[str, int]] = {}
     for column, name in enumerate(heading):
-        if found := _COLUMN.fullmatch(name.strip()):
+        if found := _COLUMN.fullmatch(name.strip()) if len(name) <= LONGEST_HEADING else None:
             coord = found["coord"].lower()
             points.setdefault(found["name"], {}).setdefault(coord if coord in "xyz" else "likelihood", column)
     return points

@@ -124,7 +124,6 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
         header: the rows from the types to 'Frame', 'Time (Seconds)', ...
         path: the file, for messages.
     """
-    axes = header[-1]
     at = next((i for i, row in enumerate(header) if any(_is_type(cell) for cell in row)), None)
     if at is None or at + 1 >= len(header) - 1:
         raise FileDamaged(
@@ -132,6 +131,7 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
             where=str(path),
             hint="Export it again with its header.",
         )
+    axes = header[-1]
     types, names, quantities = (_filled(row, len(axes)) for row in (header[at], header[at + 1], header[-2]))
     starts = [
         i

@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.io.files import read_text
+from solver_backend.io.files import LONGEST_HEADING, read_text
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.text_table import (
@@ -123,7 +123,7 @@ def _spread(above: Sequence[str], axes: Sequence[str]) -> list[str]:
 
 def _points(names: Sequence[str]) -> tuple[dict[str, int], str]:
     """Return the column of x of every point whose y and z follow it, and the unit that the headings state."""
-    split = [_COLUMN.fullmatch(name) for name in names]
+    split = [_COLUMN.fullmatch(name) if len(name) <= LONGEST_HEADING else None for name in names]
     columns, unit = dict[str, int](), ""
     for x in range(len(names) - 2):
         parts = [part for part in split[x : x + 3] if part is not None and part["name"]]

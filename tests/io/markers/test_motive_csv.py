@@ -169,6 +169,9 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read_motive_csv(write(path, csv_text(measured(), [])))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [","])))
+    (tmp_path / "one_line.csv").write_text("Format Version,1.23,X,Y,Z\n0,0.0,1,2,3\n")
+    with pytest.raises(FileDamaged, match="no row of types"):
+        read_motive_csv(tmp_path / "one_line.csv")
 
 
 def test_words_of_another_language_and_a_first_line_that_was_cut(tmp_path: Path) -> None:
