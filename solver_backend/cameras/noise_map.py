@@ -57,7 +57,7 @@ class NoiseMap:
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
         """Return keypoints weighted by what their confidence means, and a note."""
-        code = _APPLIED[detector != self.detector]
+        code = "noise_map_applied" if detector == self.detector else "noise_map_of_another"
         note = diagnostic(code, measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 

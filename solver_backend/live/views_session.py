@@ -158,15 +158,15 @@ class ViewsSession:
         self._expected = found.landmarks
         off_m = float(np.median(self.shown_off_m))
         doubts = doubts_of(found.points_off_m, 0, self._limbs)
-        if off_m < BAD_M:
-            self._good = moment.time
-        elif moment.time - self._good > LOST_S:
-            self._reset()
         if doubts and self.fit.is_starting and self._may_start_anew:
             # What is lifted from one moment may have an arm elsewhere, where a fit stays for a second; another has not.
             self._may_start_anew = False
             self.fit.restart()
             return self._nothing(moment, f"starting anew: {doubts}", "waiting")
+        if off_m < BAD_M:
+            self._good = moment.time
+        elif moment.time - self._good > LOST_S:
+            self._reset()
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(moment.time, 6), "state": "tracking" if off_m < BAD_M and not doubts

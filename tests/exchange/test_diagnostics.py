@@ -8,6 +8,7 @@ import string
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import (
@@ -126,6 +127,12 @@ def test_files_of_earlier_versions_are_read():
     assert wrists.where.markers == ("LWRA", "LWRB") and "LWRA and LWRB have" in sentence(wrists)
     assert sentence(names).startswith("Camera a and camera c are exchanged in frames 0-9: corrected.")
     assert sentence(text) == "The views disagree." and text.severity is Severity.WARNING
+
+
+def test_counts_of_numpy_are_whole_and_survive_a_file():
+    found = diagnostic("frame_files_missing", count=np.int64(3))
+    assert word(found).what.startswith("3 frame files")
+    assert json.loads(json.dumps(found.as_dict()))["values"] == {"count": 3}
 
 
 def test_a_summary_ends_with_ok_or_with_where_to_look():

@@ -1,4 +1,4 @@
-"""Where a point could be: linear triangulation from subsets of its views, compared by all of them."""
+"""Where a point could be: linear triangulation from subsets of its views, scored by all of them."""
 
 from __future__ import annotations
 

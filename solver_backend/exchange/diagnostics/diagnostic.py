@@ -6,6 +6,7 @@ import math
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
+from numbers import Integral
 from typing import Any
 
 from .entry import Severity
@@ -14,9 +15,8 @@ from .table import TABLE
 Frames = tuple[tuple[int, int], ...]
 """First and last frame, included, of one or more stretches."""
 
-EARLIER_NOTE, EARLIER_WARNING = "earlier_note", "earlier_warning"
+EARLIER = EARLIER_NOTE, EARLIER_WARNING = "earlier_note", "earlier_warning"
 """Codes of sentences that files of earlier versions hold."""
-EARLIER = (EARLIER_NOTE, EARLIER_WARNING)
 
 
 class Remedy(StrEnum):
@@ -105,8 +105,10 @@ def diagnostic(
 
 def _plain(value: Any) -> Any:
     """Return a value as JSON has it."""
-    if isinstance(value, str | bool | int):
+    if isinstance(value, str | bool):
         return value
+    if isinstance(value, Integral):  # NumPy's as well: a count has no decimals
+        return int(value)
     if isinstance(value, Iterable):
         return [_plain(item) for item in value]
     return float(f"{float(value):.6g}")

@@ -118,6 +118,19 @@ def test_a_start_that_leaves_an_arm_elsewhere_begins_once_more(filmed):
     assert off[0] < 0.6 * off[1]
 
 
+def test_a_person_who_is_lost_leaves_the_next_start_its_second_try(filmed, monkeypatch):
+    moments, session = moments_of(filmed), session_of(filmed)
+    list(session.run(moments[:40]))
+    assert not session.fit.is_starting
+    monkeypatch.setattr("solver_backend.live.views_session.BAD_M", 0.0)
+    monkeypatch.setattr("solver_backend.live.views_session.LOST_S", 0.0)
+    monkeypatch.setattr("solver_backend.live.views_session.doubts_of", lambda *_: "the left arm is 900 mm off")
+    [line] = session.run(moments[40:41])
+    assert "pose" in line and session.fit.pose is None
+    [line] = session.run(moments[41:42])
+    assert line["state"] == "waiting" and "starting anew" in line["why"]
+
+
 def test_the_world_is_made_to_fit_and_named_once(filmed):
     c = filmed.cameras
     lower = replace(filmed, cameras=replace(c, t=c.t + 0.5 * c.R[..., 2]))
