@@ -13,6 +13,7 @@ from .recording import RECORDING
 from .result import RESULT
 from .rigs import RIGS
 from .videos import VIDEOS
+from .wand import WAND
 from .world import WORLD
 
 _EARLIER: dict[str, DiagnosticEntry] = {
@@ -30,6 +31,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
+    "Calibrating sensors by a wand": WAND,
     "Recordings": RECORDING,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,

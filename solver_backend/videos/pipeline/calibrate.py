@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.extrinsics.session_folders import BoardFo
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
@@ -85,14 +85,12 @@ class TakeCalibration:
 
     method: str
     """'board', 'person' or ``ONE_CAMERA``."""
-    words: tuple[str, ...]
-    """What was done."""
-    doubts: tuple[str, ...]
-    """What is wrong or unsure, with what to do."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What was done, and what is wrong or unsure."""
 
 
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
-    """Find the cameras of a take, write them, and return what is to be said of them.
+    """Find the cameras of a take, write them, and return what was found.
 
     Footage of a board that several cameras saw tells all; footage for lenses alone, or lenses that are known, leave
     the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
@@ -110,7 +108,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             "No footage of a board that several cameras saw is here.", where=str(request.found.root),
             hint="Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person.",
         )  # fmt: skip
-    words: tuple[str, ...] = ()
+    unused: tuple[Diagnostic, ...] = ()
     if places and known.source != "person":
         folder = None if request.coverage is None else request.coverage.parent / "boards"
         board = _board(request, known)
@@ -120,17 +118,16 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
     else:
         if lens and not lenses:
             if known.source == "person" and known.board is None and _told_board(request) is None:
-                words = ("The footage for lenses is not used, as its board is not named.",)
+                unused = (diagnostic("lens_footage_unused"),)
             else:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         if len(names) == 1:
-            return _by_one_camera(request, lenses, known, words, progress)
+            return _by_one_camera(request, lenses, known, unused, progress)
         found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    notes, findings = (tuple(sentence(item) for item in part) for part in (found.notes, found.findings))
-    messages = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *notes, *words)
-    return TakeCalibration(found.method, messages, findings)
+    done = diagnostic("cameras_calibrated", count=len(names), method=found.method, size=found.rmse_px)
+    return TakeCalibration(found.method, (done, *found.notes, *unused, *found.findings))
 
 
 def _by_person(
@@ -150,8 +147,8 @@ def _by_person(
 
 
 def _by_one_camera(
-    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, words: tuple[str, ...],
-    progress: Progress,
+    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras,
+    unused: tuple[Diagnostic, ...], progress: Progress,
 ) -> TakeCalibration:  # fmt: skip
     """Write a single camera that stands over the floor that its person stands on."""
     name, seen = request.take.cameras[0], request.detections[0]
@@ -166,14 +163,12 @@ def _by_one_camera(
     stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
     write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
-    placed = tuple(sentence(item) for item in stood.notes)
-    if name in lenses:
-        return TakeCalibration(ONE_CAMERA, (*placed, *words), ())
-    message = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
-    if not focal.sigma:
-        return TakeCalibration(ONE_CAMERA, (*placed, message, *words), ())
-    doubt = f"{message} Distances may be off by as much: give the lens with --lenses or --focal."
-    return TakeCalibration(ONE_CAMERA, (*placed, *words), (doubt,))
+    done = (*stood.notes, *unused)
+    if name not in lenses:
+        code = "focal_length_inexact" if focal.sigma else "focal_length_of_video"
+        figures = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
+        done = (*done, diagnostic(code, cameras=[name], **figures))
+    return TakeCalibration(ONE_CAMERA, done)
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
