@@ -62,7 +62,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Say what a capture holds, what the reader assumed and what is wrong with it."""
+    """Report what a capture holds, what the reader assumed and what is wrong with it."""
     overwrite = bool(args.overwrite)
     if args.report is not None:
         check_output(args.report, overwrite=overwrite)

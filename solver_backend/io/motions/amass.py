@@ -57,7 +57,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
+        fps: frames per second; None takes what the file states.
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.

@@ -199,7 +199,7 @@ def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...])
 
 
 def joint_set_of(about: dict) -> JointSet:
-    """Return the joint set of what a detector says about itself.
+    """Return the joint set of what a detector states about itself.
 
     Raises:
         DetectorOutputsUnknown: no joint set has so many keypoints.

@@ -30,11 +30,11 @@ from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
 
 SOURCES = ("auto", "board", "person")
-"""What tells the cameras: whatever is there, the filmed board, or the person, the last two even where there is a
-calibration."""
+"""How the cameras are calibrated: by whatever is there, the filmed board, or the person, the last two even where there
+is a calibration."""
 ONE_CAMERA = "one camera"
 """Method of a calibration of a single camera."""
-_TOLD_BOARDS = ("board.toml", "charuco.toml")
+_BOARD_FILES = ("board.toml", "charuco.toml")
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class CalibrationRequest:
     detections: tuple[VideoDetections, ...]
     """What was found in its videos, for calibration by the person alone."""
     clocks: Clocks
-    """Of its cameras, told without calibration."""
+    """Of its cameras, found without a calibration."""
     out: Path
     """Calibration file to write, in a format that ``read_calibration`` reads."""
     coverage: Path | None = None
@@ -57,16 +57,16 @@ class CalibrationRequest:
 
 @dataclass(frozen=True)
 class KnownOfCameras:
-    """What the user says of cameras and of what they filmed."""
+    """What the user states of cameras and of what they filmed."""
 
     board: str | None = None
     """The board, as ``board_named`` reads it; None looks for a ``board.toml`` beside its footage."""
     lenses: Path | None = None
     """A library of lenses or a calibration that has them."""
     stature_m: float | None = None
-    """Of the person, who tells the scale where no board does."""
+    """Of the person, who sets the scale where no board does."""
     source: str = "auto"
-    """What tells the cameras, one of ``SOURCES``."""
+    """How the cameras are calibrated, one of ``SOURCES``."""
     focal: str = ""
     """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
 
@@ -92,11 +92,11 @@ class TakeCalibration:
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
     """Find the cameras of a take, write them, and return what was found.
 
-    Footage of a board that several cameras saw tells all; footage for lenses alone, or lenses that are known, leave
+    Footage of a board that several cameras saw is enough; footage for lenses alone, or lenses that are known, leave
     the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
 
     Raises:
-        CommandLineInvalid: footage of a board is to be used, and nobody says of which.
+        CommandLineInvalid: footage of a board is to be used, and nobody names it.
         CalibrationMissing: footage or lenses of a camera are missing; names it.
         CalibrationInvalid: see the ways of calibrating.
     """
@@ -117,7 +117,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             draw_boards(folder, names, request.coverage)
     else:
         if lens and not lenses:
-            if known.source == "person" and known.board is None and _told_board(request) is None:
+            if known.source == "person" and known.board is None and _board_file(request) is None:
                 unused = (diagnostic("lens_footage_unused"),)
             else:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
@@ -191,17 +191,17 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
     return {}
 
 
-def _told_board(request: CalibrationRequest) -> Path | None:
-    """Return the file beside the footage that says which board it is of."""
+def _board_file(request: CalibrationRequest) -> Path | None:
+    """Return the file beside the footage that names the board it is of."""
     places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
-    return next((p / name for p in places for name in _TOLD_BOARDS if (p / name).is_file()), None)
+    return next((p / name for p in places for name in _BOARD_FILES if (p / name).is_file()), None)
 
 
 def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
-    told = known.board or _told_board(request)
-    if told is None:
+    named = known.board or _board_file(request)
+    if named is None:
         raise CommandLineInvalid(
             "Which board was filmed?", where=str(request.found.footage[0].folder),
             hint="Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
         )  # fmt: skip
-    return board_named(str(told))
+    return board_named(str(named))

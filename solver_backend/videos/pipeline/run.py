@@ -49,7 +49,7 @@ class RoadSettings:
     detector: DetectorChoice
     """What finds keypoints."""
     sync: str = "auto"
-    """How clocks are told: see ``synchronise``."""
+    """How clocks are found: see ``synchronise``."""
     until: str = "solve"
     """The last step."""
     jobs: int = 0
@@ -207,7 +207,7 @@ class _Road:
             return plan.calibration
         made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        if len(plan.take.videos) == 1 and ours:  # its lens is what the user says, and is not found again
+        if len(plan.take.videos) == 1 and ours:  # its lens is what the user states, and is not found again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
         return (
             _of_take(made, plan)
