@@ -53,7 +53,7 @@ OCCLUSIONS = {
 KEYPOINT_SETTINGS = KeypointSettings(manifold=100.0, robust_scale=20.0, iterations=30)
 VAES: tuple[VaeName, ...] = ("vposer", "vposer_worded", "rvposer")
 """VPoser as its public code has it, as the thesis describes it, and RVPoser."""
-CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 5.0, "vposer_worded": 0.1, "rvposer": 5.0}
+CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 20.0, "vposer_worded": 20.0, "rvposer": 10.0}
 """λ_θ of the fits to keypoints, each the best of several on training takes (``pose_priors/tune_pulls.py``)."""
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
