@@ -8,11 +8,13 @@ from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
 from .labels import LABELS
 from .markers import MARKERS
+from .motions import MOTIONS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
 from .rigs import RIGS
 from .videos import VIDEOS
+from .wand import WAND
 from .world import WORLD
 
 _EARLIER: dict[str, DiagnosticEntry] = {
@@ -30,7 +32,9 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
+    "Calibrating sensors by a wand": WAND,
     "Recordings": RECORDING,
+    "Motions of other programs": MOTIONS,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,
 }
@@ -39,5 +43,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys()
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys() - MOTIONS.keys()
 """Codes of what is found before a solve."""

@@ -10,8 +10,9 @@ import torch
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_JOINTS
-from solver_backend.priors.lifter import POINTS, SIDES
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.priors.lifter import POINTS
 from solver_backend.training.data.augmentation import EXCHANGED_JOINTS, mirrored
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
@@ -31,7 +32,7 @@ RAISED_M = 0.05
 """Hands that are so far above the head carry the body when it is turned over."""
 RAISED_REPEATS = 2
 """How often each such pose counts, since half of them are turned over."""
-_SUPPORTS = (7, 8, 10, 11, 20, 21, 4, 5, 0)
+_SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
 _BLOCK = 2048
 """Poses that are placed at a time, which bounds memory; chosen by hand."""
@@ -114,7 +115,7 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
 
 def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
     """Return (N,) bool, which people stand upright with both hands above the head."""
-    head, hands = SMPL_JOINTS.index("head"), [SMPL_JOINTS.index(f"{side}_wrist") for side in SIDES]
+    (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
     above = []
     for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):
         height = torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT)[..., 1]
