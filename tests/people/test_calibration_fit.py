@@ -183,3 +183,14 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
     fit = fit_calibration(cameras, seen)
     assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
     assert len(calls) < 30_000
+
+
+@pytest.mark.parametrize("places", [1, 2])
+def test_exchanged_cameras_are_no_shape_of_pictures(places: int) -> None:
+    """The views agree by 85 % as pictures of half the rows, and the person would be a seventh as broad as tall."""
+    ring = Detections(
+        CAMERAS.names, np.roll(half(filmed()), -places, axis=0)[:, :, None],
+        np.roll(KEYPOINTS.confidence[:, FRAMES], -places, axis=0)[:, :, None], KEYPOINTS.joint_set,
+    )  # fmt: skip
+    fit = fit_calibration(CAMERAS, ring)
+    assert not fit.changed, fit.meanings()
