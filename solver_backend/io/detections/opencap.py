@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import NoReturn
 
 from solver_backend.exchange.errors import CaptureNotRecognised
-from solver_backend.io.detections.openpose import json_files
+from solver_backend.io.detections.openpose import has_json_files
 from solver_backend.io.recognition.camera_names import listing, natural_key
 
 _VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
@@ -25,7 +25,7 @@ def cameras(root: Path) -> dict[str, list[Path]]:
     for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
         outputs = camera.glob(_OUTPUT) if camera.is_dir() else ()
         trials = [folder for output in sorted(outputs) if output.is_dir() for folder in sorted(output.iterdir())]
-        if trials := [folder for folder in trials if folder.is_dir() and json_files(folder)]:
+        if trials := [folder for folder in trials if folder.is_dir() and has_json_files(folder)]:
             found[camera.name] = trials
     return found
 

@@ -24,6 +24,10 @@ _OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
 """Names of the hands' lists: of today's OpenPose and of version 1.0, by side, and of EasyMocap, left and right."""
 
+_HAND_LISTS = tuple(
+    (*(name.format(side) for name in _OPENPOSE_HANDS[0]), _OPENPOSE_HANDS[1][s]) for s, side in enumerate(SIDES)
+)
+"""Of each side, the names under which its list may stand."""
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
 """Names of the list of people where an object holds it."""
 _POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints")
@@ -100,9 +104,7 @@ def _is_somebody(entry: dict[str, Any]) -> bool:
 
 
 def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
-    by_side, easymocap = _OPENPOSE_HANDS
-    named = [[name.format(side) for name in by_side] + [easymocap[s]] for s, side in enumerate(SIDES)]
-    names = [next((name for name in names if entry.get(name)), "") for names in named]
+    names = [next((name for name in names if entry.get(name)), "") for names in _HAND_LISTS]
     if not any(names):
         return None
     hands = np.zeros((len(SIDES), NUM_HAND_POINTS, 3))

@@ -13,7 +13,14 @@ from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.detections import freemocap, opencap, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.openpose import LINES, cameras_of_flat_files, frames_in_files, json_files, line_files
+from solver_backend.io.detections.openpose import (
+    LINES,
+    cameras_of_flat_files,
+    frames_in_files,
+    has_json_files,
+    json_files,
+    line_files,
+)
 from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document, is_take
 from solver_backend.io.detections.take_files import take_files
 from solver_backend.io.files import read_text
@@ -100,7 +107,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 def _of_camera(folder: Path, below: Sequence[str] = ()) -> CameraSource | None:
     """Return the source of one camera's folder, of files of any kind, or in one of the folders ``below`` it."""
-    if json_files(folder):
+    if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
     if kind is not None and len(files) == 1:
