@@ -25,8 +25,9 @@ RIG_M = 6.0
 def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
     """Return cameras of any unit as wide apart as those of a room, with the factor; NaN where they are one place."""
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
-    scale = RIG_M / width if width > 0 else float("nan")
-    return replace(cameras, t=cameras.t * scale), scale
+    if not width > 0:
+        return cameras, float("nan")
+    return replace(cameras, t=cameras.t * RIG_M / width), RIG_M / width
 
 
 def has_a_bodys_breadth(cameras: Cameras, detections: Detections) -> bool:

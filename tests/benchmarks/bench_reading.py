@@ -10,7 +10,7 @@ import csv
 import json
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +21,7 @@ from solver_backend.io.load import load_capture
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.strangers.take import COCO, LENGTH, demo_take, write_rate, write_toml
 
+Rows = Sequence[Sequence[object]]
 FILES, ROWS = 9000, 5000
 """Of each of four cameras."""
 _NAMED = [(name, coord) for name in COCO for coord in ("x", "y", "likelihood")]
@@ -59,7 +60,7 @@ def _openpose(root: Path) -> float:
     return time.process_time() - started
 
 
-def _table(root: Path, write: Callable[[str, np.ndarray], tuple[str, list[list[object]]]]) -> float:
+def _table(root: Path, write: Callable[[str, np.ndarray], tuple[str, Rows]]) -> float:
     take, root_rows = demo_take(0, LENGTH), _to_and_fro(ROWS)
     root.mkdir(parents=True)
     for name, points in zip(take.names, take.coco(), strict=True):
@@ -71,23 +72,23 @@ def _table(root: Path, write: Callable[[str, np.ndarray], tuple[str, list[list[o
     return len(found.cameras) * found.num_frames / (time.process_time() - started)
 
 
-def _deeplabcut(name: str, values: np.ndarray, *individuals: list[object]) -> tuple[str, list[list[object]]]:
+def _deeplabcut(name: str, values: np.ndarray, *individuals: Sequence[object]) -> tuple[str, Rows]:
     headings = [["scorer", *["DLC"] * len(_NAMED)], *individuals, ["bodyparts", *(part for part, _ in _NAMED)]]
     rows = [[f, *row] for f, row in enumerate(values.tolist())]
     return f"{name}DLC_resnet50.csv", [*headings, ["coords", *(coord for _, coord in _NAMED)], *rows]
 
 
-def _deeplabcut_animals(name: str, values: np.ndarray) -> tuple[str, list[list[object]]]:
+def _deeplabcut_animals(name: str, values: np.ndarray) -> tuple[str, Rows]:
     return _deeplabcut(name, values, ["individuals", *["ind1"] * len(_NAMED)])
 
 
-def _sleap(name: str, values: np.ndarray) -> tuple[str, list[list[object]]]:
+def _sleap(name: str, values: np.ndarray) -> tuple[str, Rows]:
     heading = ["track", "frame_idx", "instance.score", *(f"{n}.{x}" for n in COCO for x in ("x", "y", "score"))]
     rows = [["track_0", f, 0.9, *row] for f, row in enumerate(values.tolist())]
     return f"labels.v001.000_{name}.analysis.csv", [heading, *rows]
 
 
-def _own(name: str, values: np.ndarray) -> tuple[str, list[list[object]]]:
+def _own(name: str, values: np.ndarray) -> tuple[str, Rows]:
     heading = ["frame", *(f"{part}_{coord}" for part, coord in _NAMED)]
     return f"{name}.csv", [heading, *([f, *row] for f, row in enumerate(values.tolist()))]
 

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import tarfile
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.diagnostics.refusal import refuse_errors
 from solver_backend.exchange.errors import CaptureNotRecognised, ResultRefused
 from solver_backend.fitters import solve
@@ -87,7 +89,7 @@ def cases(shared_data: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 _OTHERS = {"scale_unknown", "gopro_chapters"}
 
 
-def codes_of_changes(found: object) -> set[str]:
+def codes_of_changes(found: Iterable[Diagnostic]) -> set[str]:
     return {item.code for item in found} & CHANGES
 
 
