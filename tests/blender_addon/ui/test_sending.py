@@ -97,6 +97,23 @@ def test_a_take_is_sent_while_it_plays_and_not_before_or_after(baked, there):
         there.recv(65536)
 
 
+@pytest.mark.slow
+def test_sending_adds_less_than_two_milliseconds_a_frame(baked, there):
+    """The median of processor time, so that other programs do not count; the look at the scene is part of it."""
+    mocap, _ = baked
+    mocap.live.send_to, scene, took = address_of(there), bpy.context.scene, []
+    bpy.ops.mocap.send_take()
+    assert playing.sender is not None
+    for k in range(60):
+        scene.frame_set(scene.frame_start + k % 12)
+        there.recv(65536)
+        start = time.process_time()
+        playing.sender.send(scene)
+        took.append(time.process_time() - start)
+        there.recv(65536)
+    assert np.median(took) < 2e-3, np.median(took)
+
+
 def test_a_body_that_was_moved_is_sent_where_it_stands(baked, there):
     mocap, motion = baked
     mocap.live.send_to = address_of(there)
