@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -24,7 +25,11 @@ from solver_backend.exchange.errors import (
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.io.footage.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
+
+if TYPE_CHECKING:
+    from solver_backend.training.engine.recipe import Finished
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -61,7 +66,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Say what a capture holds, what the reader assumed and what is wrong with it."""
+    """Report what a capture holds, what the reader assumed and what is wrong with it."""
     overwrite = bool(args.overwrite)
     if args.report is not None:
         check_output(args.report, overwrite=overwrite)
@@ -86,13 +91,13 @@ def people(args: argparse.Namespace, progress: Progress) -> Outcome:
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write any capture as one of our own files, or each trial of a session as one of its own.
 
-    A folder of videos becomes a capture by the default detector.
+    A folder of videos becomes a capture by the default detector, a recording of sensors by finding its markers.
     """
     overwrite = bool(args.overwrite)
     trials = trials_of(args.capture)
     if not trials:
         check_output(args.out, overwrite=overwrite)
-        return _write(args.out, _from_files_or_videos(args, progress), overwrite)
+        return _write(args.out, _converted(args, progress), overwrite)
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
             "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
@@ -107,10 +112,15 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
 
 
-def _from_files_or_videos(args: argparse.Namespace, progress: Progress) -> Capture:
+def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
     try:
         return load(args.capture, reading(args), progress)
     except CaptureNotRecognised:
+        if (args.capture / SENSOR_RECORDING).is_file():
+            from solver_backend.sensors.devices.source import open_folder
+            from solver_backend.sensors.take import capture_of
+
+            return capture_of(open_folder(args.capture), progress=progress)
         from solver_backend.cli.video_verbs import capture_of_folder
 
         capture = capture_of_folder(args.capture, args.out.parent, progress)
@@ -212,7 +222,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
-    return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
+    return _trained(finished, lines, figures)
 
 
 def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -227,8 +237,15 @@ def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
         args.data, args.out, settings, row=args.row, width=args.width, resolution=args.resolution, work=args.work,
         start=args.start, balanced_by=args.balanced_by, progress=progress,
     )  # fmt: skip
-    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
-    return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})
+    return _trained(finished, [], {name: round(value, 4) for name, value in finished.metrics.items()})
+
+
+def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
+    """Return the weights' path and figures, and which held-out subjects these are without."""
+    if finished.absent:
+        lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
+    data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}
+    return Outcome("\n".join([str(finished.weights), *lines]), data)
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:

@@ -7,11 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.roles import SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .figures import Actor, Target, Trunk
 
-_SPINE, _NECK, _HIPS = (0, 3, 6, 9), 12, (1, 2)
+_SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both("hip")
+(_NECK,) = SMPL.numbers("neck")
 
 
 def trunk_of(actor: Actor) -> Trunk:
@@ -44,6 +46,12 @@ def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
         middle = (target.heads[bone] + target.heads[after]) / 2
         yield bone, float(_heights(middle[None], _base(target), end)[0])
     yield spine[-1], np.inf
+
+
+def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return where a trunk begins and ends at rest (3,), and the control that turns its chest."""
+    chest = (_spine(target) or [target.index("pelvis")])[-1]
+    return _base(target), _top(target, chest), chest
 
 
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:

@@ -16,6 +16,7 @@ from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_next, draw_s
 
 VERBS = (
     "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
+    "motion",
 )  # fmt: skip
 """Of the solver's command line: those of this tab, whose failures are drawn here whichever stage is open."""
 

@@ -10,6 +10,7 @@ import torch
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.priors.lifter import POINTS
 from solver_backend.training.data.augmentation import EXCHANGED_JOINTS, mirrored
@@ -23,7 +24,7 @@ TILTED_COSINE = 0.7
 """A pelvis whose axis is further from vertical (45 degrees) lies, crawls or turns over."""
 TILTED_REPEATS = 4
 """How often each such pose counts: they are few, and a take on the floor has nothing else."""
-_SUPPORTS = (7, 8, 10, 11, 20, 21, 4, 5, 0)
+_SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
 _BLOCK = 2048
 """Poses that are placed at a time, which bounds memory; chosen by hand."""
