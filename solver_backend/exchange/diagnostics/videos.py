@@ -9,6 +9,16 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Detector: {detector}; {moments} moments at {rate:g} a second that all {videos} videos show",
         "The detections of videos come from this detector.",
     ),
+    "camera_turns": note(
+        "Camera {camera}: turns by up to {size:.1f}°; the detections are as if it had stayed as in the first picture",
+        "The camera was panned or held by hand. The background beside the person shows by how much.",
+        "Footage behind the body fits in the first picture alone.",
+    ),
+    "camera_moves": warning(
+        "Camera {camera}: its background moves by {moved:.0f} pixels, and turns leave {left:.1f} of them",
+        "The camera was carried or zoomed, or something large moves behind the person.",
+        "Film from one place: the person's way over the floor is not known otherwise.",
+    ),
     "videos_searched": note(
         "{count} pictures by {detector}",
         "Keypoints were detected in all videos of the take.",

@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, refuse_errors
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
@@ -29,6 +29,7 @@ from solver_backend.report.diagnose import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
+from solver_backend.videos.detect.camera_turns import steadied
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.files.probe import PICTURES_FPS
@@ -151,10 +152,13 @@ class _Road:
             self._capture, state = read_capture(plan.capture), "kept"
         else:
             name, world, state = plan.take.name, self._settings.world, "made"
+            detections, found = steadied(self._detections, calibration, self._progress)
+            capture = assembled(
+                name, detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
+            )
+            notes, problems = ([i for i in found if (i.severity is Severity.NOTE) is kind] for kind in (True, False))
             self._capture = checked(
-                assembled(
-                    name, self._detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
-                )
+                replace(capture, notes=(*capture.notes, *notes), problems=(*capture.problems, *problems))
             )
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
