@@ -152,11 +152,11 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
 
 
-def draw_fix(layout: bpy.types.UILayout, fix: Fix) -> None:
-    """Draw the button of a remedy."""
+def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "MODIFIER") -> None:
+    """Draw the button of a remedy, with its own text if none is given."""
     row = layout.row()
     row.enabled = not current.busy
-    button = row.operator(fix.operator, text=fix.text, icon="MODIFIER", translate=False)
+    button = row.operator(fix.operator, text=text or fix.text, icon=icon, text_ctxt=CONTEXT)
     for name, value in fix.values:
         setattr(button, name, value)
 
