@@ -105,14 +105,15 @@ def results_page() -> str:
     """Return docs/results.md."""
     parts = [_HEAD.format(machine=f"Machine of the solver's figures: {_baseline()['bundle']['machine']}")]
     for title, rows in TABLES.items():
-        parts += ["", f"## {title}", "", "| what | result | command |", "|---|---|---|"]
+        parts += ["", f"## {title}", "", "| what | result | command | measured on |", "|---|---|---|---|"]
         parts += [
-            f"| {what} | {_show(bench, key)} {unit} | `dev.py bench {bench}` |" for what, bench, key, unit in rows
+            f"| {what} | {_show(bench, key)} {unit} | `dev.py bench {bench}` | {_baseline()[bench]['recorded']} |"
+            for what, bench, key, unit in rows
         ]
     parts += ["", "## Charts"]
     for chart in CHARTS:
         parts += ["", f"### {chart.title}", "", f"![{chart.title}](images/results_{chart.name}.svg)", ""]
-        parts += [f"`python3 dev.py bench {chart.bench}`"]
+        parts += [f"`python3 dev.py bench {chart.bench}`, {_baseline()[chart.bench]['recorded']}"]
     return "\n".join([*parts, ""])
 
 

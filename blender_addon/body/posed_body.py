@@ -56,6 +56,15 @@ def rotvec_on(motion: MotionFile, layout: BodyLayout) -> np.ndarray:
     return rotvec
 
 
+def turns_on(layout: BodyLayout, rotvec: np.ndarray) -> np.ndarray:
+    """Return (F, J, 3) rotations on a layout of ours, of (F, 24 or 52, 3) ones; fingers that they lack rest."""
+    if rotvec.shape[1] == layout.num_joints:
+        return rotvec
+    turned = np.zeros((len(rotvec), layout.num_joints, 3))
+    turned[:, :FIRST_FINGER] = rotvec[:, :FIRST_FINGER]
+    return turned
+
+
 def skin(body: BodyFile, motion: MotionFile, frames: list[int]) -> np.ndarray:
     """Skin the body, ``v = sum_j w_j (G_j (v_rest - J_j) + p_j)``, shape and pose in v_rest (Loper et al. 2015, eq. 9).
 

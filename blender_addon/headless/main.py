@@ -162,7 +162,7 @@ def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         options.clip, options.out, options.armature, options.action, tuple(options.rest), options.python
     )
     result = run_motion(request, progress)
-    return {**result, "outputs": [result["motion"]], "notes": list(result.get("notes", []))}
+    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
 
 
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -17,6 +17,8 @@ from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
 from ..scene.alone import alone
 from .motion.figures import Actor, own_hands
+from .motion.parts import by_part, parts_of_joints
+from .skin import heaviest
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
@@ -56,16 +58,19 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
             go_to_frame(stage, float(time))
             bones = armature.evaluated_get(depsgraph).pose.bones
             matrices[f] = [bones[joint].matrix for joint in layout.joints]
-    rest = _rest_joints(armature)
+    rest, skin = _at_rest(armature)
     turns = matrices[..., :3, :3] @ bone_axes(armature).swapaxes(1, 2)
     hands, columns = own_hands(layout, rest, turns), list(layout.standing_for(SMPL))
     places, contacts = matrices[..., :3, 3][:, columns], _contacts(action, len(times))
-    actor = Actor(action.name, rest[columns], turns[:, columns], places, fps, contacts, hands=hands)
+    actor = Actor(action.name, rest[columns], turns[:, columns], places, fps, contacts, hands=hands, skin=skin)
     return actor, TakeTiming(float(first), rate)
 
 
-def _rest_joints(armature: bpy.types.Object) -> np.ndarray:
-    """Return the (J, 3) joints of the shaped body at rest, over the floor: bones are moved to them by drivers."""
+def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Return the (J, 3) joints of the shaped body at rest, over the floor, and its skin by part.
+
+    Bones are moved to the joints by drivers.
+    """
     layout = layout_of(armature.data.bones)
     heads = np.array([armature.data.bones[joint].head_local for joint in layout.joints], np.float64)
     axes = bone_axes(armature)
@@ -75,20 +80,27 @@ def _rest_joints(armature: bpy.types.Object) -> np.ndarray:
     for j, parent in enumerate(layout.parents):
         if parent >= 0:
             joints[j] = joints[parent] + heads[j] - heads[parent] + local[j]
-    return joints - [0.0, 0.0, _sole(armature, joints)]
-
-
-def _sole(armature: bpy.types.Object, joints: np.ndarray) -> float:
     mesh = body_mesh(armature)
     if mesh is None:
         ball = joints[list(_BALLS), 2].min()
-        return float(ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball))
+        return joints - [0.0, 0.0, ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball)], {}
+    points = _shaped(mesh)
+    sole = [0.0, 0.0, float(points[:, 2].min())]
+    column = {
+        group.index: layout.joints.index(group.name) for group in mesh.vertex_groups if group.name in layout.joints
+    }
+    followed = np.array([column.get(heaviest(vertex), 0) for vertex in mesh.data.vertices])
+    return joints - sole, by_part(points - sole, parts_of_joints(layout, followed))
+
+
+def _shaped(mesh: bpy.types.Object) -> np.ndarray:
+    """Return the (V, 3) vertices of a body's mesh as its sliders shape them, in the armature's space."""
     keys = [mesh.data.shape_keys.reference_key, *sliders(mesh)]
     points = np.empty((len(keys), 3 * len(mesh.data.vertices)), np.float32)
     for row, key in zip(points, keys, strict=True):
         key.data.foreach_get("co", row)
     shaped = points[0] + np.array([key.value for key in keys[1:]]) @ (points[1:] - points[0])
-    return float(shaped[2::3].min())
+    return shaped.reshape(-1, 3)
 
 
 def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:

@@ -13,6 +13,7 @@ from ..errors import MapInvalid
 from .extremities import end_of, estimate_sole, legs_of, measure_sole
 from .hanging import Hanging
 from .motion.figures import Target
+from .part_skin import skin_by_part
 
 _NEAR_FLOOR = 0.035
 """Share of the figure's height within which the armature's origin is its floor, where no skin shows the soles."""
@@ -40,7 +41,8 @@ def stand_on_stage(
     if R is None:
         hint = "Map both thighs or both upper arms, so that left and right are known."
         raise MapInvalid("The map does not show which side of the rig is left.", hint=hint)
-    if armature.matrix_world.determinant() < 0:
+    mirrored = armature.matrix_world.determinant() < 0
+    if mirrored:
         R, roles = np.diag([-1.0, 1.0, 1.0]) @ R, tuple(_other_side(role) for role in roles)
     ends = np.array([_end(armature, heads, bones, hanging.names, c) for c in range(len(roles))])
     axes = hanging.matrices[:, :3, :3] / np.linalg.norm(hanging.matrices[:, :3, :3], axis=-2, keepdims=True)
@@ -51,7 +53,12 @@ def stand_on_stage(
     )  # fmt: skip
     sole, shown_by = _sole(armature, bones, R[2])
     ground = np.array([0.0, 0.0, unit_m * sole])
-    return replace(target, heads=target.heads - ground, ends=target.ends - ground, ground=ground), shown_by
+    skin = {
+        _other_side(part) if mirrored else part: unit_m * points @ R.T - ground
+        for part, points in skin_by_part(armature, bones).items()
+    }
+    standing = replace(target, heads=target.heads - ground, ends=target.ends - ground, ground=ground, skin=skin)
+    return standing, shown_by
 
 
 def _sole(armature: bpy.types.Object, bones: dict[str, str], up: np.ndarray) -> tuple[float, str]:

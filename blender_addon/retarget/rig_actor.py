@@ -7,6 +7,7 @@ from dataclasses import replace
 import bpy
 import numpy as np
 
+from .._exchange.diagnostics import sentence
 from .._exchange.rigs.rest_frames import bent_at_rest
 from ..body.body_file import default_body_path, read_body
 from ..conventions.coordinates import R_ARMATURE_BODY
@@ -53,7 +54,8 @@ def read_rig_actor(
     fps = scene_frame_rate(scene)
     actor = actor_of_bones(name, rest, A, turns, places, own_rest, fps)
     actor, notes = _on_floor(actor)
-    doubt = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
+    bent = bent_at_rest(dict(zip(rest.roles, rest.heads, strict=True)))
+    doubt = sentence(bent) if bent else ""
     pose = "One frame: the clip is a pose." if len(times) == 1 else ""
     return actor, TakeTiming(float(times[0]), fps), tuple(note for note in (doubt, pose, *notes) if note)
 

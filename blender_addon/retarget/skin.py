@@ -28,11 +28,28 @@ def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray,
         near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
         if not holder:
             chosen = {group.index for group in mesh.vertex_groups if group.name in bones}
-            near = [v for v in near if _heaviest(mesh.data.vertices[int(v)]) in chosen] if chosen else []
+            near = [v for v in near if heaviest(mesh.data.vertices[int(v)]) in chosen] if chosen else []
         elif holder not in bones:
             continue
         found.append(placed[near])
     return np.concatenate(found)
+
+
+def skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
+    """Yield the vertices (V, 3) of each mesh on an armature, places as in ``skin_points``, and the bone of each.
+
+    Args:
+        armature: the rig.
+        most: vertices of a mesh that are looked at, evenly chosen of more.
+    """
+    for mesh, to_armature, holder in _meshes(armature):
+        vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
+        points = np.empty(3 * len(vertices), np.float32)
+        vertices.foreach_get("co", points)
+        chosen = range(0, len(vertices), 1 + len(vertices) // most)
+        M = np.array(to_armature)
+        bones = [holder or names.get(heaviest(vertices[v]), "") for v in chosen]
+        yield points.reshape(-1, 3)[list(chosen)] @ M[:3, :3].T + M[:3, 3], bones
 
 
 def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, Matrix, str]]:
@@ -51,6 +68,6 @@ def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, Matr
             yield obj, armature.matrix_world.inverted() @ obj.matrix_world, ""
 
 
-def _heaviest(vertex: bpy.types.MeshVertex) -> int:
+def heaviest(vertex: bpy.types.MeshVertex) -> int:
     """Return the index of the group that a vertex follows most, -1 for none."""
     return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1

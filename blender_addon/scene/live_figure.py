@@ -10,12 +10,12 @@ import numpy as np
 from ..animation.action import bone_quaternions
 from ..body.armature import rotation_from_body_axes
 from ..body.body_file import BodyFile
-from ..body.posed_body import pose_joints
+from ..body.posed_body import pose_joints, turns_on
 from ..body.rig import create_rig
 from ..body.shape import set_betas
 from ..conventions.collections import child_collection
 from ..conventions.materials import MARKER_COLOURS
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import SMPL
 from ..conventions.timing import TakeTiming, scene_frame_rate
 from ..conventions.units import fit_units
 from .overlay import PointLook, create_point_overlay
@@ -58,17 +58,17 @@ class LiveFigure:
         return True
 
     def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
-        """Let the body stand in a pose of (24, 3) axis-angles, its pelvis moved by (3,) metres; return whether it can.
+        """Let the body stand in a pose of (24 or 52, 3) axis-angles, its pelvis moved by (3,) metres.
 
-        Raises nothing: a body that undo or the user took away is left alone.
+        Returns whether it can: a body that undo or the user took away is left alone.
         """
-        armature = bpy.data.objects.get(self.armature)
-        if armature is None or armature.pose is None or any(joint not in armature.pose.bones for joint in JOINTS):
+        armature, joints = bpy.data.objects.get(self.armature), self.body.layout.joints
+        if armature is None or armature.pose is None or not set(joints) <= set(armature.pose.bones.keys()):
             return False
-        quaternions = bone_quaternions(rotvec[None], self.R_bone_body)[0]
-        for joint, quaternion in zip(JOINTS, quaternions.tolist(), strict=True):
+        quaternions = bone_quaternions(turns_on(self.body.layout, rotvec[None]), self.R_bone_body)[0]
+        for joint, quaternion in zip(joints, quaternions.tolist(), strict=True):
             armature.pose.bones[joint].rotation_quaternion = quaternion
-        pelvis = armature.pose.bones[JOINTS[0]]
+        pelvis = armature.pose.bones[joints[0]]
         rest = np.array(pelvis.bone.matrix_local, dtype=np.float64)
         at = self.body.rest_joints(self.betas)[0] + transl - rest[:3, 3]
         pelvis.location = (at @ rest[:3, :3]).tolist()
@@ -91,16 +91,19 @@ class LiveFigure:
         """Show the joints of a pose in the colours of their doubt; return whether their object is there.
 
         Args:
-            rotvec: (24, 3) axis-angles.
+            rotvec: (24 or 52, 3) axis-angles.
             transl: (3,) metres.
             sigma_m: (24,) standard deviation of each joint in metres, NaN where nothing is known; None shows none.
             unsure: whether the pose as a whole is.
         """
         if sigma_m is None:
             return _show(self.joints, np.zeros((0, 3)), np.zeros(0))
-        _, joints = pose_joints(self.body.rest_joints(self.betas), rotvec[None], transl[None])
+        layout = self.body.layout
+        _, joints = pose_joints(self.body.rest_joints(self.betas), turns_on(layout, rotvec[None]), transl[None])
         grades = _grades(np.nan_to_num(sigma_m, nan=np.inf), _DOUBT_M)
-        return _show(self.joints, joints[0], np.maximum(grades, _UNSURE) if unsure else grades)
+        return _show(
+            self.joints, joints[0, list(layout.standing_for(SMPL))], np.maximum(grades, _UNSURE) if unsure else grades
+        )
 
 
 def _grades(metres: np.ndarray, bounds: tuple[float, ...]) -> np.ndarray:
@@ -136,7 +139,7 @@ def create_live_figure(
     collection = child_collection(NAME, scene.collection)
     collection["live_figure"] = True
     rig = create_rig(NAME, body, betas, collection)
-    for joint in JOINTS:
+    for joint in body.layout.joints:
         rig.armature.pose.bones[joint].rotation_mode = "QUATERNION"
     for part in (rig.armature, rig.mesh):
         part.hide_viewport = not shown

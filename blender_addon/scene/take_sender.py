@@ -1,4 +1,4 @@
-"""The pose a body stands in, sent by the VMC protocol: whatever plays it, hand edits and constraints included."""
+"""The pose a body stands in, sent by the VMC protocol: whatever plays it, fingers, edits and constraints included."""
 
 from __future__ import annotations
 
@@ -7,7 +7,6 @@ import time
 import bpy
 import numpy as np
 
-from .._exchange.body_layout import SMPL
 from .._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .._exchange.vmc.address import VmcAddress
 from .._exchange.vmc.bundle import FrameBundle
@@ -20,7 +19,7 @@ from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..body.shape import get_betas
 from ..body.sliders import body_mesh
-from ..conventions.skeleton import JOINTS
+from ..conventions.skeleton import layout_of
 
 
 class TakeSender:
@@ -36,16 +35,17 @@ class TakeSender:
         action, mesh = current_action(armature), body_mesh(armature)
         kept = action.get(BETAS) if action is not None else None
         betas = get_betas(mesh) if mesh is not None else np.array(np.zeros(10) if kept is None else kept)
-        body = read_body(body_path_of("" if action is None else action.get("provenance", "")))
-        self._rest = body.rest_joints(betas)[: SMPL.num_joints]
-        self._bundle = FrameBundle(Humanoid(SMPL, self._rest))
+        layout = layout_of(armature.data.bones)
+        body = read_body(body_path_of("" if action is None else action.get("provenance", "")), layout)
+        self._joints, self._rest = body.layout.joints, body.rest_joints(betas)
+        self._bundle = FrameBundle(Humanoid(body.layout, self._rest))
         self._name, self._start = armature.name, time.monotonic()
         self._packets = PacketSender(address)
 
     def send(self, scene: bpy.types.Scene) -> str | None:
         """Send the pose; return what to report about the receiver, "" if nothing, None where the body is gone."""
         armature = scene.objects.get(self._name)
-        if armature is None or armature.pose is None or any(joint not in armature.pose.bones for joint in JOINTS):
+        if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None
         pose = read_pose(armature, self._rest[0])
         place, turn, _ = armature.matrix_world.decompose()

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .._exchange.body_layout import SMPL
+from .._exchange.body_layout import SMPL, SMPL_HANDS
 from .._exchange.errors import sentence
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
@@ -31,7 +31,7 @@ class LivePose:
     """A moment's body and points; metres, Z up."""
 
     rotvec: np.ndarray | None
-    """(24, 3) axis-angle, the root first; None where there is no pose."""
+    """(24, 3) axis-angle, the root first, or (52, 3) of a source with fingers; None where there is no pose."""
     transl: np.ndarray | None
     """(3,) metres."""
     points: np.ndarray
@@ -163,8 +163,9 @@ def read_pose_line(line: str) -> LivePose | None:
         transl = _numbers(values.get("trans"), 3)
         if root is None or pose is None or len(pose) < 3 * SMPL.num_solved or transl is None:
             return None
-        rotvec = np.zeros((SMPL.num_joints, 3))  # of replayed motions come hands, too
-        rotvec[0], rotvec[1 : 1 + SMPL.num_solved] = root, pose.reshape(-1, 3)[: SMPL.num_solved]
+        layout = SMPL_HANDS if len(pose) >= 3 * SMPL_HANDS.num_solved else SMPL
+        rotvec = np.zeros((layout.num_joints, 3))
+        rotvec[0], rotvec[1 : 1 + layout.num_solved] = root, pose.reshape(-1, 3)[: layout.num_solved]
     return LivePose(
         rotvec, transl, points, plain(values["state"]), plain(str(values.get("why", ""))),
         math.nan if off is None else float(off[0]), _shares(values.get("coverage")),

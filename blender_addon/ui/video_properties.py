@@ -20,7 +20,7 @@ _CAMERA_ITEMS = (
 )
 _DETECTOR_ITEMS = (
     ("mediapipe", "MediaPipe", "One person, 33 keypoints; the Python that has it is named in the preferences"),
-    ("model", "ONNX Model", "RTMPose, RTMO, YOLO-pose or MoveNet, from a file of yours"),
+    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or MediaPipe's pose model for LiteRT"),
 )
 _SYNC_ITEMS = (
     ("auto", "Automatic", "By keypoints, else by sound, else as filmed"),
@@ -74,7 +74,7 @@ class MocapVideos(bpy.types.PropertyGroup):
     )  # fmt: skip
     detector: bpy.props.EnumProperty(name="Detector", description="What finds keypoints", items=_DETECTOR_ITEMS)
     model: bpy.props.StringProperty(
-        name="Model", description="ONNX file of a pose model", subtype="FILE_PATH", options=RELATIVE
+        name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
     )
     people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
     sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)

@@ -89,8 +89,8 @@ Link = Callable[[States, PosedFrames, np.ndarray], Equations]
 
 
 def pose_prior() -> GaussianVAE:
-    """Return RVPoser: VPoser with its decoder's last activation reproduces poses three times worse on our corpus."""
-    return load_vae("rvposer")
+    """Return VPoser as its public code has it, as the methods were published (Pavlakos et al. 2019)."""
+    return load_vae("vposer")
 
 
 @dataclass(frozen=True)

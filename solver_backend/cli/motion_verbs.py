@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, sentence, warnings_in
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.rigs.rest_frames import bent_at_rest
@@ -52,13 +54,13 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 
     progress("reading the clip", 0, 1)
-    source, roles, notes = read_foreign_clip(args.clip, args.unit, args.up_axis)
+    source, roles, found = read_foreign_clip(args.clip, args.unit, args.up_axis)
     progress("fitting the body", 0, 1)
     done = import_motion(source, roles, load_chosen_body(args.body), keep_height=bool(args.keep_height))
     progress("fitting the body", 1, 1)
     index = {name: j for j, name in enumerate(source.names)}
-    doubt = bent_at_rest({role: source.rest[index[name]] for role, name in roles.items()})
-    notes = [*notes, *([doubt] if doubt else []), *_notes(done)]
+    bent = bent_at_rest({role: source.rest[index[name]] for role, name in roles.items()})
+    found = [*found, *([bent] if bent else []), *_found_in(done)]
     write_motion(args.out, done.motion, overwrite=overwrite, name=source.name)
     placed = [off for role, off in done.distances_mm.items() if not role.endswith(_LOOSE)]
     rms = float(np.sqrt(np.mean(np.square(placed))))
@@ -66,11 +68,11 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         f"Motion {source.name}: {source.num_frames} frames at {source.fps:g} Hz",
         f"  joints      {len(roles)} of {len(source.names)} have a role",
         f"  distance    {rms:.1f} mm from the skeleton's limbs (root mean square)",
-        *(f"  note        {note}" for note in notes),
+        *_lines_of(found),
         f"  written     {args.out}",
     ]
     data = {
-        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, "notes": notes,
+        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, **_data_of(found),
         "distance_mm": rms, "distances_mm": {role: round(off, 2) for role, off in done.distances_mm.items()},
     }  # fmt: skip
     return Outcome("\n".join(lines), data)
@@ -84,29 +86,42 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
     write_motion(args.out, clip, overwrite=bool(args.overwrite), name=args.clip.stem)
-    notes = ["Joints turn as in the file, on a body of mean shape: AMASS' shapes are those of other bodies."]
-    if clip.num_frames == 1:
-        notes.append("One frame: the clip is a pose.")
+    found = [diagnostic("motion_mean_shape"), *([diagnostic("motion_one_frame")] if clip.num_frames == 1 else [])]
     lines = [
         f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
-        *(f"  note        {note}" for note in notes), f"  written     {args.out}",
+        *_lines_of(found), f"  written     {args.out}",
     ]  # fmt: skip
     return Outcome("\n".join(lines), {
-        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, "notes": notes,
+        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **_data_of(found),
     })  # fmt: skip
 
 
-def _notes(done: ImportedMotion) -> list[str]:
-    notes = []
+def _found_in(done: ImportedMotion) -> list[Diagnostic]:
+    found = []
     if done.motion.num_frames == 1:
-        notes.append("One frame: the clip is a pose.")
+        found.append(diagnostic("motion_one_frame"))
     if abs(done.raised_m) > _RAISED_M:
         way = "Raised" if done.raised_m > 0 else "Lowered"
-        notes.append(f"{way} by {abs(done.raised_m):.2f} m, so that the soles stand on the floor; see --keep-height.")
+        found.append(diagnostic("motion_on_floor", way=way, size=abs(done.raised_m)))
     far = {r: off for r, off in done.distances_mm.items() if off > _FAR_MM and not r.endswith(_LOOSE)}
     if far:
-        named = ", ".join(f"{role.replace('_', ' ')} {off:.0f} mm" for role, off in far.items())
-        notes.append(f"Joints that the skeleton has elsewhere than a person of its lengths: {named}.")
-    if np.abs(done.motion.betas).max() > _STRANGE:
-        notes.append(f"The lengths are hardly a person's: shape {np.abs(done.motion.betas).max():.1f}.")
-    return notes
+        off = [f"{role.replace('_', ' ')} {size:.0f} mm" for role, size in far.items()]
+        found.append(diagnostic("motion_joints_elsewhere", joints=list(far), off=off))
+    if (size := np.abs(done.motion.betas).max()) > _STRANGE:
+        found.append(diagnostic("motion_lengths_strange", size=size))
+    return found
+
+
+def _lines_of(found: Sequence[Diagnostic]) -> list[str]:
+    """Return what was found as lines of the console, warnings first."""
+    kinds = (("warning", warnings_in(found)), ("note", notes_in(found)))
+    return [f"  {kind:<11} {sentence(item)}" for kind, items in kinds for item in items]
+
+
+def _data_of(found: Sequence[Diagnostic]) -> dict[str, object]:
+    """Return what was found as values of JSON."""
+    return {
+        "notes": [sentence(item) for item in notes_in(found)],
+        "problems": [sentence(item) for item in warnings_in(found)],
+        "diagnostics": [item.as_dict() for item in found],
+    }

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from dataclasses import replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,6 +26,9 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.types import Capture
+
+if TYPE_CHECKING:
+    from solver_backend.training.engine.recipe import Finished
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -212,7 +216,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     finished = train_prior(args.prior, args.data, args.out, settings=settings, progress=progress, **options)
     figures = {name: round(value, 4) for name, value in finished.metrics.items()}
     lines = [f"  {name:<30} {value:.4g}" for name, value in figures.items()]
-    return Outcome("\n".join([str(finished.weights), *lines]), {"weights": str(finished.weights), **figures})
+    return _trained(finished, lines, figures)
 
 
 def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -227,8 +231,15 @@ def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
         args.data, args.out, settings, row=args.row, width=args.width, resolution=args.resolution, work=args.work,
         start=args.start, balanced_by=args.balanced_by, progress=progress,
     )  # fmt: skip
-    figures = {name: round(value, 4) for name, value in finished.metrics.items()}
-    return Outcome(str(finished.weights), {"weights": str(finished.weights), **figures})
+    return _trained(finished, [], {name: round(value, 4) for name, value in finished.metrics.items()})
+
+
+def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) -> Outcome:
+    """Return the weights' path and figures, and which held-out subjects these are without."""
+    if finished.absent:
+        lines = [f"  held-out subjects not among the recordings: {', '.join(finished.absent)}", *lines]
+    data = {"weights": str(finished.weights), "absent_subjects": list(finished.absent), **figures}
+    return Outcome("\n".join([str(finished.weights), *lines]), data)
 
 
 def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:

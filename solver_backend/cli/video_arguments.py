@@ -66,8 +66,8 @@ def find_hands_arguments(verb: argparse.ArgumentParser) -> None:
 def detector_options(options: argparse.ArgumentParser) -> None:
     """Add which detector runs, and where."""
     options.add_argument(
-        "--detector", default="mediapipe", metavar="NAME|MODEL.onnx",
-        help="mediapipe (default), or an ONNX file of RTMPose, RTMO, YOLO-pose or MoveNet",
+        "--detector", default="mediapipe", metavar="NAME|MODEL",
+        help="mediapipe (default), or a file: RTMPose, RTMO, YOLO-pose or MoveNet (.onnx), MediaPipe (.tflite)",
     )  # fmt: skip
     options.add_argument(
         "--detector-worker",

@@ -6,7 +6,9 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
+from solver_backend.body.body import load_body
 from solver_backend.evaluation.butterworth import triangulate_and_filter
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileMissing, MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import exp_so3
@@ -18,6 +20,7 @@ from solver_backend.metrics import (
     mpjpe_mm,
     pck_percent,
     rmse_mm,
+    self_intersection_percent,
 )
 from solver_backend.priors.gaussian_vae import LATENT_DIM, load_vae
 from solver_backend.types import Capture, Motion
@@ -56,6 +59,10 @@ class Evaluation:
     """DIV of the motion's poses, by VPoser's codes (eq. 4.31)."""
     codes_div_true: float | None = None
     """DIV of the true poses."""
+    self_intersection_percent: float | None = None
+    """Share of frames in which limbs, head or trunk pass through one another by more than 3 cm, by capsules."""
+    self_intersection_true_percent: float | None = None
+    """The same share of the true joints."""
     baseline_mpjpe_mm: float | None = None
     """Triangulation + 6 Hz Butterworth: mean error of the observed keypoints (it knows no others)."""
     baseline_accel_m_s2: float | None = None
@@ -96,6 +103,11 @@ class Evaluation:
         lines.append(f"{'within 1, 3, 7 cm':<24} " + "  ".join(f"{share:5.1f} %" for share in shares))
         if self.angles_mae_deg is not None:
             lines.append(f"{'joint angles':<24} {self.angles_mae_deg:7.2f}°")
+        if self.self_intersection_percent is not None:
+            lines.append(
+                f"{'body through itself':<24} {self.self_intersection_percent:7.2f} % of frames "
+                f"(truth {self.self_intersection_true_percent:.2f})"
+            )
         if self.codes_fid is not None:
             lines.append(
                 f"{'poses, VPoser codes':<24} FID {self.codes_fid:.2f}, DIV {self.codes_div:.2f} "
@@ -130,11 +142,20 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
         pck_percent(solved, joints, 0.03),
         pck_percent(solved, joints, 0.07),
         accel_error_m_s2(solved, joints, motion.fps),
+        **_of_intersections(solved, joints, names),
         **_of_angles(capture, motion),
         **_of_keypoints(capture, motion),
         **_of_markers(capture, motion),
         **_of_yardstick(capture),
     )
+
+
+def _of_intersections(found: np.ndarray, true: np.ndarray, names: tuple[str, ...]) -> dict[str, float]:
+    """Return how often the body passes through itself, where motion and truth have SMPL's 24 joints."""
+    if names != SMPL.joints:
+        return {}
+    body, shares = load_body(), ("self_intersection_percent", "self_intersection_true_percent")
+    return {name: self_intersection_percent(body, points) for name, points in zip(shares, (found, true), strict=True)}
 
 
 def _of_angles(capture: Capture, motion: Motion) -> dict[str, float]:

@@ -11,7 +11,9 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body, load_body
+from solver_backend.body.hands import FIRST_FINGER, with_fingers
 from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import quat_from_rotvec, rotvec_from_quat, sign_continuous
@@ -61,20 +63,23 @@ class PoseRecorder(Recorder):
 
         Args:
             time: seconds, not before the last one's.
-            rotvec: (J, 3) axis-angles.
+            rotvec: (24, 3) axis-angles, or (52, 3) with fingers, which may begin at any pose.
             transl: (3,) metres.
         """
         if self._file.written == 0 and self._file.lost == 0:
             body, betas = self._person()
             head = {
-                "format": _FORMAT, "version": _VERSION, "body": body.id, "joints": len(rotvec),
+                "format": _FORMAT, "version": _VERSION, "body": body.id, "joints": SMPL_HANDS.num_joints,
                 "betas": np.asarray(betas).tolist(), "source": self._source,
             }  # fmt: skip
             self._file.append(json.dumps(head).encode() + b"\n")
         elif time - self._last > _SILENCE_S:
             self._cut += time - self._last - _CUT_TO_S
         self._last = time
-        self._file.append(np.concatenate([[time - self._cut], transl, np.ravel(rotvec)]).astype("<f8").tobytes())
+        turns = np.zeros((SMPL_HANDS.num_joints, 3))
+        known = len(rotvec) if len(rotvec) == len(turns) else FIRST_FINGER
+        turns[:known] = rotvec[:known]
+        self._file.append(np.concatenate([[time - self._cut], transl, turns.ravel()]).astype("<f8").tobytes())
 
 
 def finish_poses(recording: Path, path: Path, *, overwrite: bool = False) -> bool:
@@ -95,6 +100,10 @@ def finish_poses(recording: Path, path: Path, *, overwrite: bool = False) -> boo
         count = len(content) // (8 * width)
         rows = np.frombuffer(content[: 8 * width * count], "<f8").reshape(count, width)
         if count:
+            if rows.shape[1] > 4 + 3 * SMPL.num_joints and rows[:, 4 + 3 * FIRST_FINGER :].any():
+                body = with_fingers(body)
+            else:
+                rows = np.pad(rows[:, : 4 + 3 * FIRST_FINGER], ((0, 0), (0, 3 * (SMPL.num_joints - FIRST_FINGER))))
             write_motion(path, _motion(rows, np.array(found["betas"]), body, found["source"]), overwrite=overwrite)
     recording.unlink()
     return count > 0

@@ -26,7 +26,7 @@ class PoseSender:
 
         Args:
             address: of the receiver.
-            proportions: of the body; asked before the first pose, and when the shape is known.
+            proportions: of the body; asked before the first pose, when the shape is known, and when there are fingers.
 
         Raises:
             CommandLineInvalid: there is no such host.
@@ -44,7 +44,7 @@ class PoseSender:
             MotionInvalid: the body is no humanoid.
         """
         for line in lines:
-            if line.get("event") == "shape":
+            if line.get("event") in ("shape", "fingers"):
                 self._bundle = None
             elif "pose" in line and (message := self._send(line)):
                 back = message.endswith("is back.")

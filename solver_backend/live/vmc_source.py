@@ -12,6 +12,7 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.hands import with_fingers
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
@@ -145,14 +146,17 @@ def _refuse(error: Exception, address: VmcAddress) -> None:
 
 
 class BonesOnBody:
-    """Puts the bones of a sender onto a body, whose shape follows from the first frame's lengths."""
+    """Puts the bones of a sender onto a body, whose shape follows from the first frame's lengths.
+
+    The body has fingers from the first frame on that has some.
+    """
 
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         """Take the body, and the shape of a person who is known."""
         self.body, self.betas = body, betas
         self.news: list[Event] = []
         self._humanoid: Humanoid | None = None
-        self._scale = 1.0
+        self._scale, self._fingers = 1.0, False
 
     def person(self) -> tuple[Body, np.ndarray]:
         """Return the body and its (10,) shape as they are known by now."""
@@ -164,7 +168,14 @@ class BonesOnBody:
 
     def pose(self, frame: BoneFrame) -> tuple[np.ndarray, np.ndarray]:
         """Return the (J, 3) axis-angles and (3,) transl of a frame; bones that were not heard do not turn."""
-        humanoid = self._humanoid or self._met(frame)
+        if self._humanoid is None:
+            self._meet(frame)
+        if not self._fingers and has_fingers(frame):
+            self._fingers, self.body = True, with_fingers(self.body)
+            self._humanoid = Humanoid(*self.proportions())
+            self.news.append(_event("fingers", "The sender moves fingers: the body has them, too."))
+        humanoid = self._humanoid
+        assert humanoid is not None
         quat = np.tile([1.0, 0.0, 0.0, 0.0], (len(humanoid.bones), 1))
         rows = {bone: row for row, bone in enumerate(humanoid.bones)}
         for bone, turn in frame.quat.items():
@@ -175,7 +186,7 @@ class BonesOnBody:
         hips = root_place + turned(root_quat, frame.place.get("Hips", np.zeros(3)))
         return humanoid.from_unity(quat, self._scale * hips)
 
-    def _met(self, frame: BoneFrame) -> Humanoid:
+    def _meet(self, frame: BoneFrame) -> None:
         """Learn lengths, shape and scale of a sender from its first frame."""
         rest = _t_joints(frame, self.body)
         legs = [_length(rest, self.body, chain) for chain in _LEGS]
@@ -191,12 +202,6 @@ class BonesOnBody:
             self._scale = float(wanted / given)
             message = f"The sender's legs are {given:.2f} m long, the body's {wanted:.2f} m: its path is scaled."
             self.news.append(_event("path_scaled", message))
-        if has_fingers(frame) and not set(self._humanoid.bones) & set(frame.quat) - set(_BODY_BONES):
-            self.news.append(_event("fingers_left_out", "The sender has fingers, and the body has none."))
-        return self._humanoid
-
-
-_BODY_BONES = [bone for joint, bone in BONE_OF.items() if not joint[-1].isdigit() or joint.startswith("spine")]
 
 
 def pose_lines(

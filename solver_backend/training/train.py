@@ -18,6 +18,7 @@ from solver_backend.training.data.corpus import (
     NEAR_REPEAT_M,
     SIMPLIFIED_EVERY,
     Corpus,
+    absent_subjects,
     build_corpus,
     split_corpus,
 )
@@ -76,7 +77,7 @@ def train(
     Raises:
         JobInvalid: unknown prior or device, or a start or a part that this prior does not have.
         BackendMissing: the device is not here.
-        FileMissing: no recordings.
+        FileMissing: no recordings, or none of the held-out subjects.
         TrainingMismatch: the checkpoint there was made with other settings, or the weights have other widths.
         WeightsInvalid: the weights to start from are another prior's.
     """
@@ -101,7 +102,7 @@ def train(
         training, validation, chosen, out, Path(work) if work else out / f"{prior}_run", command,
         _describe(training, validation, held_out), progress, hidden, build_corpus(far) if far else None, start,
     )  # fmt: skip
-    return RECIPES[prior](job)
+    return replace(RECIPES[prior](job), absent=absent_subjects(clips, held_out))
 
 
 def _command(prior: str, settings: TrainingSettings) -> str:

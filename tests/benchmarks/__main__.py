@@ -9,6 +9,7 @@ import os
 import pkgutil
 import platform
 import sys
+from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
@@ -30,8 +31,9 @@ def main(argv: list[str] | None = None, baseline_path: Path = BASELINE) -> int:
     if unknown:
         print(f"There is no benchmark {', '.join(unknown)}. There are: {', '.join(names)}.", file=sys.stderr)
         return 2
-    baseline = json.loads(baseline_path.read_text(encoding="utf-8")) if baseline_path.exists() else {}
     results = {name: run(name) for name in args.names or names}
+    # Read only now: another run may have recorded its figures in the meantime.
+    baseline = json.loads(baseline_path.read_text(encoding="utf-8")) if baseline_path.exists() else {}
     if args.update:
         baseline |= {name: record(metrics) for name, metrics in results.items() if metrics is not None}
         baseline_path.write_text(json.dumps(baseline, indent=2, sort_keys=True) + "\n", encoding="utf-8")
@@ -65,8 +67,11 @@ def run(name: str) -> list[Metric] | None:
 
 
 def record(metrics: list[Metric]) -> dict[str, Any]:
-    """Return figures as they stand in the baseline, with the machine they were measured on."""
-    return {"machine": machine(), "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics}}
+    """Return figures as they stand in the baseline, with the machine and the day (UTC) they were measured on."""
+    return {
+        "machine": machine(), "recorded": datetime.now(UTC).date().isoformat(),
+        "figures": {m.key: {"value": round(m.value, 5), "unit": m.unit} for m in metrics},
+    }  # fmt: skip
 
 
 def compare(name: str, metrics: list[Metric], known: dict[str, Any]) -> bool:

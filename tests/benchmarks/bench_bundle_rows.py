@@ -12,7 +12,7 @@ import numpy as np
 from tests.benchmarks.bench_bundle import measured
 from tests.benchmarks.comparison.captures import TAKES
 from tests.benchmarks.comparison.sections import Scope
-from tests.benchmarks.metric import Metric
+from tests.benchmarks.metric import Metric, key_of
 
 SCOPE = Scope(TAKES[:2], frames=81)
 TABLES = ("methods", "interpolation")
@@ -29,8 +29,3 @@ def run() -> list[Metric]:
         for column, unit in KEPT.items()
         if np.isfinite(row.get(column, np.nan))
     ]
-
-
-def key_of(label: str) -> str:
-    """Return a row's name in the baseline."""
-    return "_".join("".join(c if c.isalnum() else " " for c in label.lower().replace("++", " plus")).split())

@@ -68,6 +68,11 @@ class BenchmarkSkipped(MocapError):
     code = "benchmark_skipped"
 
 
+def key_of(label: str) -> str:
+    """Return a row's name in the baseline."""
+    return "_".join("".join(c if c.isalnum() else " " for c in label.lower().replace("++", " plus")).split())
+
+
 def judge(metrics: Sequence[Metric], baseline: dict[str, float]) -> tuple[list[Verdict], list[str]]:
     """Return a verdict for every figure, and the keys of the baseline that were not measured."""
     measured = {metric.key for metric in metrics}

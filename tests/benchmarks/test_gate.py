@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 
 import pytest
 
@@ -53,7 +54,9 @@ def test_the_runner_records_then_compares(figures, tmp_path, capsys):
     path = tmp_path / "baseline.json"
     assert runner.main(["made_up"], path) == 1
     assert runner.main(["--update"], path) == 0
-    assert json.loads(path.read_text())["made_up"]["figures"] == {"error_mm": {"value": 10.0, "unit": "mm"}}
+    recorded = json.loads(path.read_text())["made_up"]
+    assert recorded["figures"] == {"error_mm": {"value": 10.0, "unit": "mm"}}
+    assert date.fromisoformat(recorded["recorded"]) >= date(2026, 11, 27)
     assert runner.main([], path) == 0
     figures["error_mm"] = 10.6
     capsys.readouterr()
@@ -62,6 +65,18 @@ def test_the_runner_records_then_compares(figures, tmp_path, capsys):
     assert "made_up: Made-up figures." in shown
     assert "✗ error_mm" in shown
     assert "passes ≤ 10.5" in shown
+
+
+def test_a_run_keeps_what_another_recorded_meanwhile(figures, tmp_path, monkeypatch):
+    path = tmp_path / "baseline.json"
+
+    def run(name: str) -> list[Metric]:
+        path.write_text(json.dumps({"other": {"figures": {}}}))
+        return [Metric("error_mm", 1.0, "mm")]
+
+    monkeypatch.setattr(runner, "run", run)
+    assert runner.main(["made_up", "--update"], path) == 0
+    assert set(json.loads(path.read_text())) == {"other", "made_up"}
 
 
 def test_a_skip_is_told_with_its_reason_and_passes(figures, tmp_path, capsys):

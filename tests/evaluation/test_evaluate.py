@@ -44,6 +44,15 @@ def test_views_are_judged_beside_the_filter(capture, motion):
     assert found.mpjpe_ratio == pytest.approx(5.0 / found.baseline_mpjpe_mm)
 
 
+def test_a_hand_in_the_thigh_is_counted_beside_the_truth(capture, motion):
+    joints = motion.joints.copy()
+    joints[:9, [20, 22]] = joints[:9, [1, 4]]  # the left forearm and hand along the left thigh's axis
+    found = evaluate(capture, replace(motion, joints=joints))
+    assert found.self_intersection_true_percent is not None and found.self_intersection_percent is not None
+    assert found.self_intersection_percent - found.self_intersection_true_percent == pytest.approx(10.0, abs=1e-6)
+    assert any("body through itself" in line for line in found.lines())
+
+
 def test_a_motion_without_keypoints_is_judged_by_its_joints(capture, motion):
     found = evaluate(capture, replace(motion, keypoints3d=None, joint_set=None))
     assert found.joints_mpjpe_mm == pytest.approx(5.0)

@@ -115,8 +115,8 @@ def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known
         assert (
             main(["motion", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]) == 0
         )
-        notes = json.loads(capsys.readouterr().out.splitlines()[-1])["notes"]
-        assert sum("no T- or A-pose: the left shin" in note for note in notes) == count
+        problems = json.loads(capsys.readouterr().out.splitlines()[-1])["problems"]
+        assert sum("no T- or A-pose: the left shin" in problem for problem in problems) == count
 
 
 def test_a_shape_of_ours_is_found_exactly_and_other_lengths_are_drawn_to_the_mean(body: Body) -> None:

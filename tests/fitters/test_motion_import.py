@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
 from solver_backend.io.native.motion_file import read_motion
 from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
+from tests.support.words import codes
 
 BETAS = np.array([0.8, -0.5, 0.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
 LIMBS = [1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21]
@@ -52,13 +54,14 @@ def test_a_known_motion_comes_back(tmp_path: Path, body: Body, known: KnownMotio
     assert np.degrees(np.linalg.norm(step, axis=-1)).max() < 60.0
 
 
-def test_joints_without_names_and_files_with_z_up_are_told(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     names = tuple(f"joint_{(7 * j) % 24}" for j in range(24))
     path = write_bvh(tmp_path / "clip.bvh", known, names=names, turn=np.eye(3), unit=0.001, order="XYZ")
     source, roles, notes = read_foreign_bvh(path)
     done = import_motion(source, roles, body, keep_height=True)
     off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
-    assert off.max() < 0.01 and "Z, which is used as the up axis" in " ".join(notes) and "mm" in " ".join(notes)
+    assert off.max() < 0.01 and codes(notes) == ("motion_unit_estimated", "motion_up_detected")
+    assert notes[0].values["unit"] == "mm" and notes[1].values["axis"] == "Z"
 
 
 def test_limbs_twist_as_the_skeletons_do(tmp_path: Path, body: Body, known: KnownMotion) -> None:
@@ -130,6 +133,27 @@ def test_a_skeleton_without_legs_is_named(tmp_path: Path) -> None:
     path.write_text("\n".join([*lines, " ".join(["0"] * 12)]))
     with pytest.raises(MotionInvalid, match=r"No joints were found for pelvis, left_thigh"):
         read_foreign_bvh(path)
+
+
+def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion, capsys) -> None:
+    """Without names, the wrist may be either of two joints of the arm: it plays without arms, and reports that."""
+    rest = known.rest.copy()
+    for shoulder, elbow, wrist, hand in ((16, 18, 20, 22), (17, 19, 21, 23)):
+        upper = rest[elbow] - rest[shoulder]
+        rest[wrist], rest[hand] = rest[elbow] + 0.75 * upper, rest[elbow] + 1.1 * upper
+    names, out = tuple(f"joint_{(7 * j) % 24}" for j in range(24)), tmp_path / "motion.npz"
+    path = write_bvh(tmp_path / "unclear.bvh", replace(known, rest=rest), names=names)
+    assert main(["motion", str(path), "--out", str(out), "--json"]) == 0
+    result = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert "left_upper_arm" not in result["roles"]
+    lacking = next(item for item in result["diagnostics"] if item["code"] == "motion_limbs_missing")
+    assert lacking["severity"] == "warning" and lacking["values"]["parts"] == ["left arm", "right arm"]
+    assert any("not clear which bones are the arms" in note for note in result["notes"])
+    assert any("No joints were found for" in problem for problem in result["problems"])
+    assert (
+        main(["motion", str(write_bvh(tmp_path / "whole.bvh", known)), "--out", str(tmp_path / "b.npz"), "--json"]) == 0
+    )
+    assert json.loads(capsys.readouterr().out.splitlines()[-1])["problems"] == []
 
 
 def test_axes_of_the_file_can_be_given(tmp_path: Path, body: Body, known: KnownMotion) -> None:

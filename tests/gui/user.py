@@ -27,7 +27,7 @@ STAGES = {
     "CAPTURE": (
         "view_camera", "leave_out", "use_range", "check_cameras", "refine_cameras", "restore_cameras", "import_capture",
         "demo_capture", "capture_from_videos", "video_step", "tell_point", "pick_point", "people", ".reading.",
-        "show_names", "show_residuals", "leave_camera",
+        "show_names", "show_residuals", "leave_camera", "import_motion",
     ),
     "SOLVE CAPTURE": ("mocap.solve()",),
     "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
@@ -37,6 +37,7 @@ STAGES = {
     ),
     "DELIVER": (
         "export_take", "export_markers", "format='", 'node="', "map_rig", "mocap.retarget", "set_map_pose",
+        "save_preset", "motion_from_rig", "retarget.actor", "retarget.target",
     ),
 }  # fmt: skip
 """Where a button stands, by a part of what it does; several stages where each has it."""

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.body.hands import FIRST_FINGER
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
 from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import matrix_from_rotvec
@@ -60,9 +62,25 @@ def test_even_poses_are_the_motion(tmp_path, motion):
         pass
     read = read_motion(tmp_path / "take.npz")
     assert read.fps == 60.0 and read.num_frames == FRAMES and os.listdir(tmp_path) == ["take.npz"]
+    assert read.body_layout == SMPL  # no finger was ever turned
     assert degrees_off(read, motion) < 1e-3 and np.abs(read.joints - motion.joints).max() < 1e-5
     assert np.allclose(read.betas, motion.betas, atol=1e-6) and read.provenance["source"] == "vmc://test"
     assert read.flags is not None and not read.flags.any()
+
+
+def test_fingers_are_recorded_from_where_they_begin(tmp_path):
+    motion = short_motion(FRAMES, fingers=True)
+    with recorder(tmp_path / "take.npz", motion) as found:
+        for k, (rotvec, transl) in enumerate(zip(vectors_of(motion), motion.transl, strict=True)):
+            found.add(k / 60.0, rotvec if k >= 10 else np.concatenate([rotvec[:22], np.zeros((2, 3))]), transl)
+    read = read_motion(tmp_path / "take.npz")
+    assert read.body_layout.joints == SMPL_HANDS.joints and read.body == load_body().id
+    assert not vectors_of(read)[:10, FIRST_FINGER:].any()
+    turned = matrix_from_rotvec(vectors_of(read)[10:]) @ np.swapaxes(
+        matrix_from_rotvec(vectors_of(motion)[10:]), -1, -2
+    )
+    assert np.degrees(np.linalg.norm(turned - np.eye(3), axis=(-1, -2)).max() / 2**0.5) < 0.1
+    assert np.abs(read.joints[10:] - motion.joints[10:]).max() < 1e-4
 
 
 def test_poses_that_come_unevenly_or_are_lost_lie_where_they_were_at_the_frames_times(tmp_path, motion):
@@ -122,7 +140,7 @@ def test_what_a_killed_run_left_is_finished_by_the_next(tmp_path, motion):
 
 def test_a_full_disk_costs_the_poses_that_do_not_fit(tmp_path, motion):
     found = recorder(tmp_path / "take.npz", motion)
-    with full_disk(8000):
+    with full_disk(16000):
         for k in range(FRAMES):
             found.add(k / 60.0, vectors_of(motion)[k], motion.transl[k])
     with pytest.raises(OutputNotWritable, match="could not be written"):
@@ -138,7 +156,9 @@ def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     assert os.listdir(tmp_path) == ["a.npz.recording"]
 
 
-def test_a_run_receives_and_records_what_another_sends(tmp_path, motion):
+@pytest.mark.parametrize("fingers", [False, True])
+def test_a_run_receives_and_records_what_another_sends(tmp_path, fingers):
+    motion = short_motion(FRAMES, fingers=fingers)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as spare:
         spare.bind(("127.0.0.1", 0))
         address = VmcAddress("127.0.0.1", spare.getsockname()[1])
@@ -163,5 +183,6 @@ def test_a_run_receives_and_records_what_another_sends(tmp_path, motion):
     read = read_motion(path)
     assert result["recorded"] == str(path) and not recording_of(path).exists() and result["not_used"] == {}
     assert read.num_frames == FRAMES and read.fps == 60.0
+    assert read.body_layout.num_joints == (52 if fingers else 24)
     assert degrees_off(read, motion) < 0.05
     assert np.abs(read.joints - motion.joints).max() < 5e-4

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import tracemalloc
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,7 +12,6 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress, read_address
 from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.io.native.motion_file import write_motion
@@ -49,26 +47,7 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
 
 
 def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):
-    plain = short_motion(4)
-    rng, count = np.random.default_rng(0), SMPL_HANDS.num_joints
-    pose = np.zeros((4, count - 1, 3))
-    pose[:, :21] = plain.body_pose.reshape(4, -1, 3)[:, :21]
-    pose[:, 21:] = rng.normal(0, 0.4, (4, count - 22, 3))
-    rest = np.zeros((count, 3))
-    rest[:22] = rest_joints(plain)[:22]
-    for j in range(22, count):
-        rest[j] = rest[SMPL_HANDS.parents[j]] + (
-            0.03 if "left" in SMPL_HANDS.joints[j] else -0.03,
-            0.0,
-            0.001 * (j % 5),
-        )
-    local = matrix_from_rotvec(np.concatenate([plain.global_orient[:, None], pose], axis=1))
-    joints, G = np.zeros((4, count, 3)), local.copy()
-    joints[:, 0] = rest[0] + plain.transl
-    for j, p in enumerate(SMPL_HANDS.parents[1:], start=1):
-        joints[:, j] = joints[:, p] + (G[:, p] @ (rest[j] - rest[p])[:, None])[..., 0]
-        G[:, j] = G[:, p] @ local[:, j]
-    motion = replace(plain, body_pose=pose.reshape(4, -1), joints=joints, body_layout=SMPL_HANDS)
+    motion = short_motion(4, fingers=True)
     write_motion(tmp_path / "hands.npz", motion)
     arguments = ["live", str(tmp_path / "hands.npz"), "--lines", str(tmp_path / "poses.jsonl")]
     assert main([*arguments, "--send", receiver.address]) == 0
@@ -77,7 +56,7 @@ def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):
         avatar = Avatar().receive(packet)
         assert len(avatar.local) == 1 + 52
         for j, name in enumerate(SMPL_HANDS.joints):
-            x, y, z = joints[number, j]
+            x, y, z = motion.joints[number, j]
             assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-4, name
     assert len(packets) == 4
 

@@ -13,16 +13,20 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.body.hands import FIRST_FINGER
+from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
 from solver_backend.live.motion_replay import rest_joints
+from solver_backend.live.sending import PoseSender
 from solver_backend.live.vmc_frames import MOST_CHANNELS, BoneFrame, FrameAssembly
 from solver_backend.live.vmc_source import BonesOnBody, Event, _received, listen, pose_lines
+from solver_backend.types import Motion
 from tests.support.short_motion import short_motion
-from tests.support.vmc_receiver import messages_of
+from tests.support.vmc_receiver import Avatar, Receiver, messages_of
 
 ME, OTHER = ("127.0.0.1", 50000), ("127.0.0.1", 50001)
 FRAMES = 12
@@ -87,6 +91,50 @@ def test_a_person_of_another_body_gets_the_senders_lengths(motion, packets):
     ours, theirs = onto.proportions()[1][:24], 1.06 * rest_joints(motion)
     for a, b in ((1, 4), (4, 7), (16, 18), (18, 20)):
         assert np.linalg.norm(ours[b] - ours[a]) == pytest.approx(np.linalg.norm(theirs[b] - theirs[a]), abs=0.006)
+
+
+def sent_with_fingers() -> tuple[Motion, list[bytes]]:
+    """Return a motion of the body with hands, and its packets."""
+    motion = short_motion(FRAMES, fingers=True)
+    bundle = FrameBundle(Humanoid(motion.body_layout, rest_joints(motion)))
+    return motion, [bundle.encode(k / 60.0, vectors_of(motion)[k], motion.transl[k]) for k in range(FRAMES)]
+
+
+def vectors_of(motion: Motion) -> np.ndarray:
+    return np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(motion.num_frames, -1, 3)
+
+
+def degrees_apart(a: np.ndarray, b: np.ndarray) -> float:
+    apart = matrix_from_rotvec(a) - matrix_from_rotvec(b)
+    return float(np.degrees(np.linalg.norm(apart, axis=(-1, -2)).max() / 2**0.5))
+
+
+def test_fingers_come_back_as_they_were_sent():
+    motion, packets = sent_with_fingers()
+    onto = BonesOnBody(load_body())
+    for k, frame in enumerate(taken(FrameAssembly(), packets)):
+        rotvec, _ = onto.pose(frame)
+        assert rotvec.shape == (SMPL_HANDS.num_joints, 3)
+        assert degrees_apart(rotvec[FIRST_FINGER:], vectors_of(motion)[k, FIRST_FINGER:]) < 0.01
+        assert degrees_apart(rotvec, vectors_of(motion)[k]) < 0.02
+    assert [event["event"] for event in onto.news] == ["shape", "fingers"]
+    assert onto.proportions()[0].joints == SMPL_HANDS.joints and onto.person()[0].id == load_body().id
+
+
+def test_fingers_that_begin_later_are_taken_from_then_on_and_sent_on(packets):
+    """A program may track hands only when it sees some; whoever poses are sent on to gets them, too."""
+    motion, fingered = sent_with_fingers()
+    found = taken(FrameAssembly(), [*packets[:3], *(fingered[k] for k in range(3, 6))])
+    onto, receiver = BonesOnBody(load_body()), Receiver()
+    address = VmcAddress("127.0.0.1", receiver.port)
+    with PoseSender(address, onto.proportions) as sender:
+        lines = list(sender.watched(pose_lines(found, onto)))
+    bones = [len(Avatar().receive(packet).local) for packet in receiver.close()]
+    assert [line["event"] for line in lines if "event" in line] == ["shape", "fingers"]
+    sizes = [len(line["pose"]) // 3 for line in lines if "pose" in line]
+    assert sizes == [23, 23, 23, 51, 51, 51] and bones == [23, 23, 23, 53, 53, 53]
+    last = np.array([*lines[-1]["root"], *lines[-1]["pose"]]).reshape(-1, 3)
+    assert degrees_apart(last[FIRST_FINGER:], vectors_of(motion)[5, FIRST_FINGER:]) < 0.01
 
 
 def test_legs_of_another_length_scale_the_path(motion, packets):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from datetime import date
 
 import pytest
 
@@ -10,8 +11,10 @@ from supply.published_page import (
     BASELINE,
     CONTRADICTED,
     NOT_MEASURED,
+    NOT_PUBLISHED,
     PUBLISHED,
     REPRODUCED,
+    UNDECIDED,
     PublishedRow,
     counts,
     published_page,
@@ -27,7 +30,7 @@ ENTRY = {
 
 
 def baseline(this: float, that: float) -> dict:
-    return {"b": {"figures": {"this": {"value": this}, "that": {"value": that}}}}
+    return {"b": {"recorded": "2026-11-27", "figures": {"this": {"value": this}, "that": {"value": that}}}}
 
 
 @pytest.mark.parametrize(("this", "verdict"), [(1.9, REPRODUCED), (2.1, CONTRADICTED)])
@@ -37,9 +40,27 @@ def test_the_verdict_is_the_side_of_one(this: float, verdict: str):
     assert counts([row])[verdict] == 1
 
 
+@pytest.mark.parametrize(
+    ("this", "verdict"), [(1.9, REPRODUCED), (1.97, UNDECIDED), (2.03, UNDECIDED), (2.1, CONTRADICTED)]
+)
+def test_nearer_to_one_than_seeds_are_to_one_another_is_undecided(this: float, verdict: str):
+    (row,) = published_rows([{**ENTRY, "spread": 0.02}], baseline(this, 2.0))
+    assert row.verdict == verdict
+
+
+def test_what_has_no_published_figure_is_called_so_and_has_its_day():
+    (row,) = published_rows([{key: value for key, value in ENTRY.items() if key != "published"}], baseline(1.0, 2.0))
+    assert (row.verdict, row.here, row.recorded) == (NOT_PUBLISHED, 0.5, "2026-11-27")
+
+
+def test_every_benchmark_of_the_baseline_has_its_day():
+    for name, measured in json.loads(BASELINE.read_text(encoding="utf-8")).items():
+        assert date.fromisoformat(measured["recorded"]) >= date(2026, 11, 21), name
+
+
 def test_a_figure_that_the_baseline_lacks_is_named():
     with pytest.raises(KeyError, match="this"):
-        published_rows([ENTRY], {"b": {"figures": {}}})
+        published_rows([ENTRY], {"b": {"recorded": "", "figures": {}}})
 
 
 def test_what_is_not_measured_says_why():
@@ -50,15 +71,21 @@ def test_what_is_not_measured_says_why():
 def test_the_committed_rows_name_figures_of_the_baseline_and_no_ratio_is_typed():
     figures = json.loads(BASELINE.read_text(encoding="utf-8"))
     for value in VALUES:
-        assert set(value) <= {*ENTRY, "not_measured", "log"} and value["source"] and value["table"] and value["what"]
+        assert (
+            set(value) <= {*ENTRY, "not_measured", "log", "spread"}
+            and value["source"]
+            and value["table"]
+            and value["what"]
+        )
         if "not_measured" not in value:
             assert set(value["figures"]) <= set(figures[value["bench"]]["figures"]), value["what"]
-            assert len(value["published"]) == len(value["figures"]) == 2
+            assert len(value.get("published", (1, 2))) == len(value["figures"]) == 2
 
 
 def test_every_contradiction_has_a_reason_in_a_sentence():
-    assert not [row.what for row in rows() if row.verdict != REPRODUCED and not row.reason.endswith(".")]
-    assert not [row.what for row in rows() if row.verdict != REPRODUCED and not 20 < len(row.reason) < 250]
+    explained = [row for row in rows() if row.verdict not in (REPRODUCED, UNDECIDED)]
+    assert not [row.what for row in explained if not row.reason.endswith(".")]
+    assert not [row.what for row in explained if not 20 < len(row.reason) < 250]
 
 
 def test_every_table_of_the_thesis_stands_on_the_page():
@@ -72,5 +99,7 @@ def test_a_row_of_the_page_shows_both_ratios_and_the_reason_of_a_contradiction_a
     assert f"{counts(rows())[REPRODUCED]} reproduced" in page
     for row in rows():
         (line,) = [line for line in page.splitlines() if line.startswith(f"| {row.table} | {row.what} |")]
-        assert row.verdict in line and (row.reason in line) == (row.verdict != REPRODUCED or not row.reason)
+        assert row.verdict in line and (row.reason in line) == (
+            row.verdict not in (REPRODUCED, UNDECIDED) or not row.reason
+        )
     assert isinstance(rows()[0], PublishedRow)

@@ -5,14 +5,17 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.hands import load_body_with_hands
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Motion
 
 
-def short_motion(frames: int = 20, fps: float = 60.0, betas: np.ndarray | None = None, seed: int = 0) -> Motion:
-    """Return a motion that walks ahead and turns every joint, smoothly."""
-    body, rng = load_body(), np.random.default_rng(seed)
+def short_motion(
+    frames: int = 20, fps: float = 60.0, betas: np.ndarray | None = None, seed: int = 0, *, fingers: bool = False
+) -> Motion:
+    """Return a motion that walks ahead and turns every joint, smoothly; with fingers, of the body that has them."""
+    body, rng = load_body_with_hands() if fingers else load_body(), np.random.default_rng(seed)
     betas = np.linspace(-1.5, 1.5, 10) if betas is None else betas
     turned, t = body.layout.recorded.num_solved, np.arange(frames) / fps
     swing = np.sin(3.0 * t[:, None, None] + rng.uniform(0, 6, (1, turned, 3)))
@@ -23,5 +26,5 @@ def short_motion(frames: int = 20, fps: float = 60.0, betas: np.ndarray | None =
     joints = forward_kinematics(body, betas, exp_so3(root), exp_so3(pose), transl).joints
     return Motion(
         betas=betas, global_orient=root, body_pose=pose.reshape(frames, -1), transl=transl, fps=fps, body=body.id,
-        joints=joints[:, list(body.recorded_joints)],
+        joints=joints[:, list(body.recorded_joints)], body_layout=body.layout.recorded,
     )  # fmt: skip

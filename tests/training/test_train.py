@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
 
+from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileMissing, JobInvalid
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS
 from solver_backend.training.engine.loop import TrainingSettings
@@ -39,3 +41,18 @@ def test_the_command_repeats_what_was_asked_for() -> None:
     assert _command("sposer", TrainingSettings(start="2b")).endswith("--steps 6000 --from WEIGHTS")
     encoder = TrainingSettings(part="encoder", start="2b", steps=9)
     assert _command("sposer", encoder).endswith("--steps 9 --part encoder --from WEIGHTS")
+
+
+@pytest.mark.shared
+def test_a_training_without_some_held_out_subjects_reports_them(shared_data: Path, tmp_path: Path, capsys) -> None:
+    folder = tmp_path / "motion_cmu" / "mb2"
+    folder.mkdir(parents=True)
+    for name in ("02_01", "06_02", "08_01", "13_29"):
+        (folder / f"{name}.npz").symlink_to(shared_data / "motion_cmu" / "mb2" / f"{name}.npz")
+    assert main(["train", "gmm", "--data", str(tmp_path), "--out", str(tmp_path / "out"), "--json"]) == 0
+    answer = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert answer["absent_subjects"] == ["03", "60_61", "ui_prmd_s07", "ui_prmd_s08"]
+    for name in ("08_01", "13_29"):
+        (folder / f"{name}.npz").unlink()
+    with pytest.raises(FileMissing, match="none of the subjects to validate on"):
+        train("gmm", tmp_path, tmp_path / "out")

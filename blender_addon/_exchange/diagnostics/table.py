@@ -8,6 +8,7 @@ from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
 from .labels import LABELS
 from .markers import MARKERS
+from .motions import MOTIONS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
@@ -31,6 +32,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
     "Recordings": RECORDING,
+    "Motions of other programs": MOTIONS,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,
 }
@@ -39,5 +41,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys()
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys() - MOTIONS.keys()
 """Codes of what is found before a solve."""

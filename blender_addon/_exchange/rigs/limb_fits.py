@@ -15,6 +15,9 @@ from .skeleton import Skeleton
 
 _SKIPPED, _OFF_LINE = 0.4, 0.04
 """Cost of a bone inside a segment, as a twist bone is, and how far off the line it may lie, by the segment."""
+_PALM = 0.4
+"""Distance of a hand's middle from the wrist by the forearm, at most; depth cameras have 0.25 to 0.3, CMU's files 0.5
+between the bones that they call wrist and hand."""
 _LONGEST = 14
 """Bones of a branch that are looked at, from its beginning on: more are hair or rope."""
 
@@ -56,8 +59,26 @@ def _fits(
         own = cost(skeleton, path, places)
         if np.isfinite(own):
             fitting = sum(names_part(skeleton.names[path[p]], part) for p, part in zip(places, parts, strict=True))
+            fitting -= _is_named_elsewhere(skeleton, path, places, parts[2])
             found.append(LimbFit(own - named * fitting, tuple(path), places))
     return sorted(found, key=lambda fit: fit.cost)
+
+
+def _is_named_elsewhere(skeleton: Skeleton, path: list[int], places: tuple[int, int, int], end: str) -> bool:
+    """Return whether two bones bear the name of a limb's end, and these places take the wrong one.
+
+    It is the first one, unless the next lies farther on than a palm reaches: of depth cameras, the hand is the middle
+    of the palm; in Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
+    """
+    _, middle, taken = places
+    named = [k for k in range(middle + 1, len(path)) if names_part(skeleton.names[path[k]], end)]
+    if taken not in named:
+        return False
+    joint = named[0]
+    for k in named[1:]:
+        if skeleton.distance(path[joint], path[k]) > _PALM * skeleton.distance(path[middle], path[joint]):
+            joint = k
+    return taken != joint
 
 
 def _triples(count: int) -> Iterator[tuple[int, int, int]]:

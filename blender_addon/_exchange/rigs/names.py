@@ -13,7 +13,7 @@ _WORDS = {
     "head": ("head", "skull"),
     "clavicle": ("clavicle", "collar", "collarbone", "shoulder", "shldr"),
     "upper_arm": ("upperarm", "upper arm", "uparm", "arm upper", "bicep", "arm", "humerus"),
-    "forearm": ("forearm", "fore arm", "lowerarm", "lower arm", "loarm", "arm lower", "elbow", "ulna"),
+    "forearm": ("forearm", "fore arm", "lowerarm", "lower arm", "loarm", "arm lower", "elbow", "ulna", "radius"),
     "hand": ("hand", "wrist"),
     "thigh": ("thigh", "upperleg", "upper leg", "upleg", "up leg", "leg upper", "femur", "hip"),
     "shin": ("shin", "calf", "lowerleg", "lower leg", "loleg", "leg lower", "knee", "leg", "tibia"),
@@ -29,6 +29,12 @@ _NOT_BODY = frozenset({
 })  # fmt: skip
 """Words of bones that are none of these parts."""
 _LEFT, _RIGHT = frozenset({"l", "left", "lft", "lt"}), frozenset({"r", "right", "rgt", "rt"})
+_GLUED = ("left", "right", "l", "r")
+"""Sides that may stand before a part without a space, the longest first: ``lhumerus``, ``righthand``."""
+_OF_A_SIDE = frozenset(
+    word.replace(" ", "") for part, words in _WORDS.items() if part not in ("pelvis", "head") for word in words
+) | {"finger", "fingers", "thumb", "index", "middle", "ring", "pinky", "little"}
+"""Words that a side is split from."""
 _PREFIXES = frozenset({"def", "bip", "bip001", "bip01", "mixamorig", "j", "jnt", "joint", "bone", "bn", "c", "m", "fk"})
 
 
@@ -82,13 +88,21 @@ def words_of(bone: str) -> list[str]:
 def _words(bone: str) -> tuple[str, list[str]]:
     """Return side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
-    parts = [word for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word]
+    parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
     left, right = (any(word in parts for word in side) for side in (_LEFT, _RIGHT))
     side = "" if left == right else SIDES[0] if left else SIDES[1]
     kept = [word for word in parts if word not in _LEFT | _RIGHT]
     while len(kept) > 1 and kept[0] in _PREFIXES:
         kept = kept[1:]
     return side, kept
+
+
+def _split_off_side(word: str) -> list[str]:
+    """Return a word, or its side and the part of the body that the side is glued to."""
+    for side in _GLUED:
+        if word.startswith(side) and word[len(side) :] in _OF_A_SIDE:
+            return [side, word[len(side) :]]
+    return [word]
 
 
 def _scored(

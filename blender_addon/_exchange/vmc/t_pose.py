@@ -10,14 +10,16 @@ from ..so3 import quat_multiply
 _ARM = ("shoulder", "elbow", "wrist")
 _LEG = ("hip", "knee")
 _FOOT = ("ankle", "foot")
+_HANDS = ("left_hand", "right_hand")
 
 
 def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
     """Return how each joint turns from a body's rest pose to the T-pose, all of it in the body's axes.
 
-    Arms lie along ±X and legs along -Y, by the shortest turn of each bone; feet turn about Y alone until they point
-    along +Z, so that soles stay flat. Fingers turn as their hand; hips, spine, neck, head and shoulders do not turn,
-    for how they are bent at rest belongs to the character.
+    Arms and fingers lie along ±X and legs along -Y, by the shortest turn of each bone; thumbs lie halfway between ±X
+    and +Z (VRM 1.0, T-pose). Fingers turn on from what carries them, and their last bones with it. Feet turn about Y
+    alone until they point along +Z, so that soles stay flat. Hips, spine, neck, head and shoulders do not turn, for how
+    they are bent at rest belongs to the character.
 
     Args:
         layout: names and tree of the J joints.
@@ -36,8 +38,11 @@ def t_pose(layout: BodyLayout, rest_joints: np.ndarray) -> np.ndarray:
             turns[j] = _shortest(along, np.array([0.0, -1.0, 0.0]))
         elif part == _FOOT[0] and along is not None:
             turns[j] = _shortest(along * (1.0, 0.0, 1.0), np.array([0.0, 0.0, 1.0]))
-        elif part == _FOOT[1] or layout.groups[j] in ("left_hand", "right_hand"):
+        elif part == _FOOT[1] or layout.groups[j] in _HANDS:
             turns[j] = turns[layout.parents[j]]
+            if layout.groups[j] in _HANDS and along is not None:
+                flat = np.array([1.0 if side == "left" else -1.0, 0.0, float(part.startswith("thumb"))])
+                turns[j] = quat_multiply(_shortest(turned(turns[j], along), flat), turns[j])
     return turns
 
 
@@ -54,7 +59,7 @@ def _bone(layout: BodyLayout, rest_joints: np.ndarray, j: int) -> np.ndarray | N
 
 def _shortest(source: np.ndarray, target: np.ndarray) -> np.ndarray:
     """Return the shortest turn of one direction onto another: ``(1 + a·b, a × b)``, of length 1."""
-    source = source / np.linalg.norm(source)
+    source, target = source / np.linalg.norm(source), target / np.linalg.norm(target)
     turn = np.concatenate([[1.0 + source @ target], np.cross(source, target)])
     length = np.linalg.norm(turn)
     # Opposite directions have no shortest turn; no body rests with an arm through its chest.

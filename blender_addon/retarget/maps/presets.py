@@ -31,7 +31,8 @@ def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
 def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
     """Return the preset that fits a rig best or, if none does, what its structure or else its names indicate.
 
-    A map whose limbs no person can have is passed over, however well its names fit.
+    A map whose limbs no person can have is passed over, however well its names fit. A preset of the user's whose bones
+    are all there comes before ours.
 
     Args:
         skeleton: the rig's bones.
@@ -47,9 +48,10 @@ def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
         found = fit(preset, bones)
         needed = _needed(preset)
         if needed and len(needed & found.bones.keys()) >= _FITS * len(needed) and is_plausible(found.bones, skeleton):
-            fitting.append((len(found.bones), found))
+            is_users_own = path.parent == user_folder and len(found.bones) == len(preset.bones)
+            fitting.append((is_users_own, len(found.bones), found))
     if fitting:
-        return max(fitting, key=lambda entry: entry[0])[1]
+        return max(fitting, key=lambda entry: entry[:2])[2]
     return _recognised(skeleton)
 
 

@@ -5,7 +5,8 @@ A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -15,6 +16,7 @@ from ...body.body_file import BodyFile
 from ...body.posed_body import pose_joints, rotvec_on, with_own_hands
 from ...conventions.coordinates import R_ARMATURE_BODY
 from ...conventions.skeleton import SMPL, BodyLayout
+from .parts import by_part, parts_of_joints
 
 _BONES_OF_A_FINGER = 3
 _AT_REST = 0.005
@@ -61,6 +63,8 @@ class Actor:
     """The trunk of a figure that has other bones there than our body; None for our body's."""
     hands: tuple[Hand, ...] = ()
     """The fingers, of the hands whose fingers the motion has."""
+    skin: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(V, 3) points of the skin at rest by part of the body, see ``parts``; none where no skin is known."""
 
     @property
     def num_frames(self) -> int:
@@ -92,6 +96,8 @@ class Target:
     """Metres of one unit of the armature's space."""
     ground: np.ndarray
     """(3,) metres from the armature's origin, in the stage's axes, to the stage's."""
+    skin: Mapping[str, np.ndarray] = field(default_factory=dict)
+    """(V, 3) points of the skin in the rest pose by part of the body; none where no skin is known."""
 
     def index(self, role: str) -> int:
         """Return the control of a role, -1 for none."""
@@ -108,12 +114,14 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
     rest = body.rest_joints(motion.betas)
     motion = with_own_hands(motion, body)
     G, joints = pose_joints(rest, rotvec_on(motion, body.layout), motion.transl)
-    soles = (body.shaped(motion.betas) @ R_ARMATURE_BODY.T)[:, 2].min()
+    skin = body.shaped(motion.betas) @ R_ARMATURE_BODY.T
+    soles = skin[:, 2].min()
     standing = rest @ R_ARMATURE_BODY.T - [0.0, 0.0, soles]
     turns, columns = G @ R_ARMATURE_BODY.T, list(body.layout.standing_for(SMPL))
     hands = own_hands(body.layout, standing, turns)
     return Actor(
         motion.name, standing[columns], turns[:, columns], joints[:, columns], motion.fps, motion.contacts, hands=hands,
+        skin=by_part(skin - [0.0, 0.0, soles], parts_of_joints(body.layout, body.weights.argmax(axis=1))),
     )  # fmt: skip
 
 

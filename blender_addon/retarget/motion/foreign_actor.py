@@ -46,8 +46,19 @@ def actor_of_bones(name: str, rest: Target, A: np.ndarray, turns: np.ndarray, pl
         at = [JOINT_OF[rest.roles[c]] for c in feet]
         if feet:
             standing = standing + [0.0, 0.0, rest.heads[feet, 2].mean() - standing[at, 2].mean()]
-    contacts = _contacts(standing, joints, fps)
-    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, turns), hands_of(rest, A, turns))
+    contacts, skin = _contacts(standing, joints, fps), _skin(rest, A, standing)
+    return Actor(name, standing, G, joints, fps, contacts, rig_trunk(rest, turns), hands_of(rest, A, turns), skin)
+
+
+def _skin(rest: Target, A: np.ndarray, standing: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the skin by part as it lies when the figure stands as our body at rest: ``J_j + A_c (v - r_c)``."""
+    index = {role: c for c, role in enumerate(rest.roles)}
+    carried_by = {part: "pelvis" if part == "trunk" else part for part in rest.skin}
+    return {
+        part: standing[JOINT_OF[role]] + (rest.skin[part] - rest.heads[index[role]]) @ A[index[role]].T
+        for part, role in carried_by.items()
+        if role in index
+    }
 
 
 def _joint_turns(own: dict[str, np.ndarray], frames: int) -> np.ndarray:

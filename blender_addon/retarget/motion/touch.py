@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..._exchange.rigs.roles import JOINT_OF, SIDES
 from .figures import Actor, Target
+from .palms import fade, palms_of
 
 _TOUCH, _APART = 0.7, 1.1
 """Distances of the palms' middles by the length of the palm up to which hands touch, and from which they do not."""
-_HAND_AFTER_WRIST = 2
-"""Joints of SMPL from a wrist to its hand: both wrists come before both hands."""
 
 
 def keep_hands_together(
@@ -26,30 +24,12 @@ def keep_hands_together(
         turns: (N, F, 3, 3) rotations of its controls.
         goals: (F, 3) by role, hands among them.
     """
-    roles = [f"{side}_hand" for side in SIDES]
-    if not set(roles) <= goals.keys():
+    palms = list(palms_of(actor, target, turns, goals))
+    if len(palms) < 2:
         return goals
-    palms, own, sizes = [], [], []
-    for role in roles:
-        wrist, control = JOINT_OF[role], target.index(role)
-        reach = actor.rest[wrist + _HAND_AFTER_WRIST] - actor.rest[wrist]
-        palms.append(actor.joints[:, wrist] + actor.turns[:, wrist] @ (reach / 2))
-        size = float(np.linalg.norm(reach))
-        theirs = _palm(target, control)
-        sizes.append((size, float(np.linalg.norm(theirs))))
-        own.append(goals[role] + turns[control] @ (theirs / 2))
-    size, own_size = np.mean(sizes, axis=0)
-    if min(size, own_size) <= 0.0:
-        return goals
-    between = palms[0] - palms[1]
-    distance = np.linalg.norm(between, axis=-1) / size
-    share = np.clip((_APART - distance) / (_APART - _TOUCH), 0.0, 1.0)
-    share = (share * share * (3.0 - 2.0 * share))[:, None]
-    way = share * (own_size / size * between - (own[0] - own[1])) / 2
-    return goals | {roles[0]: goals[roles[0]] + way, roles[1]: goals[roles[1]] - way}
-
-
-def _palm(target: Target, hand: int) -> np.ndarray:
-    """Return the (3,) way from the wrist to the knuckles at rest; zero where nothing shows it."""
-    way = target.ends[hand] - target.heads[hand]
-    return way if np.isfinite(way).all() else np.zeros(3)
+    left, right = palms
+    size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
+    between = left.middle - right.middle
+    share = 1.0 - fade(np.linalg.norm(between, axis=-1) / size, _TOUCH, _APART)
+    way = share[:, None] * (own_size / size * between - (left.own - right.own)) / 2
+    return goals | {left.role: goals[left.role] + way, right.role: goals[right.role] - way}

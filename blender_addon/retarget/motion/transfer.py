@@ -15,6 +15,7 @@ from .fingers import bend_fingers
 from .limbs import bend_to, longest_reach, within_reach
 from .proportions import length, measure_proportions, scale_of
 from .touch import keep_hands_together
+from .touch_body import keep_hands_on_body
 from .trunk import between, spine_heights, trunk_of, turn_at
 
 _NECK, _HEAD, _HIPS = 12, 15, (1, 2)
@@ -29,7 +30,7 @@ class TransferSettings:
     root_motion: bool = False
     """Let the root bone carry the way over the ground and the heading."""
     hold_contacts: bool = True
-    """Hold feet where they stand, if the motion states when, and hands together that touch."""
+    """Hold feet where they stand, if the motion states when, and hands on what they touch: the body, each other."""
     scale: float = 0.0
     """Size of the way and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
 
@@ -77,10 +78,14 @@ def transfer(actor: Actor, target: Target, A: np.ndarray, settings: TransferSett
     way = way + _for_reach(target, turns, still + way * _carried(target, carrier)[:, None, None], goals)
     places = carried_places(target, turns, carrier, way)
     goals |= _hand_goals(actor, target, places)
-    if settings.hold_contacts:
-        goals = keep_hands_together(actor, target, turns, goals)
     _bend_limbs(actor, target, turns, places, A, goals)
     places = carried_places(target, turns, carrier, way)
+    if settings.hold_contacts:
+        # Thighs and the other arm must lie where they will before a hand is kept on them.
+        goals = keep_hands_on_body(actor, target, A, turns, places, goals, scale)
+        goals = keep_hands_together(actor, target, turns, goals)
+        _bend_limbs(actor, target, turns, places, A, goals)
+        places = carried_places(target, turns, carrier, way)
     if travels:
         places[root] = target.heads[root] + path.way
     _follow_limbs(actor, target, turns, places, A)

@@ -46,6 +46,12 @@ def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
     yield spine[-1], np.inf
 
 
+def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return where a trunk begins and ends at rest (3,), and the control that turns its chest."""
+    chest = (_spine(target) or [target.index("pelvis")])[-1]
+    return _base(target), _top(target, chest), chest
+
+
 def turn_at(trunk: Trunk, height: float) -> np.ndarray:
     """Return the (F, 3, 3) rotation of a trunk at a height, by the geodesic between neighbours."""
     nodes = trunk.heights

@@ -20,13 +20,19 @@ OLDEST, NEWEST = (3, 9), (3, 12)
 """Pythons that MediaPipe's wheel 0.10.21 is for."""
 _PROBE = """
 import json, sys
-found = {"python": sys.version.split()[0], "mediapipe": "", "onnxruntime": ""}
+from importlib.metadata import version
+found = {"python": sys.version.split()[0], "mediapipe": "", "onnxruntime": "", "litert": ""}
 for name in ("mediapipe", "onnxruntime"):
     try:
         module = __import__(name)
         found[name] = module.__version__ if name != "mediapipe" or hasattr(module, "solutions") else ""
     except Exception:
         pass
+try:
+    import ai_edge_litert.interpreter
+    found["litert"] = version("ai-edge-litert")
+except Exception:
+    pass
 print(json.dumps(found))
 """
 
@@ -40,9 +46,11 @@ class DetectorFound:
     """Version, "" without it or without its pose model."""
     onnxruntime: str
     """Version, "" without it."""
+    litert: str = ""
+    """Version of Google's LiteRT, "" without it."""
 
     def __str__(self) -> str:
-        versions = (("MediaPipe", self.mediapipe), ("ONNX Runtime", self.onnxruntime))
+        versions = (("MediaPipe", self.mediapipe), ("ONNX Runtime", self.onnxruntime), ("LiteRT", self.litert))
         parts = [f"{name} {version}" for name, version in versions if version]
         return f"{' and '.join(parts) or 'no detector'} in Python {self.python}"
 

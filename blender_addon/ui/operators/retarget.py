@@ -76,6 +76,47 @@ class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
+    """Writes the map of the target as a preset."""
+
+    bl_idname = "mocap.save_preset"
+    bl_label = "Save Preset"
+    bl_description = (
+        "Keep the table and the map pose as a preset of yours, by which every rig that has all of its bones is mapped "
+        "from now on, in this file and others"
+    )
+
+    name: bpy.props.StringProperty(
+        name="Name", description="Name of the preset; one of this name is replaced", options={"SKIP_SAVE"}
+    )
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Ask for the name."""
+        if (rig := context.scene.mocap.retarget.target) is not None:
+            self.name = self.name or rig.name
+        return context.window_manager.invoke_props_dialog(self)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Write it, and map the target by it."""
+        from dataclasses import replace
+
+        from ..._exchange.errors import OutputNotWritable
+        from ...retarget.maps.rig_map import write_map
+        from ...retarget.user_presets import user_presets_folder
+        from ...solving.take_paths import safe_name
+
+        rig, rig_map = _target(context), _table_map(context)
+        folder = user_presets_folder(make=True)
+        if folder is None:
+            raise OutputNotWritable("Blender has no folder for a user's presets.", hint="Set BLENDER_USER_SCRIPTS.")
+        name = self.name.strip() or rig.name
+        path = folder / f"{safe_name(name)}.json"
+        write_map(path, replace(rig_map, label=name), overwrite=True)
+        show_map(context.scene.mocap.retarget, replace(rig_map, label=name, doubts=()))
+        self.report({"INFO"}, f"Preset '{name}' was written to {path}")
+        return {"FINISHED"}
+
+
 class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
     """Lays the body's motion on the target."""
 
@@ -150,4 +191,4 @@ def _table_map(context: bpy.types.Context) -> RigMap:
     return replace(kept, bones={row.name: row.bone for row in settings.table if row.bone})
 
 
-CLASSES = (MOCAP_OT_map_rig, MOCAP_OT_set_map_pose, MOCAP_OT_retarget)
+CLASSES = (MOCAP_OT_map_rig, MOCAP_OT_set_map_pose, MOCAP_OT_save_preset, MOCAP_OT_retarget)

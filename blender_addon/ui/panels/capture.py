@@ -6,6 +6,7 @@ import bpy
 
 from ...conventions.counting import counted
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
+from ..operators.import_motion import MOCAP_OT_import_motion
 from ..operators.solver_operator import current
 from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
@@ -38,6 +39,7 @@ class VIEW3D_PT_mocap_capture(StagePanel, bpy.types.Panel):
         column.scale_y = 1.0 if capture.file else 1.4
         column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
         column.operator(MOCAP_OT_capture_from_videos.bl_idname, icon="FILE_MOVIE")
+        column.operator(MOCAP_OT_import_motion.bl_idname, icon="ARMATURE_DATA")
         if len(context.scene.mocap.captures) > 1:
             _draw_captures(layout, context.scene.mocap)
         if capture.file:

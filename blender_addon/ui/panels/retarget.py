@@ -4,7 +4,14 @@ from __future__ import annotations
 
 import bpy
 
-from ..operators.retarget import MOCAP_OT_map_rig, MOCAP_OT_retarget, MOCAP_OT_set_map_pose, actor_object
+from ..operators.motion_from_rig import MOCAP_OT_motion_from_rig, foreign_actor
+from ..operators.retarget import (
+    MOCAP_OT_map_rig,
+    MOCAP_OT_retarget,
+    MOCAP_OT_save_preset,
+    MOCAP_OT_set_map_pose,
+    actor_object,
+)
 from .parts import StagePanel, draw_next, wrapped
 
 LEFT, RIGHT = "left", "right"
@@ -29,6 +36,8 @@ class VIEW3D_PT_mocap_retarget(StagePanel, bpy.types.Panel):
         """Draw actor, target, map and the button."""
         layout, settings = self.layout, context.scene.mocap.retarget
         layout.prop(settings, "actor")
+        if foreign_actor(context) is not None:
+            layout.operator(MOCAP_OT_motion_from_rig.bl_idname, icon="OUTLINER_OB_ARMATURE")
         if actor_object(context.scene) is None:
             draw_next(layout, context, "Choose the armature that has the motion.")
             return
@@ -80,7 +89,9 @@ class VIEW3D_PT_mocap_rig_table(StagePanel, bpy.types.Panel):
             line = column.row(align=True)
             for item in pair:
                 line.prop_search(item, "bone", bones, "bones", text="")
-        layout.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
+        line = layout.row(align=True)
+        line.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
+        line.operator(MOCAP_OT_save_preset.bl_idname, icon="FILE_TICK")
 
 
 CLASSES = (VIEW3D_PT_mocap_retarget, VIEW3D_PT_mocap_rig_table)

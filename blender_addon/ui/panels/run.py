@@ -17,6 +17,7 @@ from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_fix, draw_ne
 
 VERBS = (
     "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
+    "motion",
 )  # fmt: skip
 """Of the solver's command line: those of this tab, whose failures are drawn here whichever stage is open."""
 

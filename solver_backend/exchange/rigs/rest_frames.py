@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from ..diagnostics import Diagnostic, diagnostic
 from .roles import LIMBS, SIDES
 
 LEFT, FORWARD, UP = np.eye(3)[0], -np.eye(3)[1], np.eye(3)[2]
@@ -44,8 +45,8 @@ def stage_axes(places: Mapping[str, np.ndarray]) -> np.ndarray | None:
     return np.stack([left, np.cross(up, left), up])
 
 
-def bent_at_rest(places: Mapping[str, np.ndarray]) -> str:
-    """Return a sentence on a rest pose that is none, such as the first frame of a clip; "" for a standing figure.
+def bent_at_rest(places: Mapping[str, np.ndarray]) -> Diagnostic | None:
+    """Return what is wrong with a rest pose that is none, such as the first frame of a clip; None if it stands.
 
     Args:
         places: (3,) head at rest by role.
@@ -57,12 +58,8 @@ def bent_at_rest(places: Mapping[str, np.ndarray]) -> str:
             cosine = u @ v / max(float(np.linalg.norm(u) * np.linalg.norm(v)), 1e-12)
             angle = float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
             if angle > _BENT_REST_DEG:
-                part = roles[1].replace("_", " ")
-                return (
-                    f"The rest pose is no T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are "
-                    "counted from it and may be off; export the clip with its skin, or from a T-pose."
-                )
-    return ""
+                return diagnostic("motion_rest_bent", part=roles[1].replace("_", " "), angle=angle)
+    return None
 
 
 def limb_turns(points: np.ndarray, own: np.ndarray, is_arm: bool) -> tuple[np.ndarray, np.ndarray]:

@@ -17,7 +17,7 @@ _LEAST_REACH = 0.15
 """Share of a skeleton's size that a limb has at least."""
 _MOST, _MARGIN = 16.0, 2.0
 """Cost of a limb from which it is none, and by how much the next way to see it must be dearer for it to be sure."""
-_NAMED, _NAMED_CLEARLY = 1.0, 8.0
+_NAMED, _NAMED_CLEARLY = 1.0, 10.0
 """What a name that fits a part takes off its cost: where names are a patchwork, and where they alone show all limbs."""
 _SAME_PLACE = 0.06
 """Share of a limb within which two bones are the same joint."""
@@ -178,7 +178,12 @@ def _toe(skeleton: Skeleton, fit: LimbFit) -> int | None:
     _, knee, ankle = fit.joints
     shin = skeleton.distance(knee, ankle)
     after = [bone for bone in skeleton.below(ankle)[1:] if 0.15 < skeleton.distance(bone, ankle) / shin < 0.9]
-    return min(after, key=lambda bone: abs(np.log(skeleton.distance(bone, ankle) / shin / 0.33)), default=None)
+
+    def cost(bone: int) -> float:
+        off = np.log(skeleton.distance(bone, ankle) / shin / 0.33) / 0.4
+        return float(off**2) - _NAMED * names_part(skeleton.names[bone], "toe")
+
+    return min(after, key=cost, default=None)
 
 
 def _add_leg(roles: dict[str, int], skeleton: Skeleton, fit: LimbFit, side: str) -> None:

@@ -7,7 +7,9 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
@@ -30,7 +32,9 @@ _MOST_M = 1e4
 """Metres from the origin beyond which no take goes."""
 
 
-def read_foreign_bvh(path: Path, unit: str = "", up_axis: str = "") -> tuple[SkeletonMotion, dict[str, str], list[str]]:
+def read_foreign_bvh(
+    path: Path, unit: str = "", up_axis: str = ""
+) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a BVH clip with whatever unit and axes it has.
 
     Args:
@@ -39,7 +43,7 @@ def read_foreign_bvh(path: Path, unit: str = "", up_axis: str = "") -> tuple[Ske
         up_axis: ``x``, ``y`` or ``z``; "" to detect it from the way the trunk points.
 
     Returns:
-        The motion, its joint by role, and notes on what was detected.
+        The motion, its joint by role, and what was detected or is missing.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: see ``read_bvh``.
@@ -52,12 +56,13 @@ def read_foreign_bvh(path: Path, unit: str = "", up_axis: str = "") -> tuple[Ske
         hint = "Give every joint a name of its own."
         raise MotionInvalid(f"Several joints are called '{twice}'.", where=str(path), hint=hint)
     skeleton = _skeleton(clip)
-    roles = _roles(skeleton, str(path))
-    metres, notes = _metres(skeleton, roles, unit, str(path))
+    roles, found = _roles(skeleton, str(path))
+    metres, units = _metres(skeleton, roles, unit, str(path))
+    found += units
     if not up_axis and (up := _up_axis(clip, roles)) != "y":
-        notes.append(f"The trunk points along {up.upper()}, which is used as the up axis.")
+        found.append(diagnostic("motion_up_detected", axis=up.upper()))
         clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
-    return _checked(_motion(clip, skeleton, metres, path.stem), str(path)), roles, notes
+    return _checked(_motion(clip, skeleton, metres, path.stem), str(path)), roles, found
 
 
 def _skeleton(clip: BvhClip) -> Skeleton:
@@ -75,7 +80,7 @@ def _skeleton(clip: BvhClip) -> Skeleton:
 
 def read_foreign_clip(
     path: Path, unit: str = "", up_axis: str = ""
-) -> tuple[SkeletonMotion, dict[str, str], list[str]]:
+) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
     """Read a clip of any supported program: BVH, MVNX, segments of C3D, or a skeleton file from Blender.
 
     Args:
@@ -84,7 +89,7 @@ def read_foreign_clip(
         up_axis: ``x``, ``y`` or ``z``; "" to detect it.
 
     Returns:
-        The motion, its joint by role, and notes on what was detected.
+        The motion, its joint by role, and what was detected or is missing.
 
     Raises:
         MocapError: see ``read_foreign_bvh``, ``read_mvnx``, ``read_c3d_segments`` and ``read_skeleton``, or the format
@@ -96,11 +101,11 @@ def read_foreign_clip(
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
     if suffix == ".bvh":
         return read_foreign_bvh(path, unit, up_axis)
-    notes: list[str] = []
+    found: list[Diagnostic] = []
     if suffix == ".mvnx":
         motion, roles = read_mvnx(path)
     elif suffix == ".c3d":
-        motion, roles, notes = read_c3d_segments(path)
+        motion, roles, found = read_c3d_segments(path)
     elif suffix == ".npz":
         file = read_skeleton(path)
         motion = SkeletonMotion(file.name, file.names, file.parents, file.rest, file.joints, file.turns, file.fps)
@@ -109,14 +114,17 @@ def read_foreign_clip(
         hint = f"{', '.join(_READ)} are read; export the clip as one of them."
         raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
     skeleton = _rest_skeleton(motion)
-    if not set(_NEEDED) <= roles.keys():
-        roles = _roles(skeleton, where)
-    metres, messages = _metres(skeleton, roles, unit, where)
+    if set(_NEEDED) <= roles.keys():
+        found += _missing(roles)
+    else:
+        roles, doubts = _roles(skeleton, where)
+        found += doubts
+    metres, units = _metres(skeleton, roles, unit, where)
     if up_axis and up_axis != "z":
         R = rotation_to_z_up(up_axis)
         motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
     motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
-    return _checked(motion, where), roles, [*notes, *messages]
+    return _checked(motion, where), roles, [*found, *units]
 
 
 def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:
@@ -132,17 +140,28 @@ def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
     return motion
 
 
-def _roles(skeleton: Skeleton, where: str) -> dict[str, str]:
+def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
+    """Return the joints of a person, what is not clear about them and what is missing."""
     guess = recognise(skeleton)
     if set(_NEEDED) <= guess.roles.keys():
-        return guess.roles
+        unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt.removesuffix(".")) for doubt in guess.doubts]
+        return guess.roles, [*_missing(guess.roles), *unclear]
     missing = [role for role in _NEEDED if role not in guess.roles]
     message = " ".join(guess.doubts) or "Its joints are not those of a person."
     hint = f"{message} A pelvis and two whole legs are the least."
     raise MotionInvalid(f"No joints were found for {', '.join(missing)}.", where=where, hint=hint)
 
 
-def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[str]]:
+def _missing(roles: dict[str, str]) -> list[Diagnostic]:
+    """Return a warning of the arms, parts of arms and head that have no joint."""
+    parts = [] if "head" in roles else ["head"]
+    for limb, joints in LIMBS.items():
+        lacking = [joint for joint in joints if joint not in roles]
+        parts += [limb] if len(lacking) == len(joints) else lacking
+    return [diagnostic("motion_limbs_missing", parts=[part.replace("_", " ") for part in parts])] if parts else []
+
+
+def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) -> tuple[float, list[Diagnostic]]:
     """Return the metres of the clip's unit and a note on it."""
     index = {name: i for i, name in enumerate(skeleton.names)}
     leg = np.mean([
@@ -155,7 +174,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
         hint = f"Known units are {', '.join(METRES)}; name one with --unit."
         raise MotionInvalid(f"Legs of {leg:.4g} units are a person's in no known unit.", where=where, hint=hint)
-    return metres, [f"Unit estimated from the legs: {name}, legs of {leg * metres:.2f} m."]
+    return metres, [diagnostic("motion_unit_estimated", unit=name, length=leg * metres)]
 
 
 def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:

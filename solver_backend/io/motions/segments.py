@@ -6,7 +6,9 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid
+from solver_backend.geometry.runs import true_runs
 from solver_backend.io.markers.c3d import read_segments
 from solver_backend.types import SkeletonMotion
 
@@ -27,8 +29,8 @@ _LEAST_SEEN = 0.5
 """Share of the frames in which a segment is seen, at least."""
 
 
-def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[str]]:
-    """Read the segments of a C3D file, the segment of each role, and notes.
+def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[Diagnostic]]:
+    """Read the segments of a C3D file, the segment of each role, and what was found.
 
     The files keep no rest pose. Segments' axes are alike when a person stands with hanging arms (Z from the far joint
     to the near one): with all rotations zero the skeleton does. A joint's place in its parent's axes is the median.
@@ -49,9 +51,9 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     if missing := [name for name in needed if name not in names]:
         raise MotionInvalid(f"The file has no segments {', '.join(missing)}.", where=where)
     index = [at[name] for name in names]
-    places, G, notes = *_filled(segments.positions[:, index], segments.turns[:, index]), []
-    if (unseen := int((~np.isfinite(segments.positions[:, index]).all((1, 2))).sum())) > 0:
-        notes.append(f"In {unseen} frames segments are not seen: they stay as they were last.")
+    places, G = _filled(segments.positions[:, index], segments.turns[:, index])
+    unseen = true_runs(~np.isfinite(segments.positions[:, index]).all((1, 2)))
+    found = [diagnostic("motion_segments_unseen", frames=unseen)] if unseen else []
     parents = tuple(names.index(_near(name, names)) if name != "pelvis" else -1 for name in names)
     rest = np.zeros((len(names), 3))
     for j, parent in enumerate(parents):
@@ -61,7 +63,7 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
     motion = SkeletonMotion(path.stem, names, parents, rest, places, G, segments.rate or 0.0)
     if not motion.fps > 0:
         raise FileDamaged("The file states no frame rate.", where=where)
-    return motion, {_ROLES[name]: name for name in names}, notes
+    return motion, {_ROLES[name]: name for name in names}, found
 
 
 def _near(name: str, names: tuple[str, ...]) -> str:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.training.data.points import rotation_points
 from solver_backend.training.data.sources.clips import KEYED, UNKNOWN, Clip
@@ -77,12 +78,40 @@ class Corpus:
 
 
 def split_corpus(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[Corpus, Corpus]:
-    """Return (training, validation); takes of the held-out subjects under another name are in neither."""
+    """Return (training, validation); takes of the held-out subjects under another name are in neither.
+
+    Raises:
+        FileMissing: there are no recordings of one side.
+    """
     held_out = [clip for clip in clips if clip.subject in held_out_subjects]
     rest = [clip for clip in clips if clip.subject not in held_out_subjects]
+    check_sides(rest, held_out, held_out_subjects)
     known = _features(np.concatenate([clip.rotations for clip in held_out]))
     kept = [clip for clip in rest if clip.subject != UNKNOWN or not _repeats(clip, known)]
     return build_corpus(kept), build_corpus(held_out)
+
+
+def absent_subjects(clips: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> tuple[str, ...]:
+    """Return the held-out subjects that no clip is of: figures are without them then."""
+    return tuple(sorted(held_out_subjects - {clip.subject for clip in clips}))
+
+
+def check_sides(training: list[Clip], validation: list[Clip], held_out_subjects: frozenset[str] = HELD_OUT) -> None:
+    """Raise where a side of the split is empty.
+
+    Raises:
+        FileMissing: there is nobody to train on, or nobody to validate on.
+    """
+    if not validation:
+        raise FileMissing(
+            f"The recordings hold none of the subjects to validate on ({', '.join(sorted(held_out_subjects))}).",
+            hint="--data takes the folder that holds motion_cmu with all of its subjects.",
+        )  # fmt: skip
+    if not training:
+        raise FileMissing(
+            f"The recordings hold no subject to train on besides {', '.join(sorted({c.subject for c in validation}))}.",
+            hint="--data takes the folder that holds motion_cmu with all of its subjects.",
+        )  # fmt: skip
 
 
 def build_corpus(clips: list[Clip]) -> Corpus:

@@ -40,3 +40,5 @@ class Finished:
 
     weights: Path
     metrics: dict[str, float]
+    absent: tuple[str, ...] = ()
+    """Held-out subjects that the recordings lack: the figures are without them."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import copy
 import math
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import torch
 
-from solver_backend.exchange.errors import FileDamaged, FileMissing, TrainingMismatch
+from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.training.landmarks.models import LandmarkModel
 from solver_backend.training.landmarks.pose_draws import Draw
@@ -52,7 +53,7 @@ Evaluate = Callable[[LandmarkModel, float, int], None]
 
 def train_landmarks(
     model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, evaluate: Evaluate,
-    start: Path | None = None,
+    start: Path | None = None, row: Mapping[str, Any] | None = None,
 ) -> LandmarkModel:  # fmt: skip
     """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
 
@@ -63,16 +64,18 @@ def train_landmarks(
         folder: of the checkpoint.
         evaluate: looks at the averaged model now and then.
         start: checkpoint of another row or seed to go on from, where ``folder`` has none.
+        row: what is trained, its ``name`` among it; kept in the checkpoint, which goes on with the same alone.
 
     Raises:
         TrainingMismatch, FileMissing, FileDamaged: the checkpoint is another training's, not there, or cannot be read.
+        NonFiniteData: the loss is NaN or infinite; the last checkpoint stays as it was.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    run = _Run(model, draw, settings, folder)
+    run = _Run(model, draw, settings, folder, dict(row or {}))
     if run.checkpoint.is_file():
         run.resume(run.checkpoint)
     elif start:
-        run.resume(start, other_seed=True)
+        run.resume(start, other_row=True)
     run.advance()
     run.started = run.now()
     saved, evaluated = time.monotonic(), math.floor(settings.judged * run.share)
@@ -81,6 +84,7 @@ def train_landmarks(
         if run.steps % _SYNCHRONISED:
             continue
         run.synchronise()
+        run.check_loss()
         if math.floor(settings.judged * run.share) > evaluated and not run.finished:
             before, evaluated = run.now(), math.floor(settings.judged * run.share)
             evaluate(run.averaged, run.seconds, run.steps)
@@ -88,6 +92,7 @@ def train_landmarks(
         if time.monotonic() - saved > settings.checkpoint_s:
             run.save()
             saved = time.monotonic()
+    run.check_loss()
     run.save()
     evaluate(run.averaged, run.seconds, run.steps)
     return run.averaged
@@ -96,8 +101,10 @@ def train_landmarks(
 class _Run:
     """The state of a training."""
 
-    def __init__(self, model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path) -> None:
-        self.settings, self.draw = settings, draw
+    def __init__(
+        self, model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, row: dict[str, Any]
+    ) -> None:
+        self.settings, self.draw, self.row = settings, draw, row
         self.checkpoint = folder / "checkpoint.pt"
         self.model = model.to(settings.device)
         self.averaged = copy.deepcopy(model).requires_grad_(False)
@@ -182,18 +189,26 @@ class _Run:
         if self.settings.device == "cuda":
             torch.cuda.synchronize()
 
+    def check_loss(self) -> None:
+        """Raise where the loss is no number: what follows would be none either."""
+        if not bool(torch.isfinite(self.loss)):
+            raise NonFiniteData(
+                f"The loss is no number at step {self.steps}.", where=self.checkpoint.name,
+                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+            )  # fmt: skip
+
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
         state = {
-            "settings": asdict(self.settings), "steps": self.steps, "seconds": self.seconds,
+            "row": self.row, "settings": asdict(self.settings), "steps": self.steps, "seconds": self.seconds,
             "model": self.model.state_dict(), "averaged": self.averaged.state_dict(),
             "optimizer": self.optimizer.state_dict(),
         }  # fmt: skip
         with atomic_output(self.checkpoint, overwrite=True) as temporary:
             torch.save(state, temporary)
 
-    def resume(self, checkpoint: Path, *, other_seed: bool = False) -> None:
-        """Take over a checkpoint; more steps or seconds may be asked for than before."""
+    def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
+        """Take over a checkpoint, of another row or seed too if so; more steps or seconds may be asked for."""
         if not checkpoint.is_file():
             raise FileMissing(
                 "There is no such checkpoint.", where=str(checkpoint),
@@ -201,7 +216,7 @@ class _Run:
             )  # fmt: skip
         try:
             state = torch.load(checkpoint, map_location=self.settings.device, weights_only=True)
-            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged", *(["seed"] * other_seed)}
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged", *(["seed"] * other_row)}
             mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
             theirs = asdict(LandmarkTraining()) | state["settings"]
             changed = [key for key, value in mine.items() if theirs[key] != value]
@@ -212,6 +227,8 @@ class _Run:
                 f"The checkpoint was made with other {', '.join(changed)}.", where=checkpoint.name,
                 hint="Go on with the same settings, or train into another folder.",
             )  # fmt: skip
+        if not other_row:
+            _same_row(state.get("row"), self.row, checkpoint)
         try:
             self.model.load_state_dict(state["model"])
         except RuntimeError as error:
@@ -224,6 +241,21 @@ class _Run:
         self.steps, self.before_s = state["steps"], state["seconds"]
         torch.manual_seed(self.settings.seed + self.steps)
         self.started = self.now()
+
+
+def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpoint: Path) -> None:
+    """Raise where a checkpoint's row, if it has one, is another."""
+    changed = [] if theirs is None else [key for key, value in mine.items() if theirs.get(key, value) != value]
+    if theirs is None or not changed:
+        return
+    name = theirs.get("name", "")
+    other = (
+        f"not of {mine['name']!r}" if "name" in changed else f"but with other {', '.join(changed)} than asked for now"
+    )
+    raise TrainingMismatch(
+        f"The checkpoint is of row {name!r}, {other}.", where=str(checkpoint),
+        hint="Give each row a folder of its own (--work), or go on from another row's checkpoint with --from.",
+    )  # fmt: skip
 
 
 def _schedule(share: float, steps: int) -> float:

@@ -8,12 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.errors import NonFiniteData
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.balance import CodeStatistics, reconstruction_error, sample_tail
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.training.data.corpus import HELD_OUT, NEAR_REPEAT_M, distinct_poses
+from solver_backend.training.data.corpus import HELD_OUT, NEAR_REPEAT_M, absent_subjects, check_sides, distinct_poses
 from solver_backend.training.data.points import rotation_points
 from solver_backend.training.data.sources.clips import FAR, Clip
 from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor
@@ -30,7 +31,10 @@ _ORDINARY, _TAIL = 3000, 1500
 
 @dataclass(frozen=True)
 class PoseTable:
-    """Poses by name, (N, 22, 3) rotation vectors each, the pelvis first, Y up; and what is known of the training's."""
+    """Poses by name, (N, 22, 3) rotation vectors each, the pelvis first, Y up; and what is known of the training's.
+
+    ``absent`` names the held-out subjects that the recordings lacked.
+    """
 
     arrays: Mapping[str, np.ndarray]
 
@@ -51,6 +55,19 @@ class PoseTable:
         """Return (N, 22, 3) float32 rotation vectors: ``training``, ``ordinary``, ``tail``, ``floor``, a sampler's."""
         return self.arrays[name].astype(np.float32)
 
+    def check_finite(self) -> None:
+        """Raise where poses are no numbers.
+
+        Raises:
+            NonFiniteData: rotation vectors are NaN or infinite.
+        """
+        for name, array in self.arrays.items():
+            if array.ndim == 3 and not (sound := np.isfinite(array).all(axis=(1, 2))).all():
+                raise NonFiniteData(
+                    f"{(~sound).sum()} of {len(sound)} {name} poses of the table are no numbers.",
+                    hint="Make the table anew from the recordings (--data FOLDER).",
+                )  # fmt: skip
+
 
 def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPrior, seed: int = 0) -> PoseTable:
     """Return the poses of clips that kept their pelvis' rotation.
@@ -66,6 +83,7 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
     rooted = [clip for clip in clips if clip.root is not None]
     held = [clip for clip in rooted if clip.subject in HELD_OUT or clip.name.startswith(HELD_TAKES)]
     kept = [clip for clip in rooted if clip.subject not in HELD_OUT and not clip.name.startswith(HELD_TAKES)]
+    check_sides(kept, held)
     training = _distinct(kept)
     arrays: dict[str, np.ndarray] = {}
     local = training[:, 1:]
@@ -83,6 +101,7 @@ def pose_table(clips: Iterable[Clip], far: Iterable[Clip], prior: AutoencodingPr
         "training": _packed(training[~anchor]), "mahalanobis": distance[~anchor].astype(np.float32),
         "reconstruction": error[~anchor].astype(np.float32),
     }  # fmt: skip
+    arrays["absent"] = np.array(absent_subjects(held), dtype=np.str_)
     return PoseTable(arrays | held_out_poses(held, list(far), rng))
 
 

@@ -13,7 +13,7 @@ import torch
 from solver_backend.body.body import Body
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import write_text
-from solver_backend.training.landmarks.cloud_stream import Clouds, CloudStream, Variety
+from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety
 from solver_backend.training.landmarks.drawing import SIZE
 from solver_backend.training.landmarks.evaluation import SETS, evaluate, evaluation_clouds
 from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks
@@ -63,6 +63,8 @@ class Row:
     variety: Variety = FIXED
     resolution: int = SIZE
     """Pixels of the side of a drawn map."""
+    name: str = ""
+    """In the tables."""
 
     def model(self) -> LandmarkModel:
         """Return the untrained network."""
@@ -104,7 +106,7 @@ def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[
         "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
         "ours 53 fixed": replace(ours, variety=FIXED), "ours 53 thesis": replace(ours, variety=THESIS),
     }  # fmt: skip
-    return rows
+    return {name: replace(row, name=name) for name, row in rows.items()}
 
 
 def train_row(
@@ -115,7 +117,12 @@ def train_row(
     The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, in clouds of the row's own kind,
     which no figure is of. With ``start``, another row's checkpoint, it goes on from there: what then differs is the
     row's.
+
+    Raises:
+        TrainingMismatch: ``out`` holds the checkpoint of another row, or of other settings.
+        NonFiniteData: poses of the table or the loss are NaN or infinite.
     """
+    table.check_finite()
     out.mkdir(parents=True, exist_ok=True)
     device = settings.device
     kinds = {name: CloudStream(body, device, variety) for name, variety in CLOUDS.items()}
@@ -142,7 +149,7 @@ def train_row(
         }  # fmt: skip
         write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
 
-    train_landmarks(model, draw, settings, out, look, start)
+    train_landmarks(model, draw, settings, out, look, start, asdict(row))
     return min(history, key=lambda h: h[selection]["rmse3"])
 
 
@@ -150,20 +157,6 @@ def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.T
     """Return the (N, 22, 3) poses of each set of an evaluation; ``selection`` chooses the weights, no figure."""
     poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
     return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
-
-
-def _replayed(draw: Any) -> tuple[Any, Clouds]:
-    draw()
-    torch.cuda.synchronize()
-    graph = torch.cuda.CUDAGraph()
-    with torch.cuda.graph(graph):
-        kept = draw()
-    return graph.replay, kept
-
-
-def _wait(device: str) -> None:
-    if device == "cuda":
-        torch.cuda.synchronize()
 
 
 def _half(value: torch.Tensor) -> np.ndarray:

@@ -55,8 +55,9 @@ def train_landmark_rows(
 
     Raises:
         JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
-        FileMissing: no recordings, or no such checkpoint.
-        TrainingMismatch, FileDamaged: the checkpoint is another's, or cannot be read.
+        FileMissing: no recordings, none of the held-out subjects, or no such checkpoint.
+        TrainingMismatch, FileDamaged: the checkpoint is another row's, or cannot be read.
+        NonFiniteData: poses or the loss are NaN or infinite.
     """
     check_device(settings.device)
     if row == DISTANCES:
@@ -78,7 +79,8 @@ def train_landmark_rows(
             path = publish(dict(arrays), out, settings, figures, table)
     else:
         path = work / "weights.npz"
-    return Finished(path, {key: value for key, value in figures.items() if "pck" not in key})
+    absent = tuple(str(subject) for subject in table.arrays.get("absent", ()))
+    return Finished(path, {key: value for key, value in figures.items() if "pck" not in key}, absent)
 
 
 def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:

@@ -19,6 +19,8 @@ WORKER = ".py"
 """How the file of a detector of the user's own ends."""
 ENVIRONMENT = ".venv-mediapipe"
 """Folder that ``dev.py detectors`` makes beside the project's own environment."""
+_MODULES = {".onnx": "onnx_pose", ".tflite": "litert_pose"}
+"""Worker of a model, by how its file ends."""
 HINT = (
     "Set Up Detector in Blender's panel From Videos makes one; or name a Python that has MediaPipe 0.10.21: --python."
 )
@@ -53,8 +55,8 @@ def chosen_detector(
     """Return the detector of a name.
 
     Args:
-        name: ``mediapipe``, or the path of an ONNX model: RTMPose, RTMO, YOLO-pose or MoveNet.
-        python: Python to run it in; else the environment for MediaPipe, or our own for ONNX.
+        name: ``mediapipe``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe's in LiteRT.
+        python: Python to run it in; else the environment for MediaPipe, or our own for a model.
         people: people looked for in a picture.
         hands: also find hands, where the detector can.
         worker: a program of the user's own that is asked instead (see ``pose_workers.serve``).
@@ -77,13 +79,14 @@ def chosen_detector(
     if name.lower() == MEDIAPIPE:
         return DetectorChoice("mediapipe_pose", python or _mediapipe_python(environment), {**options, "hands": hands})
     model = Path(name)
-    if model.suffix.lower() != ".onnx":
-        raise CommandLineInvalid(
-            f"'{name}' is no detector we know.", hint="--detector mediapipe, or the path of a model that ends in .onnx."
-        )
+    module = _MODULES.get(model.suffix.lower())
+    if module is None:
+        endings = " or ".join(_MODULES)
+        hint = f"--detector mediapipe, or the path of a model that ends in {endings}."
+        raise CommandLineInvalid(f"'{name}' is no detector we know.", hint=hint)
     if not model.is_file():
         raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
-    return DetectorChoice("onnx_pose", python or Path(sys.executable), {**options, "model": os.path.abspath(model)})
+    return DetectorChoice(module, python or Path(sys.executable), {**options, "model": os.path.abspath(model)})
 
 
 def chosen_hand_detector(model: Path, *, python: Path | None = None) -> DetectorChoice:

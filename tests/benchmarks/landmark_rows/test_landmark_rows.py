@@ -18,6 +18,9 @@ from solver_backend.training.landmarks.evaluation import LIMBS, SETS, evaluate  
 from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
 from solver_backend.training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
+from tests.benchmarks import bench_landmark_rows  # noqa: E402
+from tests.benchmarks.landmark_rows import train_rows  # noqa: E402
+from tests.benchmarks.landmark_rows.row_folders import folder_of, trained  # noqa: E402
 from tests.benchmarks.landmark_rows.row_tables import PCK_LIMITS_CM, read_figures, row_tables  # noqa: E402
 from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
     ANSWER,
@@ -29,6 +32,7 @@ from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
     representative,
     trained_model,
 )
+from tests.benchmarks.metric import BenchmarkSkipped, key_of  # noqa: E402
 
 
 def figures(rmse: float) -> dict:
@@ -81,3 +85,29 @@ def test_what_is_apart_is_drawn_and_what_agrees_is_not(tmp_path):
     assert of(cloud, TRUTH) > 50 and not of(cloud, ANSWER)
     assert of(right, ANSWER) > 50 and not of(right, APART)
     assert of(wrong, APART) > 20 and of(wrong, TRUTH) > 20 > of(right, TRUTH)
+
+
+def test_rows_are_trained_once_and_their_medians_are_the_benchmarks(tmp_path, capsys):
+    rng = np.random.default_rng(0)
+    poses = {name: 0.3 * rng.normal(size=(6, 22, 3)) for name in ("training", *SETS)}
+    data, root = tmp_path / "poses.npz", tmp_path / "rows"
+    PoseTable({name: pose.astype(np.float16) for name, pose in poses.items()}).write(data)
+    with pytest.raises(BenchmarkSkipped, match="train_rows"):
+        bench_landmark_rows.run(root)
+    order = ["--data", str(data), "--out", str(root), "--rows", "bmse", "--steps", "1", "--batch", "2", "--seeds"]
+    assert train_rows.main([*order, "1"]) == 0 and "bmse, seed 1" in capsys.readouterr().out
+    assert train_rows.main([*order, "1", "2"]) == 0
+    assert "seed 1" not in capsys.readouterr().out and set(trained(root)) == {("bmse", 1), ("bmse", 2)}
+    found = {metric.key: metric.value for metric in bench_landmark_rows.run(root)}
+    seeds = [json.loads((root / f"bmse_{seed}" / "figures.json").read_text())["chosen"] for seed in (1, 2)]
+    assert found["seeds"] == 2
+    assert found["bmse_tail_rmse_mm"] == pytest.approx(np.mean([seed["fixed tail"]["rmse_mm"] for seed in seeds]))
+
+
+def test_the_folder_of_a_row_gives_its_name_back(tmp_path):
+    for row in train_rows.ROWS:
+        folder = folder_of(tmp_path, row, 3)
+        folder.mkdir(parents=True)
+        (folder / "figures.json").write_text("{}")
+    assert set(trained(tmp_path)) == {(row, 3) for row in train_rows.ROWS}
+    assert len({key_of(row) for row in train_rows.ROWS}) == len(train_rows.ROWS)

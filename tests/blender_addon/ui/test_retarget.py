@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.curves import current_action
+from blender_addon.retarget import user_presets
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
 from tests.support.narrow_layout import draw_panel
 
@@ -71,6 +72,33 @@ def test_the_pose_that_the_rig_stands_in_becomes_its_map_pose(mocap, rig):
     text = mocap.retarget.map_text
     assert bpy.ops.mocap.set_map_pose() == {"FINISHED"} and mocap.retarget.map_text != text
     assert bpy.ops.mocap.retarget() == {"FINISHED"}
+
+
+def test_a_map_is_kept_as_a_preset_that_finds_the_rig_again(mocap, rig, tmp_path, monkeypatch):
+    monkeypatch.setattr(user_presets, "user_presets_folder", lambda *, make=False: tmp_path)
+    for row in mocap.retarget.table:
+        if row.name == "left_toe":
+            row.bone = ""
+    assert bpy.ops.mocap.set_map_pose() == {"FINISHED"}
+    assert bpy.ops.mocap.save_preset(name="Held/in ä") == {"FINISHED"}
+    assert mocap.retarget.label == "Held/in ä" and [path.name for path in tmp_path.iterdir()] == ["Held_in ä.json"]
+    kept = mocap.retarget.map_text
+    mocap.retarget.target = None
+    mocap.retarget.target = rig
+    assert mocap.retarget.label == "Held/in ä" and mocap.retarget.map_text == kept, "it comes before our own preset"
+    assert {row.name: row.bone for row in mocap.retarget.table}["left_toe"] == ""
+    assert bpy.ops.mocap.save_preset(name="Held/in ä") == {"FINISHED"}, "it is replaced"
+    assert "Save Preset" in draw_panel(bpy.types.VIEW3D_PT_mocap_rig_table, 283).drawn
+    rig.data.bones[f"{PREFIX}LeftHand"].name = "hand of another rig"
+    mocap.retarget.target = None
+    mocap.retarget.target = rig
+    assert mocap.retarget.label == "Mixamo", "a rig without one of its bones is another"
+
+
+def test_presets_without_a_folder_are_named(mocap, rig, monkeypatch):
+    monkeypatch.setattr(user_presets, "user_presets_folder", lambda *, make=False: None)
+    with pytest.raises(RuntimeError, match="no folder for a user's presets"):
+        bpy.ops.mocap.save_preset()
 
 
 def test_what_is_missing_is_said_and_nothing_is_made(mocap, rig):

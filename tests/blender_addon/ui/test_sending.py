@@ -11,15 +11,19 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.errors import CommandLineInvalid
+from blender_addon.animation.pose import read_pose
 from blender_addon.ui.operators.live import live
 from blender_addon.ui.operators.send_take import playing
 from blender_addon.ui.sending_properties import allowed_address, sending_options
+from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.exchange.vmc.osc import encode_message
+from solver_backend.exchange.vmc.t_pose import t_pose
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.sending import PoseSender
+from solver_backend.types import Motion
 from tests.support.narrow_layout import draw_panel
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar
@@ -36,16 +40,30 @@ def there():
     found.close()
 
 
-@pytest.fixture
-def baked(mocap, tmp_path):
+@pytest.fixture(params=["body", "fingers"])
+def baked(request, mocap, tmp_path):
     """Return the settings of a scene with a short motion, and the motion."""
-    motion = short_motion(12)
+    motion = short_motion(12, fingers=request.param == "fingers")
     write_motion(tmp_path / "walk.npz", motion)
     bpy.context.scene.render.fps = 60
     assert bpy.ops.mocap.import_motion(filepath=str(tmp_path / "walk.npz"), scene_setup="TAKE") == {"FINISHED"}
     yield mocap, motion
     playing.stop()
     live.abandon()
+
+
+def turns_of(motion: Motion, frame: int) -> dict[str, np.ndarray]:
+    """Return the rotation of each of Unity's bones in its world, T-pose taken off, by kinematics alone."""
+    layout = motion.body_layout
+    local = matrix_from_rotvec(np.concatenate([motion.global_orient[frame], motion.body_pose[frame]]).reshape(-1, 3))
+    T = matrix_from_quat(t_pose(layout, rest_joints(motion)))
+    G, world = [local[0]], {}
+    for j, parent in enumerate(layout.parents[1:], 1):
+        G.append(G[parent] @ local[j])
+    flip, up = np.diag([-1.0, 1.0, 1.0]), np.array([[1.0, 0, 0], [0, 0, 1.0], [0, -1.0, 0]])
+    for j, name in enumerate(layout.joints):
+        world[BONE_OF.get(name, name)] = flip @ up @ G[j] @ T[j].T @ flip
+    return world
 
 
 def address_of(there: socket.socket) -> str:
@@ -66,6 +84,10 @@ def test_a_take_is_sent_while_it_plays_and_not_before_or_after(baked, there):
             if name in BONE_OF:
                 x, y, z = motion.joints[k, j]
                 assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-3, name
+        R = turns_of(motion, k)
+        assert len(avatar.local) == (53 if motion.body_layout.num_joints == 52 else 23)
+        for name in avatar.local.keys() - {"root"}:
+            assert np.abs(avatar.world(name)[0] - R[name]).max() < np.radians(0.1), name
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)
     assert not drawn.cut and "Stop Sending" in " ".join(drawn.drawn)
     assert bpy.ops.mocap.send_take() == {"FINISHED"} and not playing.busy
@@ -122,7 +144,8 @@ def test_nothing_is_cut_off_in_a_narrow_sidebar(mocap, kind, send):
 
 
 @pytest.mark.slow
-def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
+@pytest.mark.parametrize("fingers", [False, True])
+def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there, fingers):
     address = VmcAddress("127.0.0.1", there.getsockname()[1])
     there.close()
     head = bpy.data.objects.new("Kopf", bpy.data.meshes.new("head"))
@@ -131,7 +154,7 @@ def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
         head.shape_key_add(name=name)
     mocap.live.kind, mocap.live.listen, mocap.live.face_mesh = "VMC", str(address), "Kopf"
     assert bpy.ops.mocap.live_start() == {"FINISHED"}
-    run, motion, end = live.run, short_motion(30), time.monotonic() + _LONGEST_S
+    run, motion, end = live.run, short_motion(30, fingers=fingers), time.monotonic() + _LONGEST_S
     assert run is not None
     while "Listening" not in run.message:
         assert time.monotonic() < end, live.failure
@@ -146,6 +169,14 @@ def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
         live.tick()
         time.sleep(0.02)
     assert np.abs(run.latest.transl - motion.transl[-1]).max() < 2e-3 and run.betas is not None
+    assert live.figure is not None
+    bpy.context.view_layer.update()
+    shown = read_pose(bpy.data.objects[live.figure.armature], live.figure.body.rest_joints(live.figure.betas)[0])
+    sent = np.concatenate([motion.global_orient[-1], motion.body_pose[-1]]).reshape(-1, 3)
+    known = len(sent) if fingers else 22  # a sender without fingers leaves them at rest
+    turned = matrix_from_rotvec(shown.rotvec[:known]) @ np.swapaxes(matrix_from_rotvec(sent[:known]), -1, -2)
+    assert np.degrees(np.linalg.norm(turned - np.eye(3), axis=(-1, -2)).max() / 2**0.5) < 0.1
+    assert len(shown.rotvec) == 52 and (fingers or np.abs(shown.rotvec[known:]).max() < 1e-4)
     assert head.data.shape_keys.key_blocks["jawOpen"].value == 0.5
     assert bpy.ops.mocap.live_stop() == {"FINISHED"}
     while live.busy:
@@ -154,6 +185,7 @@ def test_poses_of_another_program_move_the_body_and_are_imported(mocap, there):
         time.sleep(0.02)
     assert live.failure == "" and live.recorded.endswith(".npz")
     recorded = read_motion(Path(bpy.path.abspath(live.recorded)))
+    assert recorded.body_layout.num_joints == len(sent)
     assert recorded.num_frames == 30 and np.abs(recorded.joints - motion.joints).max() < 1e-3
     assert bpy.ops.mocap.import_motion(filepath=live.recorded) == {"FINISHED"}
     assert mocap.review.armature is not None

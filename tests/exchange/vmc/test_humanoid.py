@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
+from solver_backend.body.hands import load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL, SMPL_H, BodyLayout
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec, quat_from_rotvec
@@ -31,8 +32,11 @@ def with_fingers(rest: np.ndarray) -> np.ndarray:
     return joints
 
 
-@pytest.fixture(params=["SMPL", "SMPL-H"])
+@pytest.fixture(params=["SMPL", "SMPL-H", "ours with hands"])
 def humanoid(request) -> Humanoid:
+    if request.param == "ours with hands":
+        body = load_body_with_hands()
+        return Humanoid(body.layout, body.rest_joints(BETAS))
     rest = load_body().rest_joints(BETAS)
     return Humanoid(SMPL, rest) if request.param == "SMPL" else Humanoid(SMPL_H, with_fingers(rest))
 
@@ -72,7 +76,7 @@ def test_an_avatar_of_our_proportions_stands_where_the_body_does(humanoid):
 
 
 def test_the_t_pose_turns_no_bone_and_has_straight_limbs(humanoid):
-    """Every bone of an avatar at rest is unturned; arms lie along X, legs along -Y, feet point along +Z."""
+    """Every bone of an avatar at rest is unturned; arms and fingers lie along X, legs along -Y, feet point along +Z."""
     turns = matrix_from_quat(t_pose(humanoid.layout, humanoid.rest_joints))
     rotvec = np.zeros((humanoid.layout.num_joints, 3))
     for j, p in enumerate(humanoid.layout.parents):
@@ -91,6 +95,12 @@ def test_the_t_pose_turns_no_bone_and_has_straight_limbs(humanoid):
             assert np.allclose(along / np.linalg.norm(along), (0, -1, 0), atol=1e-5)
         along = at[side + "Toes"] - at[side + "Foot"]
         assert abs(along[0]) < 1e-5 and along[2] > 0.05
+        for finger, z in (("Thumb", 1.0), ("Index", 0.0), ("Middle", 0.0), ("Ring", 0.0), ("Little", 0.0)):
+            for a, b in (("Proximal", "Intermediate"), ("Intermediate", "Distal")):
+                if side + finger + b in at:
+                    along = at[side + finger + b] - at[side + finger + a]
+                    straight = np.array([x, 0.0, z]) / np.hypot(x, z)
+                    assert np.allclose(along / np.linalg.norm(along), straight, atol=1e-5), finger
     assert at["Head"][1] > at["Hips"][1]
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.training.data.corpus import HELD_OUT, build_corpus, distinct_poses, split_corpus
+from solver_backend.exchange.errors import FileMissing
+from solver_backend.training.data.corpus import HELD_OUT, absent_subjects, build_corpus, distinct_poses, split_corpus
 from solver_backend.training.data.sources.clips import Clip, load_clips
 from tests.support.random_poses import poses
 from tests.support.swaying_people import swaying
@@ -35,6 +36,16 @@ def test_split_by_subject_leaves_out_renamed_takes() -> None:
     assert training.names == ("c", "d") and validation.names == ("a",)
     np.testing.assert_array_equal(training.clip_start, np.repeat([0, 40], 40))
     np.testing.assert_array_equal(training.clip_end, np.repeat([40, 80], 40))
+
+
+def test_recordings_without_a_held_out_subject_are_named() -> None:
+    clips = [Clip("a", "08", poses(4, seed=3).astype(np.float32)), Clip("b", "02", poses(4, seed=4).astype(np.float32))]
+    assert absent_subjects(clips) == ("03", "13", "60_61", "ui_prmd_s07", "ui_prmd_s08")
+    assert absent_subjects(clips, frozenset({"08"})) == ()
+    with pytest.raises(FileMissing, match=r"none of the subjects to validate on \(03, 08, .*ui_prmd"):
+        split_corpus(clips[1:])
+    with pytest.raises(FileMissing, match="no subject to train on besides 08"):
+        split_corpus(clips[:1])
 
 
 def test_keyed_clips_are_people_of_their_own_and_the_unknown_one() -> None:

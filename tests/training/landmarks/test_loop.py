@@ -8,7 +8,7 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
-from solver_backend.exchange.errors import FileMissing, JobInvalid, TrainingMismatch  # noqa: E402
+from solver_backend.exchange.errors import FileMissing, JobInvalid, NonFiniteData, TrainingMismatch  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.training.data.sources.clips import Clip  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
@@ -57,6 +57,41 @@ def test_a_training_goes_on_from_its_checkpoint(tmp_path, draw):
         train_landmarks(Ours(PointNetWidths(16, 1, 2)), draw, settings(6, seed=1), tmp_path, lambda *_: None)
     with pytest.raises(TrainingMismatch, match="another network"):
         train_landmarks(Ours(PointNetWidths(32, 1, 2)), draw, settings(6), tmp_path, lambda *_: None)
+
+
+def test_the_checkpoint_of_another_row_is_refused_by_its_name(tmp_path, table):
+    rows = named_rows(2, resolution=32)
+    body, work = load_body(), tmp_path / "base"
+    train_row(rows["base"], table, body, settings(1), work)
+    with pytest.raises(TrainingMismatch, match=r"of row 'base', not of 'squad'.*--from"):
+        train_row(rows["squad"], table, body, settings(2), work)
+    with pytest.raises(TrainingMismatch, match=r"row 'base'.*other resolution"):
+        train_row(named_rows(2, resolution=48)["base"], table, body, settings(2), work)
+    kept = (work / "checkpoint.pt").read_bytes()
+    assert train_row(rows["squad"], table, body, settings(2), tmp_path / "squad", work / "checkpoint.pt")["steps"] == 2
+    assert kept == (work / "checkpoint.pt").read_bytes()
+    assert train_row(rows["base"], table, body, settings(2), work)["steps"] == 2
+
+
+def test_numbers_that_are_none_end_a_training_by_name_and_leave_the_checkpoint(tmp_path, draw, table):
+    def network() -> Ours:
+        torch.manual_seed(0)
+        return Ours(PointNetWidths(16, 1, 2))
+
+    train_landmarks(network(), draw, settings(2), tmp_path, lambda *_: None)
+    kept, seen = (tmp_path / "checkpoint.pt").read_bytes(), []
+
+    def spoiled(done: torch.Tensor):
+        clouds = draw(done)
+        clouds.targets[:] = float("nan")
+        return clouds
+
+    with pytest.raises(NonFiniteData, match=r"loss is no number .*step .*learning rate"):
+        train_landmarks(network(), spoiled, settings(30), tmp_path, lambda m, s, n: seen.append(n))
+    assert not seen and (tmp_path / "checkpoint.pt").read_bytes() == kept
+    arrays = {**table.arrays, "tail": np.full((12, 22, 3), np.nan, np.float16)}
+    with pytest.raises(NonFiniteData, match=r"12 of 12 tail poses"):
+        train_row(Row("coordinates", 8), PoseTable(arrays), load_body(), settings(2), tmp_path / "row")
 
 
 def test_rows_go_on_from_one_checkpoint(tmp_path, draw):

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import sys
-import types
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,6 +16,7 @@ from solver_backend.videos.detect.choice import chosen_hand_detector
 from solver_backend.videos.detect.errors import DetectorMissing
 from solver_backend.videos.detect.find_hands import arms_of, look_at, seen_by_two
 from solver_backend.videos.detect.hand_crops import HAND_M, SIDE, first_crop, second_crop
+from tests.support.fake_litert import FakeModel, install, sha256
 from tests.support.handed_take import handed_take
 from tests.support.scenes import ring_of_cameras
 
@@ -109,45 +108,20 @@ def test_both_hands_of_a_picture_come_back_in_its_pixels() -> None:
     assert seen_by_two(shown) == {"left": 100.0, "right": 100.0}
 
 
-class _Interpreter:
-    """As ``ai_edge_litert.interpreter.Interpreter`` answers."""
-
-    def __init__(self, path: str, num_threads: int) -> None:
-        self.given = np.zeros(0)
-
-    def allocate_tensors(self) -> None: ...
-
-    def get_input_details(self) -> list[dict]:
-        return [{"index": 7, "shape": np.array([1, 224, 224, 3])}]
-
-    def get_output_details(self) -> list[dict]:
-        return [{"index": i, "shape": np.array([1, n])} for i, n in enumerate((63, 1, 1, 63))]
-
-    def set_tensor(self, index: int, value: np.ndarray) -> None:
-        assert index == 7 and value.dtype == np.float32 and value.shape == (1, 224, 224, 3)
-        self.given = value
-
-    def invoke(self) -> None: ...
-
-    def get_tensor(self, index: int) -> np.ndarray:
-        return np.arange(63.0)[None] if index == 0 else np.array([[float(self.given.max())]])
+def _hand(given: np.ndarray) -> list[np.ndarray]:
+    return [np.arange(63.0), given.max(keepdims=True).reshape(1), np.zeros(1), np.zeros(63)]
 
 
 @pytest.fixture
 def litert(monkeypatch: pytest.MonkeyPatch) -> None:
-    module = types.ModuleType("ai_edge_litert.interpreter")
-    module.Interpreter = _Interpreter  # type: ignore[attr-defined]
-    monkeypatch.setitem(sys.modules, "ai_edge_litert", types.ModuleType("ai_edge_litert"))
-    monkeypatch.setitem(sys.modules, "ai_edge_litert.interpreter", module)
+    model = FakeModel("hand_landmark_full", (224, 224, 3), _hand, [(63,), (1,), (1,), (63,)])
+    install(monkeypatch, {b"a model": model, b"with other outputs": replace(model, gives=[(1,), (63,), (1,), (63,)])})
+    for content in (b"a model", b"with other outputs"):
+        monkeypatch.setitem(litert_hands.MODELS, sha256(content), "hand_landmark_full")
 
 
-def test_the_worker_feeds_the_model_and_reads_its_points(
-    litert: None, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    import hashlib
-
+def test_the_worker_feeds_the_model_and_reads_its_points(litert: None, tmp_path: Path) -> None:
     (tmp_path / "model.tflite").write_bytes(b"a model")
-    monkeypatch.setitem(litert_hands.MODELS, hashlib.sha256(b"a model").hexdigest(), "hand_landmark_full")
     worker = litert_hands.LiteRtHands({"model": str(tmp_path / "model.tflite")})
     assert worker.about["licence"] == "Apache-2.0"
     found = worker.detect(np.full((224, 224, 3), 255, np.uint8), 0.0)
@@ -155,9 +129,12 @@ def test_the_worker_feeds_the_model_and_reads_its_points(
     assert found["presence"] == [1.0]
 
 
-def test_a_model_of_another_version_is_refused_by_its_hash(litert: None, tmp_path: Path) -> None:
+def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert: None, tmp_path: Path) -> None:
     (tmp_path / "other.tflite").write_bytes(b"another model")
-    with pytest.raises(Refused, match="SHA-256 is [0-9a-f]{64}; it is none of hand_landmark_full"):
+    with pytest.raises(Refused, match="SHA-256 of other.tflite is [0-9a-f]{64}; it is none of hand_landmark_full"):
+        litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
+    (tmp_path / "other.tflite").write_bytes(b"with other outputs")
+    with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers; \[63, 1\] are expected"):
         litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
 
 

@@ -1,7 +1,8 @@
-"""MediaPipe on recorded videos, where its environment has been made."""
+"""MediaPipe's pose model on recorded videos, by MediaPipe or by LiteRT, where its environment has been made."""
 
 from __future__ import annotations
 
+import os
 from itertools import islice
 from pathlib import Path
 
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.io.load import load_capture
-from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.choice import DetectorChoice, chosen_detector
 from solver_backend.videos.detect.detect_videos import joint_set_of
 from solver_backend.videos.detect.errors import DetectorMissing
 from solver_backend.videos.detect.process import DetectorProcess
@@ -21,13 +22,27 @@ PARTS = ("shoulder", "elbow", "wrist", "knee", "ankle")
 PICTURES = 6
 
 
+POSE_MODEL, LITERT_PYTHON = "MANIFOLD_MOCAP_POSE_MODEL", "MANIFOLD_MOCAP_LITERT_PYTHON"
+"""Environment variables that name pose_landmark_full.tflite and a Python with ai-edge-litert, for the test alone."""
+
+
+def choice_of(detector: str) -> DetectorChoice:
+    """Return a detector; skip where it is not there."""
+    if detector == "mediapipe":
+        try:
+            return chosen_detector()
+        except DetectorMissing as missing:
+            pytest.skip(str(missing))
+    if not os.environ.get(POSE_MODEL) or not os.environ.get(LITERT_PYTHON):
+        pytest.skip(f"{POSE_MODEL} and {LITERT_PYTHON} name no model and no Python")
+    return chosen_detector(os.environ[POSE_MODEL], python=Path(os.environ[LITERT_PYTHON]))
+
+
 @pytest.mark.slow
-def test_mediapipe_agrees_with_openpose_on_a_recorded_trial(shared_data: Path) -> None:
+@pytest.mark.parametrize("detector", ["mediapipe", "litert"])
+def test_the_model_agrees_with_openpose_on_a_recorded_trial(detector: str, shared_data: Path) -> None:
     pytest.importorskip("av")
-    try:
-        choice = chosen_detector()
-    except DetectorMissing as missing:
-        pytest.skip(str(missing))
+    choice = choice_of(detector)
     reference = load_capture(shared_data / TRIAL).keypoints
     assert reference is not None
     apart = []

@@ -1,0 +1,138 @@
+"""How deep a pose lets limbs, head and trunk pass through one another, by capsules that lie within the skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.types.shapes import Float
+
+TOLERANCE_M = 0.03
+"""Depth up to which two capsules touch, as soft tissue gives way: recorded poses exceed it in 1.2 % of frames."""
+BONES: tuple[tuple[str, str], ...] = (
+    ("pelvis", "spine1"), ("spine1", "spine2"), ("spine2", "spine3"), ("spine3", "neck"), ("neck", "head"),
+    *(
+        (f"{side}_{a}", f"{side}_{b}")
+        for side in ("left", "right")
+        for a, b in (
+            ("hip", "knee"), ("knee", "ankle"), ("ankle", "foot"), ("shoulder", "elbow"), ("elbow", "wrist"),
+            ("wrist", "hand"),
+        )
+    ),
+)  # fmt: skip
+"""Joints that the capsules' axes run between."""
+_INNER = 0.1
+"""Share of the skin of a bone that lies nearer to its axis than the capsule is wide: capsules stay within the skin."""
+_APART = 3
+"""Joints between two bones from which on they are compared: an upper arm leans on the chest it grows from."""
+_AT_A_TIME = 2000
+"""Poses looked at at a time, which bounds memory."""
+
+
+@dataclass(frozen=True)
+class Capsules:
+    """A body as capsules of its rest shape, and the pairs that a pose could bring together."""
+
+    ends: tuple[tuple[int, int], ...]
+    """SMPL's joints at the ends of each axis."""
+    radii: Float[np.ndarray, " bones"]
+    """Metres."""
+    pairs: tuple[tuple[int, int], ...]
+    """Capsules that are three bones apart or more and do not meet in the T-pose."""
+
+
+@lru_cache(maxsize=4)
+def capsules_of(body: Body) -> Capsules:
+    """Return the capsules of a body's mean shape, within its skin but for a tenth of it.
+
+    Args:
+        body: of the SMPL family.
+    """
+    ends = tuple((SMPL.joints.index(a), SMPL.joints.index(b)) for a, b in BONES)
+    own = list(body.layout.standing_for(SMPL))
+    rest, owner = body.joints_template[own], np.argmax(body.weights[:, own], axis=1)
+    radii = np.array([_inner_radius(body.v_template[owner == a], rest[a], rest[b]) for a, b in ends])
+    every = tuple(
+        (i, j) for i, j in combinations(range(len(ends)), 2) if _steps(ends[i], ends[j], SMPL.parents) >= _APART
+    )
+    depth = _depths(rest[None], Capsules(ends, radii, every))[0]
+    return Capsules(ends, radii, tuple(pair for pair, deep in zip(every, depth, strict=True) if deep < 0.0))
+
+
+def self_intersection_m(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> Float[np.ndarray, " poses"]:
+    """Return how deep the deepest two capsules of each pose pass through one another: (N,) metres, 0 where none do.
+
+    ``max(0, r_a + r_b - d(a, b))`` over pairs, d the distance of two line segments (Ericson 2005, 5.1.9).
+
+    Args:
+        body: of the SMPL family; its mean shape is how wide bones are.
+        joints: (N, 24, 3) SMPL's joints, metres.
+    """
+    capsules = capsules_of(body)
+    parts = [joints[first : first + _AT_A_TIME] for first in range(0, len(joints), _AT_A_TIME)]
+    deepest = [_depths(part, capsules).max(axis=1, initial=0.0) for part in parts]
+    return np.concatenate(deepest) if deepest else np.zeros(0)
+
+
+def self_intersection_percent(body: Body, joints: Float[np.ndarray, "poses 24 3"]) -> float:
+    """Return the share of poses in which two capsules pass through one another by more than ``TOLERANCE_M``, percent.
+
+    Args:
+        body: of the SMPL family; its mean shape is how wide bones are.
+        joints: (N, 24, 3) SMPL's joints, metres.
+    """
+    return 100.0 * float(np.mean(self_intersection_m(body, joints) > TOLERANCE_M))
+
+
+def _inner_radius(skin: np.ndarray, start: np.ndarray, end: np.ndarray) -> float:
+    bone = end - start
+    share = np.clip((skin - start) @ bone / (bone @ bone), 0.0, 1.0)
+    return float(np.quantile(np.linalg.norm(skin - start - share[:, None] * bone, axis=1), _INNER))
+
+
+def _steps(a: tuple[int, int], b: tuple[int, int], parents: tuple[int, ...]) -> int:
+    """Return how many bones lie between the nearest joints of two bones."""
+    return min(_climbed(i, j, parents) for i in a for j in b)
+
+
+def _climbed(i: int, j: int, parents: tuple[int, ...]) -> int:
+    """Return how many bones lead from one joint to another."""
+    ways = [[joint] for joint in (i, j)]
+    for way in ways:
+        while parents[way[-1]] >= 0:
+            way.append(parents[way[-1]])
+    shared = len(set(ways[0]) & set(ways[1]))
+    return len(ways[0]) + len(ways[1]) - 2 * shared
+
+
+def _depths(joints: np.ndarray, capsules: Capsules) -> np.ndarray:
+    """Return (N, pairs) depths in metres, negative where two capsules are apart."""
+    ends = np.array(capsules.ends)
+    first, second = (np.array([pair[side] for pair in capsules.pairs], dtype=int) for side in (0, 1))
+    p, u = joints[:, ends[first, 0]], joints[:, ends[first, 1]] - joints[:, ends[first, 0]]
+    q, v = joints[:, ends[second, 0]], joints[:, ends[second, 1]] - joints[:, ends[second, 0]]
+    return capsules.radii[first] + capsules.radii[second] - segment_distance(p, u, q, v)
+
+
+def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    """Return the least distance of the segments ``p + s u`` and ``q + t v``, s and t from 0 to 1 (Ericson 2005, 5.1.9).
+
+    Args:
+        p: (..., 3) starts.
+        u: (..., 3) from start to end, not 0.
+        q: (..., 3).
+        v: (..., 3), not 0.
+    """
+    w = p - q
+    a, b, c = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
+    d, e = (u * w).sum(-1), (v * w).sum(-1)
+    across = a * c - b * b
+    s = np.clip(np.where(across > 1e-12, (b * e - c * d) / np.maximum(across, 1e-12), 0.0), 0.0, 1.0)
+    t = np.clip((b * s + e) / c, 0.0, 1.0)
+    s = np.clip((b * t - d) / a, 0.0, 1.0)
+    return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)

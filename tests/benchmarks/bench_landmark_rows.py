@@ -1,0 +1,55 @@
+"""Thesis tables 4.1 to 4.4 and 4.6: landmark networks trained under every balance, by what each training left.
+
+Reads ``figures.json`` of the trainings under build/landmark_rows, one folder ROW_SEED each, that `python -m
+tests.benchmarks.landmark_rows.train_rows` makes (an hour of a GPU for three seeds at width 8 and 48 x 48 pixels).
+RMSE and MPJPE of 53 markers and the joints, in our clouds of 53 markers, on poses of people that no row was trained on:
+ordinary ones (for the thesis' THuman), its tail groups, and lying on the floor (for GeneBody). Medians over seeds.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from tests.benchmarks.landmark_rows.row_folders import ROOT, SETS, trained
+from tests.benchmarks.landmark_rows.row_tables import read_figures
+from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
+
+KIND = "fixed"
+"""Clouds that the rows were trained on, and are compared on."""
+COLUMNS = {"rmse_mm": "mm", "mpjpe_mm": "mm"}
+
+
+def run(root: Path = ROOT) -> list[Metric]:
+    """Read what was trained.
+
+    Raises:
+        BenchmarkSkipped: nothing was.
+    """
+    folders = trained(root)
+    if not folders:
+        raise BenchmarkSkipped(
+            "No landmark rows are trained here.",
+            hint="python -m tests.benchmarks.landmark_rows.train_rows --data DATA --device cuda",
+        )  # fmt: skip
+    by_row: dict[str, list[dict[str, Any]]] = defaultdict(list)
+    for (row, _), figures in read_figures(folders).items():
+        by_row[row].append(figures["chosen"])
+    least = min(len(seeds) for seeds in by_row.values())
+    return [
+        Metric("seeds", least, "", "higher", rel_tol=0.0),
+        *(
+            Metric(f"{key_of(row)}_{where}_{column}", median(seeds, where, column), unit)
+            for row, seeds in sorted(by_row.items())
+            for where in SETS
+            for column, unit in COLUMNS.items()
+        ),
+    ]
+
+
+def median(seeds: list[dict[str, Any]], where: str, column: str) -> float:
+    """Return the median over seeds of a figure on a set of poses."""
+    return float(np.median([seed[f"{KIND} {where}"][column] for seed in seeds]))
