@@ -38,6 +38,7 @@ class MOCAP_OT_read_again(SolverOperator, bpy.types.Operator):
 
     bl_idname = "mocap.read_again"
     bl_label = "Read Again"
+    bl_description = "Change the reading option that this problem is about, and read the capture again"
     is_of_capture = False
 
     option: bpy.props.StringProperty(options={"HIDDEN"})
