@@ -13,7 +13,7 @@ from ..properties import STAGES, MocapSettings
 from ..settings_layout import is_narrow, is_slim
 from ..translation import CONTEXT
 from .frame_rate import draw_rate
-from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_fix, draw_next, draw_solve, fits, wrapped
+from .parts import TALLEST, AcquisitionPanel, MocapPanel, draw_failure, draw_fix, draw_next, draw_solve, fits, wrapped
 
 VERBS = (
     "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
@@ -95,13 +95,7 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
         wrapped(column, context, f"{take.name}{error}", "ACTION")
-        if ranges := doubtful_ranges(take, settings.review.below):
-            column.operator(
-                MOCAP_OT_next_bad_range.bl_idname,
-                text=f"{counted(len(ranges), 'range')} to review",
-                icon="TRIA_RIGHT",
-                translate=False,
-            ).backwards = False
+        _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
     problems = [found for message in capture.messages if message.is_problem for found in message.found]
     warnings = () if take is None else warnings_of_take(take)
     for found, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
@@ -115,3 +109,19 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
             if settings.stage != stage:
                 show = {"text": "", "icon": "VIEWZOOM"} if remedies else {"text": "Show", "text_ctxt": CONTEXT}
                 row.prop_enum(settings, "stage", stage, **show)
+
+
+def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:
+    """Draw the way to the doubtful ranges or, where there are none, on from Edit: the next step is the tallest."""
+    settings = context.scene.mocap
+    is_next = settings.stage == "EDIT"
+    if not ranges and is_next:
+        wrapped(layout, context, "Nothing to review", "CHECKMARK")
+    button = layout.column()
+    button.scale_y = TALLEST if is_next else 1.0
+    if ranges:
+        text = f"{counted(ranges, 'range')} to review"
+        operator = MOCAP_OT_next_bad_range.bl_idname
+        button.operator(operator, text=text, icon="TRIA_RIGHT", translate=False).backwards = False
+    elif is_next:
+        button.prop_enum(settings, "stage", "DELIVER", text="Go On to Deliver", text_ctxt=CONTEXT, icon="FORWARD")
