@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.interpolation import sider_n
@@ -21,7 +22,11 @@ _KEY_FRAMES = (14, 40, 66)
 _FIGURES = 7
 _FARTHEST = 12.0
 """Standard deviations at the right end of the weight's chart."""
-_LIMBS = ((0, 3, 6, 9, 12, 15), (0, 1, 4, 7, 10), (0, 2, 5, 8, 11), (9, 13, 16, 18, 20, 22), (9, 14, 17, 19, 21, 23))
+_LIMBS = (
+    SMPL.group("trunk"),
+    *((0, *SMPL.group(f"{side}_leg")) for side in ("left", "right")),
+    *((*SMPL.numbers("spine3"), *SMPL.group(f"{side}_arm"), *SMPL.group(f"{side}_hand")) for side in ("left", "right")),
+)
 """Chains of the body's 24 joints: trunk, legs, arms."""
 
 
@@ -191,7 +196,8 @@ def markers() -> str:
 def _decoded_poses() -> tuple[np.ndarray, ...]:
     """Return (24, 2) joints of the poses between three poses of the demo, seen from the front left, in metres."""
     prior, body = load_sposer(), load_body()
-    poses = np.asarray(demo_capture().truth["body_pose"])[list(_KEY_FRAMES), :63].reshape(3, 21, 3)
+    poses = np.asarray(demo_capture().truth["body_pose"])[list(_KEY_FRAMES)]
+    poses = poses[:, : 3 * SMPL.num_solved].reshape(len(_KEY_FRAMES), SMPL.num_solved, 3)
     keys = np.asarray(prior.encode(exp_so3(poses)))
     codes = sider_n(np.broadcast_to(keys, (_FIGURES, *keys.shape)), np.linspace(0, 1, _FIGURES))
     return tuple(_joints(rotations, body) for rotations in np.asarray(prior.decode(codes)))

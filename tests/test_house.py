@@ -109,6 +109,24 @@ def test_no_product_file_is_long() -> None:
     assert not {name: length for name, length in lengths.items() if length > LONGEST}
 
 
+def test_nothing_asks_whether_a_value_is_of_a_protocol() -> None:
+    """What a caller needs of one implementation is a method of all of them."""
+    texts = {dotted(path): path.read_text(encoding="utf-8") for path in product_files()}
+    protocols = {name for text in texts.values() for name in re.findall(r"class (\w+)\(.*\bProtocol\b", text)}
+    assert len(protocols) > 10
+    asked = [(name, call) for name, text in texts.items() for call in re.findall(r"\bisinstance\(.*", text)]
+    assert len(asked) > 100
+    assert not [(name, call) for name, call in asked if protocols & set(re.findall(r"\w+", call))]
+
+
+def test_the_solver_compares_no_names_of_methods() -> None:
+    """What distinguishes a method is a value of ``Method``."""
+    files = sorted((ROOT / "solver_backend" / "fitters").rglob("*.py"))
+    lines = [(dotted(path), line) for path in files for line in path.read_text(encoding="utf-8").splitlines()]
+    assert [line for _, line in lines if "METHODS[settings.method]" in line]
+    assert not [found for found in lines if re.search(r"\bsettings\.method (==|!=|in|not in) ", found[1])]
+
+
 def has_number(node: ast.AST) -> bool:
     """Return whether an expression holds a number other than 0 and 1, indices apart."""
     if isinstance(node, ast.Subscript):

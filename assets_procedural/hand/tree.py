@@ -9,7 +9,7 @@ PARENTS = SMPL_HANDS.parents
 """Parent of each of the 52 joints."""
 MIRROR = SMPL_HANDS.mirror
 """Joint of the other side."""
-FIRST = 22
+FIRST = SMPL_HANDS.group("left_hand")[0]
 """The first finger joint; those before it are SMPL's."""
 WRIST = SMPL_HANDS.joints.index("left_wrist")
 """The left wrist."""

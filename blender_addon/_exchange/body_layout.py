@@ -83,6 +83,20 @@ class BodyLayout:
                 ends[j] = (own or children)[0]
         return ends
 
+    def numbers(self, *joints: str) -> tuple[int, ...]:
+        """Return the numbers of joints by their names.
+
+        Raises:
+            BodyInvalid: the layout lacks one of them.
+        """
+        if missing := [name for name in joints if name not in self.joints]:
+            raise BodyInvalid(f"{self.name} has no {', '.join(missing)}.", where=self.name)
+        return tuple(self.joints.index(name) for name in joints)
+
+    def both(self, *parts: str) -> tuple[int, ...]:
+        """Return the numbers of the left and the right joint of each part, such as hip; raises as ``numbers`` does."""
+        return self.numbers(*(f"{side}_{part}" for part in parts for side in ("left", "right")))
+
     def group(self, name: str) -> tuple[int, ...]:
         """Return the joints of a group."""
         return tuple(j for j, group in enumerate(self.groups) if group == name)

@@ -112,9 +112,10 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     add(
         "--target",
         type=Path,
+        action="append",
         required=True,
         metavar="RIG",
-        help="the rig (.blend, .fbx, .glb, .vrm); it is not changed",
+        help="the rig (.blend, .fbx, .glb, .vrm); it is not changed; repeat it for several, each gets a folder",
     )
     add("--object", default="", metavar="NAME", help="which armature of the target")
     add("--out", type=_blend_file, metavar="OUT.blend", help="file to write; beside the motion, … _retargeted.blend")

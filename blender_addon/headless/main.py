@@ -33,6 +33,7 @@ from .quiet import own_streams
 from .retarget import run_retarget
 from .retarget_clips import run_retarget_clips
 from .retarget_request import RetargetRequest
+from .retarget_targets import run_retarget_targets
 from .solver import run_solver
 from .studio import StudioRequest, run_studio
 
@@ -146,14 +147,20 @@ def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
+    targets = list(dict.fromkeys(options.target))
     request = RetargetRequest(
-        options.source, options.target, options.out or _beside(options.source), options.object, options.armature,
+        options.source, targets[0], options.out or _beside(options.source), options.object, options.armature,
         options.action, options.preset, options.map, options.save_map, options.limbs, options.in_place,
         options.root_motion, options.body, options.scale, options.frame_start, options.overwrite,
     )  # fmt: skip
-    if request.source.is_dir():
-        return run_retarget_clips(request, tuple(dict.fromkeys(options.export)), progress)
-    return run_retarget(request, progress)
+    formats = tuple(dict.fromkeys(options.export))
+
+    def one(request: RetargetRequest, progress: Progress) -> dict[str, Any]:
+        if request.source.is_dir():
+            return run_retarget_clips(request, formats, progress)
+        return run_retarget(request, progress)
+
+    return one(request, progress) if len(targets) == 1 else run_retarget_targets(request, targets, one, progress)
 
 
 def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:

@@ -34,26 +34,28 @@ def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> lis
         target: the rig.
         modes: rotation mode of each bone.
     """
-    channels = []
+    channels, r = [], target.axes[:, None]
+    undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
+    undone = undone.swapaxes(-1, -2)
+    basis = r.swapaxes(-1, -2) @ undone @ done.turns @ r
+    quat = sign_continuous(np.moveaxis(quat_from_matrix(basis), 0, 1))
     for c, (name, role) in enumerate(zip(target.names, target.roles, strict=True)):
         part = role.partition("_")[2]
-        with_, r = target.turns_with[c], target.axes[c]
-        undone = done.turns[with_].swapaxes(-1, -2) if with_ >= 0 else np.eye(3)
         if (part in HELPER_OF and part != "toe_ik") or c == done.carrier or role == "root":
             m = target.moves_with[c]
             if m >= 0:
                 carried = done.places[m] + (done.turns[m] @ (target.heads[c] - target.heads[m]))
             else:
                 carried = target.heads[c]
-            way = target.place_axes[c].T @ undone @ (done.places[c] - carried)[..., None]
+            way = target.place_axes[c].T @ undone[c] @ (done.places[c] - carried)[..., None]
             channels.append(Channel(name, "location", way[..., 0] / target.unit_m))
         if not part.endswith("pole"):
-            channels.append(_rotation(name, modes[name], r.T @ undone @ done.turns[c] @ r))
+            channels.append(_rotation(name, modes[name], basis[c], quat[:, c]))
     return channels
 
 
-def _rotation(bone: str, mode: str, R: np.ndarray) -> Channel:
-    quat = sign_continuous(quat_from_matrix(R))
+def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
+    """Return a rotation, given as (F, 3, 3) and as (F, 4), in a bone's mode."""
     if mode == "QUATERNION":
         return Channel(bone, "rotation_quaternion", quat)
     if mode == "AXIS_ANGLE":

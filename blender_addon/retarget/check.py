@@ -6,6 +6,7 @@ import bpy
 import numpy as np
 
 from .._exchange.rigs.roles import LIMBS
+from ..errors import TargetUnsuitable
 from ..scene.alone import alone
 from .channels import Channel
 from .hanging import neutral
@@ -14,6 +15,8 @@ from .motion.transfer import Transferred
 from .target_rig import TargetRig
 
 _CHECKED_FRAMES = 6
+_REFUSED_MM = 100.0
+"""Deviation of hands and feet, at the actor's size, from which a rig is refused."""
 _SAME_PLACE = 0.002
 """Share of the rig's size within which a skinned bone stands where a control does."""
 
@@ -53,6 +56,19 @@ def deviation_m(
             wanted = np.array([done.goals[role][f] for role in ends])
             worst = max(worst, float(np.linalg.norm(heads - wanted, axis=1).max()))
     return worst
+
+
+def require_near(deviation_mm: float, scale: float, name: str) -> None:
+    """Check that hands and feet of a rig come near where they belong.
+
+    Raises:
+        TargetUnsuitable: they do not.
+    """
+    if deviation_mm > _REFUSED_MM * scale:
+        raise TargetUnsuitable(
+            f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong.", where=name,
+            hint="Mute constraints and drivers that move the limbs, or correct the map of the bones.",
+        )  # fmt: skip
 
 
 def on_stage(target: Target, points: np.ndarray) -> np.ndarray:

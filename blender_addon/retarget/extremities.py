@@ -53,6 +53,8 @@ def estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> 
 def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
     """Return the (3,) place where a hand or foot goes on: toe, knuckles, or whatever hangs on it; NaN without any.
 
+    A hand points to the middle finger's knuckle, as our body's does; without one, to the middle of those it has.
+
     Args:
         armature: the rig.
         bones: by role, fingers included.
@@ -60,7 +62,9 @@ def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before:
         before: length of the forearm or shin.
     """
     side, _, part = role.partition("_")
-    roles = [f"{side}_toe"] if part == "foot" else [f"{side}_{finger}_1" for finger in FINGERS[1:]]
+    knuckle = f"{side}_middle_1"
+    knuckles = [knuckle] if knuckle in bones else [f"{side}_{finger}_1" for finger in FINGERS[1:]]
+    roles = [f"{side}_toe"] if part == "foot" else knuckles
     data, start = armature.data.bones, np.array(armature.data.bones[bones[role]].head_local, np.float64)
     named = [np.array(data[bones[other]].head_local, np.float64) for other in roles if other in bones]
     if named:

@@ -104,13 +104,13 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
             animation.action, animation.use_nla = None, False
         for bone in bones:
             bone.matrix_basis = Matrix()
-        _set(armature, switches)
+        set_switches(armature, switches)
         yield
     finally:
         for bone, pose in zip(bones, poses, strict=True):
             for key, value in pose.items():
                 setattr(bone, key, value)
-        _set(armature, values)
+        set_switches(armature, values)
         if animation is not None and playing is not None:
             animation.use_nla = nla
             animation.action = playing[0]
@@ -120,7 +120,8 @@ def neutral(armature: bpy.types.Object, names: Sequence[str], switches: dict[tup
             data.pose_position = shown
 
 
-def _set(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
+def set_switches(armature: bpy.types.Object, values: dict[tuple[str, str], float]) -> None:
+    """Set custom properties (bone, key) of an armature's bones, each of its own kind."""
     for (bone, key), value in values.items():
         kind = type(armature.pose.bones[bone][key])
         armature.pose.bones[bone][key] = kind(value)

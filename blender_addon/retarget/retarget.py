@@ -8,10 +8,9 @@ from dataclasses import dataclass, field
 import bpy
 
 from ..conventions.timing import TakeTiming
-from ..errors import TargetUnsuitable
 from .baking import bake_channels
 from .channels import channels_of
-from .check import deviation_m
+from .check import deviation_m, require_near
 from .maps.rig_map import RigMap, map_values
 from .motion.figures import Actor
 from .motion.map_pose import map_pose, map_pose_values
@@ -19,8 +18,8 @@ from .motion.proportions import Proportions, measure_proportions
 from .motion.transfer import TransferSettings, transfer
 from .target_rig import read_target
 
-_TOLERATED_MM, _REFUSED_MM = 10.0, 100.0
-"""Deviations of hands and feet, at the actor's size, from which the result carries a note, and is refused."""
+_TOLERATED_MM = 10.0
+"""Deviation of hands and feet, at the actor's size, from which the result carries a note."""
 MAP = "retarget_map"
 """Custom property of a retargeted action: the map that was used, as text."""
 
@@ -84,11 +83,7 @@ def retarget(
     switches = {(s.bone, s.key): getattr(s, settings.limbs) for s in rig.switches}
     scale, name = done.scale, f"{actor.name} on {armature.name}"
     deviation_mm = 1000.0 * deviation_m(rig, scene, done, channels, switches)
-    if deviation_mm > _REFUSED_MM * scale:
-        raise TargetUnsuitable(
-            f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong.", where=armature.name,
-            hint="Mute constraints and drivers that move the limbs, or correct the map of the bones.",
-        )  # fmt: skip
+    require_near(deviation_mm, scale, armature.name)
     action = bake_channels(name, armature, channels, switches, timing, actor.fps)
     action[MAP] = json.dumps(map_values(used))
     notes = [*rig_map.doubts, *rig.notes]

@@ -15,6 +15,7 @@ from .._exchange.vmc.sender import PacketSender
 from ..animation.curves import current_action
 from ..animation.pose import read_pose
 from ..animation.takes import BETAS
+from ..body.armature import rotation_from_body_axes
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..body.shape import get_betas
@@ -39,6 +40,7 @@ class TakeSender:
         body = read_body(body_path_of("" if action is None else action.get("provenance", "")), layout)
         self._joints, self._rest = body.layout.joints, body.rest_joints(betas)
         self._bundle = FrameBundle(Humanoid(body.layout, self._rest))
+        self._R_bone_body = rotation_from_body_axes(armature)
         self._name, self._start = armature.name, time.monotonic()
         self._packets = PacketSender(address)
 
@@ -47,7 +49,7 @@ class TakeSender:
         armature = scene.objects.get(self._name)
         if armature is None or armature.pose is None or not set(self._joints) <= set(armature.pose.bones.keys()):
             return None
-        pose = read_pose(armature, self._rest[0])
+        pose = read_pose(armature, self._rest[0], self._R_bone_body)
         place, turn, _ = armature.matrix_world.decompose()
         R = np.array(turn.to_matrix(), dtype=np.float64)
         rotvec = pose.rotvec.copy()

@@ -6,12 +6,14 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
+from .._exchange.diagnostics import EARLIER_NOTE, Diagnostic, read_diagnostics
 from .._exchange.errors import MocapError
 from .._exchange.json_file import read_json_file
 from .._exchange.plain_text import plain
 
 NAME = "road.json"
-_FORMAT, _VERSION = "manifold_mocap_road", 1
+_FORMAT, _VERSIONS = "manifold_mocap_road", (1, 2)
+"""Version 1 holds sentences, ``words`` and ``doubts``, where version 2 holds ``diagnostics``."""
 _LARGEST = 1 << 20
 """Bytes of a file that is read; chosen by hand."""
 
@@ -23,9 +25,8 @@ class RoadStep:
     name: str
     state: str
     """'made' or 'kept'."""
-    words: tuple[str, ...]
-    doubts: tuple[str, ...]
-    """What is wrong or unsure, with what to do."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What it found."""
     pictures: tuple[Path, ...]
     """Pictures that are there."""
 
@@ -40,21 +41,28 @@ def read_road(folder: Path) -> tuple[RoadStep, ...]:
         values = read_json_file(path, _LARGEST)
     except MocapError:
         return ()
-    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (_FORMAT, _VERSION):
+    if not isinstance(values, dict) or values.get("format") != _FORMAT or values.get("version") not in _VERSIONS:
         return ()
     steps = values.get("steps")
     rows = [row for row in steps if isinstance(row, dict)] if isinstance(steps, list) else []
     return tuple(
         RoadStep(
-            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), _texts(row.get("words")),
-            _texts(row.get("doubts")), tuple(_pictures(folder, row.get("pictures"))),
+            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), _found(row),
+            tuple(_pictures(folder, row.get("pictures"))),
         )
         for row in rows
     )  # fmt: skip
 
 
-def _texts(value: Any) -> tuple[str, ...]:
-    return tuple(plain(item) for item in value if isinstance(item, str)) if isinstance(value, list) else ()
+def _found(row: dict[str, Any]) -> tuple[Diagnostic, ...]:
+    return (
+        *read_diagnostics(_sentences(row.get("words")), EARLIER_NOTE), *read_diagnostics(_sentences(row.get("doubts"))),
+        *read_diagnostics(row.get("diagnostics")),
+    )  # fmt: skip
+
+
+def _sentences(value: Any) -> list[str]:
+    return [item for item in value if isinstance(item, str)] if isinstance(value, list) else []
 
 
 def _pictures(folder: Path, value: Any) -> list[Path]:

@@ -177,6 +177,9 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     record: bpy.props.BoolProperty(
         name="Record", description="Keep the points as a take to be solved, or the poses as a motion", default=True
     )
+    drive: bpy.props.BoolProperty(
+        name="Drive Character", description="Let a character's rig, the Retarget panel's target, move as the body does"
+    )
     face_mesh: bpy.props.StringProperty(
         name="Face", description="Mesh whose shape keys follow the face of the other program, as long as it is live"
     )

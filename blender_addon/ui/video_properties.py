@@ -101,6 +101,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         """Show the steps whose results lie in a folder, those that were open open again."""
         from pathlib import Path
 
+        from .._exchange.diagnostics import notes_in, sentence, warnings_in
         from ..solving.road_file import read_road
 
         opened = {step.name for step in self.steps if step.open}
@@ -109,7 +110,8 @@ class MocapVideos(bpy.types.PropertyGroup):
             if reported.name in STEPS:
                 step = self.steps.add()
                 step.name, step.open = reported.name, reported.name in opened
-                step.words, step.doubts = "\n".join(reported.words), "\n".join(reported.doubts)
+                step.words = "\n".join(map(sentence, notes_in(reported.diagnostics)))
+                step.doubts = "\n".join(map(sentence, warnings_in(reported.diagnostics)))
                 for picture in reported.pictures:
                     step.pictures.add().name = str(picture)
 

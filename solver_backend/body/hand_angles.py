@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
 from solver_backend.types.shapes import Float
 
 FLEXION, SPREAD, TWIST = 0, 1, 2
@@ -35,7 +35,7 @@ FLEXION_OF = np.array([[r[1:3] for r in _TABLE].index(row[1:3]) for row in _TABL
 """(A,) the flexion of each angle's joint: the first of its rows."""
 THUMB_TILT = float(np.deg2rad(45.0))
 """The nail of a thumb looks half to the side, half out of the back of the hand: it bends across the palm."""
-KNUCKLES = (9, 5, 9, 13, 17)
+KNUCKLES = tuple(HAND_POINTS.index(f"{finger}_mcp") for finger in ("middle", *FINGERS[1:]))
 """Point to which x leads from the wrist, by finger; the thumb's zero is the middle finger's."""
 
 
@@ -51,7 +51,7 @@ def palm_frames(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.ndar
         points: (n, 21, 3) of ``HAND_POINTS``.
         side: 0 left, 1 right.
     """
-    wrist, index, pinky = (points[:, i] for i in (0, 5, 17))
+    wrist, index, pinky = (points[:, i] for i in (0, KNUCKLES[1], KNUCKLES[-1]))
     # Of a right hand seen from its back, fingers up, the index is on the left: the product looks at the viewer.
     dorsal = side_sign(side) * np.cross(pinky - wrist, index - wrist)
     x = _unit(points[:, KNUCKLES] - wrist[:, None])

@@ -53,7 +53,7 @@ def estimated_rotation(
 
 
 def rotated_back(
-    camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, " 3"]
+    camera: Cameras, px: Float[np.ndarray, "*batch 2"], rotation: Float[np.ndarray, "*turns 3"]
 ) -> Float[np.ndarray, "*batch 2"]:
     """Return pixels (..., 2) as the camera would have seen them before it was rotated by ``exp(rotation)``.
 
@@ -62,7 +62,7 @@ def rotated_back(
     Args:
         camera: one camera as it was calibrated.
         px: (..., 2) pixels as the rotated camera saw them.
-        rotation: (3,) radians, see ``estimated_rotation``.
+        rotation: (3,) radians, see ``estimated_rotation``; (F, 3) for (F, n, 2) pixels.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """

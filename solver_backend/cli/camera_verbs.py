@@ -72,8 +72,8 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     suffix, overwrite = args.out.suffix.lower(), bool(args.overwrite)
     if suffix not in (".pdf", ".svg"):
         raise CommandLineInvalid("A board is written as .pdf or .svg.", where=str(args.out))
-    told = args.out.with_suffix(".toml")
-    for path in (args.out, told):
+    described = args.out.with_suffix(".toml")
+    for path in (args.out, described):
         check_output(path, overwrite=overwrite)
     chosen = board_named(args.board)
     page = board_page(chosen, args.paper)
@@ -81,14 +81,14 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
         write_text(args.out, svg(page), overwrite=overwrite)
     else:
         _write_bytes(args.out, pdf(page), overwrite)
-    write_text(told, board_toml(chosen), overwrite=overwrite)
+    write_text(described, board_toml(chosen), overwrite=overwrite)
     width, height = page.size
     progress("Board", 1, 1)
     text = (
         f"{chosen}\n  page        {width:.0f} x {height:.0f} mm; print at 100 % and measure the line of 100 mm"
-        f"\n  written     {args.out}\n  board       {told}"
+        f"\n  written     {args.out}\n  board       {described}"
     )
-    return Outcome(text, {"board": str(args.out), "told": str(told), "page_mm": [width, height]})
+    return Outcome(text, {"board": str(args.out), "told": str(described), "page_mm": [width, height]})
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -109,7 +109,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         from solver_backend.camera_calibration.adjustment.lens import lens_of
 
         names = found.cameras.names
-        errors = {n: e for n, told in found.lenses.items() if isinstance(e := told.get("held_out_px"), float)}
+        errors = {n: e for n, lens in found.lenses.items() if isinstance(e := lens.get("held_out_px"), float)}
         keep_lenses(args.keep_lenses, {n: lens_of(found.cameras, c) for c, n in enumerate(names)}, errors)
     return _outcome(found, args.out, kind)
 
@@ -140,7 +140,7 @@ def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Say whether a capture's calibration fits what was seen."""
+    """Report whether a capture's calibration fits what was seen."""
     from solver_backend.camera_calibration.check.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
 

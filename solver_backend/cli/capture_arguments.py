@@ -3,9 +3,24 @@
 from __future__ import annotations
 
 import argparse
+import sys
 from pathlib import Path
+from typing import Any
 
 from solver_backend.cli.setting_options import ROWS, add_settings
+
+
+class RenamedOption(argparse.Action):
+    """Stores a value, with a note on standard error where the option has an earlier name; its first name is today's."""
+
+    def __call__(
+        self, parser: argparse.ArgumentParser, namespace: argparse.Namespace, values: Any, option: str | None = None
+    ) -> None:
+        """Store the value."""
+        setattr(namespace, self.dest, values)
+        today = self.option_strings[0]
+        if option in self.option_strings[1:]:
+            sys.stderr.write(f"note: {option} is now called {today}; the next release knows {today} alone.\n")
 
 
 def solve_arguments(verb: argparse.ArgumentParser) -> None:
@@ -35,7 +50,7 @@ def solve_arguments(verb: argparse.ArgumentParser) -> None:
 def add_labels(verb: argparse.ArgumentParser) -> None:
     """Add the file of labels that a user assigned."""
     verb.add_argument(
-        "--labels", "--told", dest="told", type=Path, metavar="LABELS.json",
+        "--labels", "--told", dest="told", action=RenamedOption, type=Path, metavar="LABELS.json",
         help="user-assigned labels; the solver never overrides them",
     )  # fmt: skip
 

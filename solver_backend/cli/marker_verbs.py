@@ -69,7 +69,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_first import labelled_capture, named_in
-    from solver_backend.io.native.told_file import read_told
+    from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.labelling import labelling_html
 
     capture = loaded(args, progress)
@@ -77,8 +77,8 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC.")
     if args.like is not None:
         return _label_like(args, capture, progress)
-    told = {} if args.told is None else read_told(args.told, capture.markers)
-    labelled, take = labelled_capture(capture, progress, told=told, always=True)
+    user_labels = {} if args.told is None else read_user_labels(args.told, capture.markers)
+    labelled, take = labelled_capture(capture, progress, user_labels=user_labels, always=True)
     assert take is not None and labelled.markers is not None
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)

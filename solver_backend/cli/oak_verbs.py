@@ -7,7 +7,8 @@ from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.outcome import Outcome, findings_data
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 
@@ -71,7 +72,7 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
         for moment in chain.moments():
             progress("Recording OAKs", 0, 1)
             if not isinstance(moment, LiveMoment):
-                findings.append(moment.message)
+                findings.append(moment.found)
                 continue
             begin = begin or moment.arrived
             points.append(len(moment.tracked.points))
@@ -79,10 +80,11 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
                 break
     counts = {name: end.written for name, end in chain.ends.items()}
     lines = [f"  {name:<11} {end.written} frames, {end.dropped} dropped" for name, end in chain.ends.items()]
-    lines += [f"  finding     {message}" for message in findings]
+    lines += [f"  finding     {sentence(item)}" for item in findings]
     mean = sum(points) / max(len(points), 1)
     text = f"Infrared and depth of {len(oaks)} OAKs in {args.folder}, {mean:.1f} points a frame"
-    return Outcome("\n".join([text, *lines]), {"recording": str(args.folder), "frames": counts, "findings": findings})
+    data = {"recording": str(args.folder), "frames": counts, **findings_data(findings)}
+    return Outcome("\n".join([text, *lines]), data)
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:

@@ -30,6 +30,11 @@ def note_lines(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
     return [f"  note        {sentence(item, fps)}" for item in notes_in(found)]
 
 
+def findings_data(found: Sequence[Diagnostic]) -> dict[str, Any]:
+    """Return what was found of sensors as plain JSON values: data, and the sentences of earlier versions."""
+    return {"findings": [sentence(item) for item in found], "diagnostics": [item.as_dict() for item in found]}
+
+
 class ForPeople:
     """Progress bars and messages on standard error, the result's text on standard output."""
 

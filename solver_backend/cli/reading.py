@@ -34,19 +34,13 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
 
 
 def load(path: Path, options: dict[str, Any], progress: Progress) -> Capture:
-    """Return a capture, everybody's where the person is ``EVERYBODY``; of a recording of sensors its point cloud.
+    """Return a capture, everybody's where the person is ``EVERYBODY``.
 
     Raises:
         MocapError: see ``load_capture``.
     """
     from solver_backend.io.load import load_capture
-    from solver_backend.sensors.devices.recording_files import ABOUT
 
-    if (path / ABOUT).is_file():
-        from solver_backend.sensors.devices.source import open_folder
-        from solver_backend.sensors.take import capture_of
-
-        return capture_of(open_folder(path), progress=progress)
     person = options.get("person")
     options = {**options, "person": None if person == EVERYBODY else person}
     return load_capture(path, **options, progress=progress)

@@ -144,7 +144,7 @@ def _moments(chain: MarkerChain, stream: Lines, until: float | None, progress: P
         if isinstance(moment, LiveMoment):
             yield moment
         else:
-            stream.write({"event": moment.kind, "message": moment.message})
+            stream.write({"event": moment.kind, "message": moment.message, "diagnostic": moment.found.as_dict()})
         if until is not None and time.perf_counter() > until:
             return
 

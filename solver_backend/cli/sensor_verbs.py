@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.marker_verbs import check_ending
-from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.outcome import Outcome, findings_data
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
@@ -74,7 +74,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
         "cloud": str(args.out), "frames": len(seen), "fps": take.cloud.fps,
         "points": round(float(seen.sum(1).mean()), 2),
         "columns": seen.shape[1], "sigma_mm": round(sigma_mm, 3), "sensors": take.frames,
-        "findings": [sentence(item) for item in take.findings],
+        **findings_data(take.findings),
     }  # fmt: skip
     lines = [
         f"{len(seen)} frames, {seen.sum(1).mean():.1f} points a frame, ± {sigma_mm:.1f} mm in the median",
@@ -94,10 +94,10 @@ def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
             if isinstance(moment, LiveMoment):
                 progress("Recording", 0, 1)
             else:
-                findings.append(moment.message)
-    data = {"recording": str(args.out), **chain_summary(chain), "findings": findings}
+                findings.append(moment.found)
+    data = {"recording": str(args.out), **chain_summary(chain), **findings_data(findings)}
     lines = [f"{n}: {end.written} frames, {end.dropped} dropped" for n, end in chain.ends.items()]
-    lines += [f"finding     {message}" for message in findings]
+    lines += [f"finding     {sentence(item)}" for item in findings]
     return Outcome("\n  ".join([f"recorded {args.out}", *lines]), data)
 
 

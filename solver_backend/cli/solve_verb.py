@@ -96,11 +96,11 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
 
 
 def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
-    from solver_backend.io.native.told_file import read_told
+    from solver_backend.io.native.user_labels_file import read_user_labels
 
     if capture.markers is None:
         raise CommandLineInvalid("Names of points are for recordings of markers.", where=str(path))
-    return read_told(path, capture.markers)
+    return read_user_labels(path, capture.markers)
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome:
@@ -117,7 +117,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
             "Names of points are of no use where a network's landmarks are fitted.", where=str(job.told)
         )
     if job.told is not None:
-        capture, _ = labelled_capture(capture, progress, told=_labels_given(job.told, capture), always=True)
+        capture, _ = labelled_capture(capture, progress, user_labels=_labels_given(job.told, capture), always=True)
     elif not (job.settings.layout or job.settings.is_direct):
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:

@@ -14,6 +14,7 @@ from solver_backend.cli import (
     live_verb,
     marker_verbs,
     motion_verbs,
+    network_verbs,
     oak_verbs,
     pose_arguments,
     prop_verbs,
@@ -161,6 +162,9 @@ TASKS: dict[str, tuple[Verb, ...]] = {
     "Train": (
         Verb("train", "train a pose prior or network, or resume from a checkpoint",
              "train sposer --data data --out trained", "verbs", capture_arguments.train_arguments),
+        Verb("export-network", "write a landmark network as ONNX, from points to positions in metres",
+             "export-network trained/landmarks_base_run --out base.onnx",
+             "network_verbs", network_verbs.export_network_arguments, ("writing",)),
     ),
 }
 """The verbs by task, in the order in which help lists them."""

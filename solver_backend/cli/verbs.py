@@ -25,6 +25,7 @@ from solver_backend.exchange.errors import (
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.io.footage.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def info(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Say what a capture holds, what the reader assumed and what is wrong with it."""
+    """Report what a capture holds, what the reader assumed and what is wrong with it."""
     overwrite = bool(args.overwrite)
     if args.report is not None:
         check_output(args.report, overwrite=overwrite)
@@ -90,13 +91,13 @@ def people(args: argparse.Namespace, progress: Progress) -> Outcome:
 def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write any capture as one of our own files, or each trial of a session as one of its own.
 
-    A folder of videos becomes a capture by the default detector.
+    A folder of videos becomes a capture by the default detector, a recording of sensors by finding its markers.
     """
     overwrite = bool(args.overwrite)
     trials = trials_of(args.capture)
     if not trials:
         check_output(args.out, overwrite=overwrite)
-        return _write(args.out, _from_files_or_videos(args, progress), overwrite)
+        return _write(args.out, _converted(args, progress), overwrite)
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
             "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
@@ -111,10 +112,15 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
 
 
-def _from_files_or_videos(args: argparse.Namespace, progress: Progress) -> Capture:
+def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
     try:
         return load(args.capture, reading(args), progress)
     except CaptureNotRecognised:
+        if (args.capture / SENSOR_RECORDING).is_file():
+            from solver_backend.sensors.devices.source import open_folder
+            from solver_backend.sensors.take import capture_of
+
+            return capture_of(open_folder(args.capture), progress=progress)
         from solver_backend.cli.video_verbs import capture_of_folder
 
         capture = capture_of_folder(args.capture, args.out.parent, progress)

@@ -10,6 +10,7 @@ from typing import Any
 from solver_backend.cli.describe import describe_capture
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.setting_options import given_settings, given_world
+from solver_backend.exchange.diagnostics import Diagnostic, summarise
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress
@@ -82,6 +83,7 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
         cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal),
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
+    found_in: dict[str, tuple[Diagnostic, ...]] = {}
     for plan in plans:
         try:
             record = go(found, plan, settings, progress)
@@ -91,13 +93,23 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
             failed[plan.take.name] = error
             continue
         data["takes"][plan.take.name] = _took(plan, record)
-        words = record.lines()
+        words, found_in[plan.take.name] = record.lines(), record.diagnostics()
         lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
     if failed and not data["takes"]:
         raise next(iter(failed.values()))
     lines += [f"  failed {name}: {error}" for name, error in failed.items()]
     data["failed"] = {name: error.as_event() for name, error in failed.items()}
-    return Outcome("\n".join(lines), data)
+    return Outcome("\n".join(lines), data, _summary(found_in, list(failed)))
+
+
+def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
+    """Return every warning on a line, and a last line to trust; of several takes the last names those to look at."""
+    if len(found) + len(failed) == 1:
+        return tuple(line for items in found.values() for line in summarise(items))
+    doubtful = {name: summarise(items)[:-1] for name, items in found.items()}
+    lines = [f"{name}: {line}" for name, warnings in doubtful.items() for line in warnings]
+    names = [*(name for name, warnings in doubtful.items() if warnings), *failed]
+    return (*lines, f"Look at {', '.join(names)}." if names else "OK")
 
 
 def _took(plan: Any, record: Any) -> dict[str, Any]:
@@ -123,7 +135,7 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
 
     Raises:
         CommandLineInvalid: the folder holds several takes.
-        MocapError: whatever the road raises.
+        MocapError: whatever a step raises.
     """
     from solver_backend.io.native.capture_file import read_capture
     from solver_backend.videos.detect.choice import chosen_detector

@@ -17,8 +17,8 @@ from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.types import Capture, MarkerCloud
 
-Told = Mapping[tuple[int, int], str]
-"""Marker's name by (column, frame), from a person."""
+UserLabels = Mapping[tuple[int, int], str]
+"""Marker's name by (column, frame), assigned by the user."""
 
 
 LEAST_NAMED, LEAST_PLACES = 0.75, 20
@@ -52,7 +52,7 @@ def has_own_names(cloud: MarkerCloud) -> bool:
     return sum(not is_unnamed(label) for label in labels) > len(labels) / 2
 
 
-def told_by(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
+def named_points(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
     """Return what a half-labelled take's own names give every stretch of theirs: they bind."""
     if cloud.labels is None:
         return {}
@@ -69,17 +69,17 @@ def told_by(cloud: MarkerCloud) -> dict[tuple[int, int], str]:
 
 
 def labelled_capture(
-    capture: Capture, progress: Progress = silent, *, told: Told | None = None, network: PointNetwork | None = None,
-    always: bool = False,
+    capture: Capture, progress: Progress = silent, *, user_labels: UserLabels | None = None,
+    network: PointNetwork | None = None, always: bool = False,
 ) -> tuple[Capture, LabelledTake | None]:  # fmt: skip
     """Return a capture whose points have names, and how they came by them; the same capture where it needs none.
 
     Args:
         capture: with or without markers.
         progress: called as frames are read.
-        told: names from a person, by column and frame; they bind the whole stretch.
+        user_labels: assigned by the user, by column and frame; they hold for the whole stretch.
         network: the one that ships if None.
-        always: label it even if it has names (which bind, see ``told_by``).
+        always: label it even if it has names (which bind, see ``named_points``).
 
     Raises:
         MarkersUnknown: the points have no names, and the network names too few of them.
@@ -90,8 +90,8 @@ def labelled_capture(
     persistent = has_own_names(cloud)
     try:
         take = label_take(
-            cloud, network or load_network(), fit_average_person, progress, {**told_by(cloud), **(told or {})},
-            persistent=persistent,
+            cloud, network or load_network(), fit_average_person, progress,
+            {**named_points(cloud), **(user_labels or {})}, persistent=persistent,
         )  # fmt: skip
     except (FileMissing, NoDetections):
         if always:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.model.subject import Subject
@@ -51,6 +52,10 @@ class Method:
     """The recipe finds the shape itself; otherwise it is learned before."""
     per_frame: bool = False
     """Every frame is solved on its own, so that a take may be as short as one."""
+    solves_one_view: bool = False
+    """It solves a take of one camera."""
+    fits_network: bool = False
+    """It fits what the labelling network has for a recording of markers, which needs no labels."""
     prior: Callable[[], AutoencodingPrior] | None = None
     """Loads the decoder that the recipe brings along; None: it is the problem's."""
 
@@ -73,10 +78,34 @@ def _solve_take(
 METHODS = {
     method.name: method
     for method in (
-        Method("global", _solve_take),
+        Method("global", _solve_take, solves_one_view=True),
         Method("sliding", solve_sliding_windows),
         Method("frame", solve_single_frames, per_frame=True),
-        Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, prior=pose_prior),
+        Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, fits_network=True, prior=pose_prior),
     )
 }
 """By name."""
+
+
+def require_one_view(settings: SolveSettings, where: str) -> None:
+    """Raise ``JobInvalid`` unless the method solves a take of one camera; ``where`` names the take."""
+    if not METHODS[settings.method].solves_one_view:
+        able = _named(method.name for method in METHODS.values() if method.solves_one_view)
+        raise JobInvalid(
+            f"The method '{settings.method}' needs two cameras.", where=where,
+            hint=f"One camera is solved by the method {able}.",
+        )  # fmt: skip
+
+
+def require_network(settings: SolveSettings, where: str) -> None:
+    """Raise ``JobInvalid`` unless the method fits a network's landmarks, and no layout is of labels."""
+    if not METHODS[settings.method].fits_network or settings.layout:
+        able = [method.name for method in METHODS.values() if method.fits_network]
+        raise JobInvalid(
+            f"The landmarks '{settings.landmarks}' are for the method {_named(able)} without a marker layout.",
+            where=where, hint=f"Use --method {able[0]}, or leave --landmarks out.",
+        )  # fmt: skip
+
+
+def _named(names: Iterable[str]) -> str:
+    return " or ".join(f"'{name}'" for name in names)

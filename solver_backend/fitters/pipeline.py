@@ -30,7 +30,7 @@ from solver_backend.fitters.measurements.meant_confidence import with_meant_conf
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.measurements.network_landmarks import measure_directly
-from solver_backend.fitters.methods import METHODS
+from solver_backend.fitters.methods import METHODS, require_network, require_one_view
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
@@ -223,6 +223,7 @@ def prepare(
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)
     if settings.is_direct:
+        require_network(settings, capture.name)
         return Problem.of(body, prior, measure_directly(capture, body, like, settings, person, progress))
     if capture.keypoints is None and capture.markers is not None:
         markers, hands = split_hands(capture.markers)
@@ -248,14 +249,10 @@ def _one_view(
     """Return what one camera measures, for the method that can solve it.
 
     Raises:
-        JobInvalid: another method was asked for.
+        JobInvalid: the method solves no take of one camera.
         NoDetections: see ``measure_one_view``.
     """
-    if settings.method != "global":
-        raise JobInvalid(
-            f"The method '{settings.method}' needs two cameras.", where=capture.name,
-            hint="One camera is solved by the method 'global'.",
-        )  # fmt: skip
+    require_one_view(settings, capture.name)
     fitting = prior_on_body(prior, body.layout)
     return measure_one_view(capture, body, fitting, like, settings.betas, progress)
 

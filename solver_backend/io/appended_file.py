@@ -22,7 +22,7 @@ class AppendedFile:
         self.lost = 0
         """Pieces that could not be written."""
         self.failure = ""
-        """What the system said when a piece was lost last."""
+        """What the system reported when a piece was lost last."""
         try:
             self._size: int | None = os.lseek(handle, 0, os.SEEK_CUR)
         except OSError:  # a pipe

@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, Mot
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
 from solver_backend.io.detections.unsupported import name_unsupported
-from solver_backend.io.footage.footage import count_footage
+from solver_backend.io.footage.footage import SENSOR_RECORDING, count_footage
 from solver_backend.io.markers.unsupported import name_unsupported_file
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
@@ -108,6 +108,11 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
             return CaptureNotRecognised(f"The file is {what}", where=str(path), hint=how)
         what = "is not a capture we can read" if path.exists() else "does not exist"
         return CaptureNotRecognised(f"The path {what}.", where=str(path), hint=hint)
+    if (path / SENSOR_RECORDING).is_file():
+        return CaptureNotRecognised(
+            "The folder is a recording of infrared and depth sensors; their markers are not found yet.",
+            where=str(path), hint=f"markers-from-sensors {path.name} --out {path.name}.npz finds them.",
+        )  # fmt: skip
     if trials := trials_below(path):
         what, hint = "The folder is not a recording but holds several.", f"Choose one: {listing(trials)}."
         return CaptureNotRecognised(what, where=str(path), hint=hint)

@@ -83,7 +83,7 @@ def _decoded(data: bytes) -> np.ndarray:
 
 
 def _unpacked(packed: bytes, size: int) -> bytes:
-    """Return so many bytes; a picture that says it holds more is not unpacked any further."""
+    """Return so many bytes; a picture that states more is not unpacked any further."""
     data = zlib.decompressobj().decompress(packed, size)
     if len(data) < size:
         raise ValueError("cut off")

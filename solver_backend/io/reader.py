@@ -22,17 +22,17 @@ class ReadOptions(TimeSettings, WorldSettings):
     """What the caller knows better than the file; a reader takes what concerns it."""
 
     fps: float | None = None
-    """Frames per second; None takes what the file says."""
+    """Frames per second; None takes what the file states."""
     trim: bool = False
     """Cut cameras of different lengths to the frames all have."""
     joint_set: JointSet | None = None
-    """What the keypoints are; None takes what the recording says, or recognises it."""
+    """What the keypoints are; None takes what the recording states, or recognises it."""
     unit: str | None = None
     """Length unit of the file or its calibration; None infers it."""
     up_axis: str | None = None
     """Axis of the file's world that points up; None is the format's own."""
     as_calibrated: bool = False
-    """Keep the calibration as it is written, whatever the views say."""
+    """Keep the calibration as it is written, whatever the views show."""
     sync: str = SYNC_AUTO
     """Whether cameras that started apart are moved in time, see ``SolveSettings``."""
     subject_prefix: str | None = None
@@ -56,6 +56,6 @@ class Reader(Generic[Content]):
     kind: str
     """What it is, for messages."""
     recognises: Callable[[Path], bool]
-    """Whether a path is of this kind, judged quickly; the path need not exist."""
+    """Whether a path is of this kind, answered quickly; the path need not exist."""
     read: Callable[[Path, ReadOptions], Content]
     """Read a path that was recognised; raises our own errors."""

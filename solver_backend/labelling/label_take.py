@@ -83,7 +83,7 @@ class LabelledTake:
 
 def label_take(
     cloud: MarkerCloud, network: PointNetwork, start_fit: Callable[[], BodyFit], progress: Progress = silent,
-    told: Mapping[tuple[int, int], str] | None = None, *, persistent: bool = False,
+    user_labels: Mapping[tuple[int, int], str] | None = None, *, persistent: bool = False,
 ) -> LabelledTake:  # fmt: skip
     """Label the points of a take.
 
@@ -92,7 +92,8 @@ def label_take(
         network: that reads frames.
         start_fit: makes the fit of a body that is laid over what was named.
         progress: called as frames are read.
-        told: marker's name by (column, frame), from the user: it binds the whole stretch. Empty text: none of them.
+        user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole stretch.
+            Empty text: none of them.
         persistent: each column is one marker throughout the take.
 
     Raises:
@@ -106,7 +107,7 @@ def label_take(
     require_at_most(MOST_CHAINS, tracklets.num_chains, "stretches of points")
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
-    bound = _bound(told or {}, tracklets)
+    bound = _bound(user_labels or {}, tracklets)
     labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number

@@ -12,22 +12,20 @@ from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
 from solver_backend.labelling.reading import CloudReading
+from solver_backend.priors.networks.attention import Arrays, attention, dense, layer, layer_norm, softmax, split_heads
 from solver_backend.priors.weights import ASSETS, read_weights
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)
 """Added to the attention of points that are not there; exponentials of it are 0 in single precision."""
-_EPSILON = np.float32(1e-5)
-"""Keeps a root mean square from zero, as the training has it."""
 _FREQUENCIES, _NEARNESS = np.array(FREQUENCIES, np.float32), np.array(NEARNESS, np.float32)
-_Arrays = dict[str, np.ndarray]
 
 
 @dataclass(frozen=True)
 class PointNetwork:
     """Weights of the network, float32, by the names of the trained module's parameters."""
 
-    arrays: _Arrays
+    arrays: Arrays
     layers: int
     heads: int
     sha256: str = ""
@@ -46,8 +44,9 @@ class PointNetwork:
         gone = np.where(seen, np.float32(0.0), _HIDDEN)[:, None, None]
         x, bias = self._embedded(local), self._bias(local, gone)
         for number in range(self.layers):
-            x = self._layer(x, f"layers.{number}.", bias[:, number * self.heads : (number + 1) * self.heads])
-        x = self._norm(x, "norm")
+            of_layer = bias[:, number * self.heads : (number + 1) * self.heads]
+            x = layer(self.arrays, x, f"layers.{number}.", self.heads, of_layer)
+        x = layer_norm(self.arrays, x, "norm")
         asked = self._asked(x, gone)
         aim = self._dense(asked, "point_at") @ np.swapaxes(self._dense(x, "pointed"), 1, 2)
         aim *= np.float32(x.shape[-1] ** -0.5)
@@ -73,39 +72,16 @@ class PointNetwork:
         bias = steps @ self.arrays["by_distance.weight"].T
         return np.moveaxis(bias, -1, 1) + gone
 
-    def _layer(self, x: np.ndarray, name: str, bias: np.ndarray | None) -> np.ndarray:
-        qkv = self._dense(self._norm(x, name + "first"), name + "qkv")
-        q, k, v = (self._split(part) for part in np.split(qkv, 3, axis=-1))
-        x = x + self._dense(_attention(q, k, v, bias), name + "out")
-        inner = self._dense(self._norm(x, name + "second"), name + "up")
-        np.maximum(inner, 0.0, out=inner)
-        return x + self._dense(inner, name + "down")
-
     def _asked(self, x: np.ndarray, gone: np.ndarray) -> np.ndarray:
         """Return the features of the landmarks (B, 77, d)."""
         asking = self.arrays["queries"][None]
-        k, v = (self._split(part) for part in np.split(self._dense(x, "asking.kv"), 2, axis=-1))
-        q = self._split(self._dense(asking, "asking.q"))
-        asking = asking + self._dense(_attention(q, k, v, gone), "asking.out")
-        return self._layer(asking, "asking.among.", None)
+        k, v = (split_heads(part, self.heads) for part in np.split(self._dense(x, "asking.kv"), 2, axis=-1))
+        q = split_heads(self._dense(asking, "asking.q"), self.heads)
+        asking = asking + self._dense(attention(q, k, v, gone), "asking.out")
+        return layer(self.arrays, asking, "asking.among.", self.heads)
 
     def _dense(self, x: np.ndarray, name: str) -> np.ndarray:
-        product = x.reshape(-1, x.shape[-1]) @ self.arrays[name + ".weight"].T
-        bias = self.arrays.get(name + ".bias")
-        if bias is not None:
-            product += bias
-        return product.reshape(*x.shape[:-1], -1)
-
-    def _norm(self, x: np.ndarray, name: str) -> np.ndarray:
-        x = x - x.mean(-1, keepdims=True)
-        scale = np.sqrt(np.einsum("...d,...d->...", x, x)[..., None] / x.shape[-1] + _EPSILON)
-        x /= scale
-        x *= self.arrays[name + ".weight"]
-        x += self.arrays[name + ".bias"]
-        return x
-
-    def _split(self, x: np.ndarray) -> np.ndarray:
-        return np.swapaxes(x.reshape(*x.shape[:2], self.heads, -1), 1, 2)
+        return dense(self.arrays, x, name)
 
 
 def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
@@ -116,15 +92,7 @@ def lower_median(points: np.ndarray, seen: np.ndarray) -> np.ndarray:
     return np.where(np.isfinite(found), found, 0.0)[:, None]
 
 
-def softmax(x: np.ndarray) -> np.ndarray:
-    """Return the softmax of the last axis; overwrites what it is given."""
-    x -= x.max(-1, keepdims=True)
-    np.exp(x, out=x)
-    x /= x.sum(-1, keepdims=True)
-    return x
-
-
-def network_of(arrays: _Arrays, sha256: str = "") -> PointNetwork:
+def network_of(arrays: Arrays, sha256: str = "") -> PointNetwork:
     """Return the network of the trained module's arrays.
 
     Raises:
@@ -153,12 +121,3 @@ def load_network(path: Path | None = None) -> PointNetwork:
     """
     weights = read_weights(path or ASSETS / f"{NAME}.npz", NAME)
     return network_of(weights.arrays, weights.sha256)
-
-
-def _attention(q: np.ndarray, k: np.ndarray, v: np.ndarray, bias: np.ndarray | None) -> np.ndarray:
-    scores = q @ np.swapaxes(k, -1, -2)
-    scores *= np.float32(q.shape[-1] ** -0.5)
-    if bias is not None:
-        scores += bias
-    out = softmax(scores) @ v
-    return np.swapaxes(out, 1, 2).reshape(len(out), out.shape[2], -1)

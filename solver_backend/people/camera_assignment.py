@@ -1,4 +1,4 @@
-"""Which calibrated camera each recorded one is, by the agreement of views, where names do not say it."""
+"""Which calibrated camera each recorded one is, by the agreement of views, where names do not show it."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     """Return the calibrated camera of each recorded one under which all views agree, None where none stands out.
 
     An assignment must reach ``SURE``, and be better than every other by ``MARGIN``;
-    rings of cameras alike can be turned without a difference, and then only their order may say which is which.
+    rings of cameras alike can be turned without a difference, and then only their order may show which is which.
 
     Args:
         calibrated: A cameras, in any unit.

@@ -14,20 +14,22 @@ from typing import Any
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.rotations import cross, matrix_from_6d
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.lifter import POINTS, read_lifter_weights
-from solver_backend.priors.networks.dense import DenseStack
+from solver_backend.priors.networks.attention import Arrays, dense, layer, layer_norm
 from solver_backend.priors.sposer import LATENT_DIM
-from solver_backend.priors.weights import ASSETS, read_stack
+from solver_backend.priors.weights import ASSETS
 
 DEFAULT_WEIGHTS: Path = ASSETS / "view_lifter.npz"
 WINDOW, MIDDLE = 27, 13
 """Frames of a window at ``WINDOW_FPS``, and the one that is lifted."""
 WINDOW_FPS = 30.0
-INPUTS = 3 * WINDOW * len(POINTS) + 5
+TOKEN = 3 * len(POINTS) + 5
+"""Numbers of a frame that the network reads."""
 OUTPUTS = LATENT_DIM + 6 + 3 + 2 * NUM_JOINTS
 _CENTRE_FRAMES = 2.0
 """Standard deviation, in frames, of how far about the middle frame the person is looked for."""
@@ -36,6 +38,8 @@ _FAINT = 1e-6
 _SMALLEST = 1e-6
 _LOG_SIGMA = (-4.6, 0.7)
 """Logarithms of the least and greatest standard deviation in metres: 1 cm to 2 m."""
+_BLOCK = 256
+"""Windows that are read at a time, which bounds memory to 0.1 GB; chosen by hand."""
 _START_LOG_SIGMA = -2.5
 """Where the network's zero stands: 8 cm."""
 
@@ -88,7 +92,9 @@ def look_at(points: Array, confidence: Array) -> LookAt:
 
 
 def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array:
-    """Return (N, 1544): turned and scaled points, 0 where missing; confidences; size; the direction up if known.
+    """Return (N, 27, 62): turned and scaled points, 0 where missing, with confidences; size; the direction up if known.
+
+    The last five are alike in all frames of a window.
 
     Args:
         points: (N, 27, 19, 2) in focal lengths from the principal point, finite.
@@ -104,8 +110,9 @@ def features(points: Array, confidence: Array, up: Array, view: LookAt) -> Array
     near = xp.where(there > 0, near, xp.zeros_like(near))
     turned_up = xp.matmul(view.R, up[..., None])[..., 0]
     known = xp.sum(up * up, axis=-1, keepdims=True)
-    flat = xp.reshape(xp.concat([near, there], axis=-1), (count, -1))
-    return xp.concat([flat, xp.log(view.size)[:, None], turned_up, known], axis=-1)
+    flat = xp.reshape(xp.concat([near, there], axis=-1), (count, WINDOW, -1))
+    shared = xp.concat([xp.log(view.size)[:, None], turned_up, known], axis=-1)
+    return xp.concat([flat, xp.broadcast_to(shared[:, None], (count, WINDOW, shared.shape[-1]))], axis=-1)
 
 
 def interpreted(output: Array, view: LookAt) -> LiftedView:
@@ -123,12 +130,31 @@ def interpreted(output: Array, view: LookAt) -> LiftedView:
 
 @dataclass(frozen=True)
 class ViewLifter:
-    """The network and what is known of it."""
+    """The network and what is known of it: attention among the frames of a window, read in its middle."""
 
-    stack: DenseStack
-    """1544 to 89."""
+    arrays: Arrays
+    """Weights, float32, by the names of the trained module's parameters."""
+    heads: int
+    """Of each attention."""
     metadata: dict[str, Any]
     """Training command, data, figures."""
+
+    @property
+    def layers(self) -> int:
+        """Number of attention layers."""
+        return len({name.split(".")[1] for name in self.arrays if name.startswith("layers.")})
+
+    def output(self, tokens: np.ndarray) -> np.ndarray:
+        """Return the (N, 89) output for (N, 27, 62) features."""
+        blocks = [self._output(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
+        return np.concatenate(blocks) if blocks else np.zeros((0, OUTPUTS))
+
+    def _output(self, tokens: np.ndarray) -> np.ndarray:
+        x = dense(self.arrays, tokens.astype(np.float32), "embed") + self.arrays["place"]
+        for number in range(self.layers):
+            x = layer(self.arrays, x, f"layers.{number}.", self.heads)
+        read = dense(self.arrays, layer_norm(self.arrays, x[:, MIDDLE], "norm"), "out")
+        return np.asarray(read, dtype=float)
 
     def __call__(
         self, points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...], fps: float,
@@ -150,8 +176,7 @@ class ViewLifter:
         windows, seen = points[chosen], np.where(inside[..., None], confidence[chosen], 0.0)
         ups = np.zeros((len(points), 3)) if up is None else np.broadcast_to(up, (len(points), 3))
         view = look_at(windows, seen)
-        single = features(windows, seen, ups, view).astype(np.float32)
-        return interpreted(np.asarray(self.stack.like(single)(single), dtype=float), view)
+        return interpreted(self.output(features(windows, seen, ups, view)), view)
 
 
 def known_points(
@@ -180,7 +205,18 @@ def load_view_lifter(path: Path = DEFAULT_WEIGHTS) -> ViewLifter:
         WeightsInvalid: it is for another body, version or SPoser, or damaged.
     """
     weights = read_lifter_weights(path, "view_lifter")
-    return ViewLifter(read_stack(weights, "network", INPUTS, OUTPUTS), weights.metadata)
+    heads = weights.metadata.get("heads")
+    arrays = {name: np.asarray(array, dtype=np.float32) for name, array in weights.arrays.items()}
+    shapes = {name: arrays[name].shape for name in ("embed.weight", "place", "out.weight") if name in arrays}
+    width = shapes.get("place", (0, 0))[-1]
+    wanted = {"embed.weight": (width, TOKEN), "place": (WINDOW, width), "out.weight": (OUTPUTS, width)}
+    if shapes != wanted or type(heads) is not int or heads < 1 or width % heads:
+        raise WeightsInvalid(
+            "The view lifter is of another kind.", where=path.name, hint="Train it again, or reinstall."
+        )
+    if not all(np.isfinite(array).all() for array in arrays.values()):
+        raise WeightsInvalid("The view lifter's weights are not all finite.", where=path.name, hint="Reinstall them.")
+    return ViewLifter(arrays, heads, weights.metadata)
 
 
 def _weights(confidence: Array) -> Array:

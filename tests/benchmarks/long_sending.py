@@ -30,11 +30,13 @@ def main() -> int:
     """Send, count, and report."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--minutes", type=float, default=10.0)
-    seconds = 60.0 * parser.parse_args().minutes
+    parser.add_argument("--fingers", action="store_true", help="a motion with fingers")
+    asked = parser.parse_args()
+    seconds = 60.0 * asked.minutes
     here, there = multiprocessing.Pipe()
     receiver = multiprocessing.Process(target=_receive, args=(there,), daemon=True)
     receiver.start()
-    motion = short_motion(600, FPS)
+    motion = short_motion(600, FPS, fingers=asked.fingers)
     lines, cpu_s, frames, memory = 0, 0.0, 0, []
     with PoseSender(VmcAddress("127.0.0.1", here.recv()), lambda: (motion.body_layout, rest_joints(motion))) as sender:
         for line in replayed_poses(motion, repeat=True):

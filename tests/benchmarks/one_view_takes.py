@@ -42,6 +42,8 @@ class OneViewTake:
     capture: Capture
     joints: np.ndarray
     """(F, 24, 3) what is true, or what all cameras say, metres."""
+    together: np.ndarray
+    """(F, 24, 3) the solve of all cameras, metres."""
 
 
 def real_takes() -> Iterator[OneViewTake]:
@@ -57,7 +59,7 @@ def real_takes() -> Iterator[OneViewTake]:
     joints = solve(capture).motion.joints
     assert capture.cameras is not None
     for view, name in enumerate(capture.cameras.names):
-        yield OneViewTake(name, capture.views([view]), joints)
+        yield OneViewTake(name, capture.views([view]), joints, joints)
 
 
 def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int = 2) -> Iterator[OneViewTake]:
@@ -76,8 +78,9 @@ def filmed_takes(which: tuple[tuple[str, str, int], ...] = HELD_OUT, views: int 
             whole, rotations=whole.rotations[::step][:FRAMES], root=whole.root[::step][:FRAMES], fps=whole.fps / step
         )  # fmt: skip
         capture = benchmark_capture(take, BenchmarkSettings(num_views=3, seed=number))
+        together = solve(capture).motion.joints
         for view in range(views):
-            yield OneViewTake(subject, capture.views([view]), capture.truth["joints"])
+            yield OneViewTake(subject, capture.views([view]), capture.truth["joints"], together)
 
 
 def lifted_pa_mm(take: OneViewTake) -> float:

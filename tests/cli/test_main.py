@@ -265,3 +265,12 @@ def test_training_names_what_is_wrong(tmp_path, capsys):
 def test_an_axis_with_a_sign_is_no_option() -> None:
     assert parse(["info", "capture", "--up-axis", "-y"]).up_axis == "-y"
     assert parse(["info", "capture", "--up-axis", "x"]).up_axis == "x"
+
+
+@pytest.mark.parametrize("verb", ["solve", "label"])
+def test_an_options_earlier_name_works_with_a_note(verb, tmp_path, capsys):
+    file = tmp_path / "labels.json"
+    for option, note in (("--labels", ""), ("--told", "note: --told is now called --labels; ")):
+        assert parse([verb, "take.c3d", "--out", "out.c3d", option, str(file)]).told == file
+        shown = capsys.readouterr()
+        assert shown.err.startswith(note) and bool(shown.err) == bool(note) and not shown.out

@@ -1,4 +1,4 @@
-"""Commands in the pages are such that the program takes: the verb, its options, and the whole line if nothing is open."""
+"""Commands in the pages are such that the program takes: verb, options, and the whole line if nothing is open."""
 
 from __future__ import annotations
 

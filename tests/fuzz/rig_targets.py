@@ -20,7 +20,7 @@ from solver_backend.camera_calibration.intrinsics.library import keep_lenses, le
 from solver_backend.cameras.noise_map import FORMAT as NOISE
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.exchange.errors import CalibrationInvalid, MocapError
-from solver_backend.io.native.told_file import read_told
+from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
 from solver_backend.types import JointSet
@@ -209,7 +209,7 @@ TARGETS: tuple[Target, ...] = (
     Target(
         "told points",
         (_json(_TOLD),),
-        lambda f: read_told(f / "a.json", _CLOUD),
+        lambda f: read_user_labels(f / "a.json", _CLOUD),
         _JSON,
         20,
         odd_values.variants(_TOLD, odd_values.TOLD_POINTS),

@@ -18,6 +18,7 @@ from blender_addon.solving.road_file import read_road
 from blender_addon.studio.place_file import FORMAT as PLACES
 from blender_addon.studio.place_file import read_places, shared_limits
 from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes
@@ -150,8 +151,9 @@ _ODD_WANDS: tuple[Write, ...] = (
     _wand(True, "t_ns;u;v;depth_mm\n1;1;1;5\n1;2;2;6\n2;1;1;nan\n"),
 )  # fmt: skip
 _ROAD: dict[str, Any] = {
-    "format": "manifold_mocap_road", "version": 1,
-    "steps": [{"step": "sync", "state": "made", "words": ["a"], "doubts": ["b"], "pictures": ["a.png", "../b.png"]}],
+    "format": "manifold_mocap_road", "version": 2,
+    "steps": [{"step": "sync", "state": "made", "diagnostics": [diagnostic("rolling_shutter").as_dict()],
+               "pictures": ["a.png", "../b.png"]}],
 }  # fmt: skip
 _MAPS: dict[str, Any] = {
     "format": PLACES, "version": 1,
@@ -217,7 +219,8 @@ TARGETS: tuple[Target, ...] = (
         read_road,
         {".json": "json"},
         10,
-        variants(_ROAD, ({"version": 3}, {"steps": 5}, {"steps": [{"words": 5, "pictures": [1, "/x.png"]}]}), ROAD),
+        variants(_ROAD, ({"version": 3}, {"steps": 5}, {"steps": [{"words": 5, "pictures": [1, "/x.png"]}]},
+                          {"version": 1, "steps": [{"step": "sync", "words": ["a"], "doubts": ["b", 1]}]}), ROAD),
         (nothing, large(ROAD, 10**8)),
     ),
     Target(

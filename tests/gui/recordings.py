@@ -12,6 +12,8 @@ KATA = "Kata ü.c3d"
 """A recording of markers that is long enough to be stopped by hand."""
 WALK = "Gang ü.c3d"
 """A short recording of markers."""
+FIGURES = "Figuren ü"
+"""Folder of characters of other programs, written by their exporters."""
 LONG_DEMO = "demo_1000.npz"
 """Capture of the demo's person, 1,000 frames long."""
 _WAVED_S, _LONG = 20.0, 1000
@@ -29,6 +31,8 @@ def lay_out(out: Path, script: str) -> None:
         _wand(out / WAND)
     elif script in ("first_animation.py", "pictures.py"):
         shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "02_01.c3d", out / WALK)
+    elif script == "characters.py":
+        _characters(out / FIGURES)
     elif script == "retarget_speed.py":
         _long_demo(out / LONG_DEMO)
 
@@ -38,6 +42,14 @@ def _long_demo(path: Path) -> None:
     from solver_backend.synthesis.embedded.demo import demo_capture
 
     write_capture(path, demo_capture(_LONG))
+
+
+def _characters(folder: Path) -> None:
+    from tests.support.foreign_files import CHARACTERS
+
+    folder.mkdir()
+    for character in CHARACTERS.values():
+        character.write(folder)
 
 
 def _sensors(folder: Path) -> None:

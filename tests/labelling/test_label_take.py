@@ -11,12 +11,12 @@ import pytest
 from solver_backend.body.marker_names import name_markers
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MarkersUnknown, NoDetections
-from solver_backend.fitters.label_first import labelled_capture, needs_labels, told_by
+from solver_backend.fitters.label_first import labelled_capture, named_points, needs_labels
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.io.native.told_file import read_told
+from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.frame_landmarks import MOST_POINTS
 from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
@@ -78,11 +78,11 @@ def test_what_a_person_tells_binds_the_whole_stretch(demo):
     before = label_take(bare, network, fit_average_person)
     column = int(np.flatnonzero((before.labels[0] >= 0) & (before.labels[0] < GHOST))[0])
     other = next(name for i, name in enumerate(MARKERS) if not (before.labels == i).any())
-    after = label_take(bare, network, fit_average_person, told={(column, 0): other})
+    after = label_take(bare, network, fit_average_person, user_labels={(column, 0): other})
     mine = after.tracklets.number[:, column] == after.tracklets.number[0, column]
     assert (after.labels[mine, column] == MARKERS.index(other)).all()
     assert (after.confidence[mine, column] == 1.0).all()
-    assert (label_take(bare, network, fit_average_person, told={(column, 0): ""}).labels[0, column]) == GHOST
+    assert (label_take(bare, network, fit_average_person, user_labels={(column, 0): ""}).labels[0, column]) == GHOST
 
 
 def test_too_few_points_are_named():
@@ -97,7 +97,7 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
     nameless = tuple(f"*{i}" if i % 3 else label for i, label in enumerate(demo.labels or ()))
     half = MarkerCloud(demo.positions, demo.fps, nameless)
     assert needs_labels(half)
-    told = told_by(half)
+    told = named_points(half)
     labelled, take = labelled_capture(Capture("take", markers=half))
     assert take is not None and labelled.markers is not None and "network named" in words(labelled.notes)[-1]
     for (column, frame), name in told.items():
@@ -177,7 +177,7 @@ def test_a_told_file_that_makes_no_sense_is_refused(tmp_path, demo, item, error)
     path = tmp_path / "told.json"
     path.write_text(json.dumps({"format": "manifold_mocap_told_points", "version": 1, "points": [item]}))
     with pytest.raises(error):
-        read_told(path, demo)
+        read_user_labels(path, demo)
 
 
 def test_a_points_residual_goes_with_its_label(demo):

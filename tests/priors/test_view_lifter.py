@@ -11,8 +11,8 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifter import POINTS
 from solver_backend.priors.view_lifter import (
     DEFAULT_WEIGHTS,
-    INPUTS,
     MIDDLE,
+    TOKEN,
     WINDOW,
     features,
     known_points,
@@ -42,7 +42,7 @@ def test_a_turn_of_the_camera_changes_neither_features_nor_the_persons_place_in_
     turned = turned[..., :2] / turned[..., 2:]
     first = features(straight, confidence, up, look_at(straight, confidence))
     second = features(turned, confidence, up @ turn.T, look_at(turned, confidence))
-    assert first.shape == (4, INPUTS)
+    assert first.shape == (4, WINDOW, TOKEN)
     assert np.abs(first - second).max() < 0.12 < np.abs(first).max()
     middle = look_at(turned, confidence).R @ np.append(turned[0, MIDDLE].mean(0), 1.0)
     assert np.abs(middle[0, :2] / middle[0, 2]).max() < 0.1
@@ -81,7 +81,7 @@ def test_a_frame_costs_less_than_five_milliseconds() -> None:
 
 def test_weights_of_other_codes_are_refused(tmp_path) -> None:
     weights = read_weights(DEFAULT_WEIGHTS, "view_lifter")
-    header = {key: weights.metadata[key] for key in ("network_hidden", "activation", "points")}
+    header = {key: weights.metadata[key] for key in ("heads", "points")}
     write_weights(tmp_path / "w.npz", replace(weights, metadata={**header, "sposer_sha256": "another"}))
     with pytest.raises(WeightsInvalid):
         load_view_lifter(tmp_path / "w.npz")

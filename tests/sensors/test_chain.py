@@ -180,7 +180,7 @@ def test_a_wand_is_told_where_it_was_and_where_to_go(
     assert "Wave in the" in told[-1]["why"] and len(told[-1]["cloud"]) > 0
 
 
-def test_a_recording_of_sensors_is_read_as_any_capture(
+def test_a_recording_of_sensors_is_converted_as_any_capture(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     out = tmp_path / "capture.npz"
@@ -189,6 +189,21 @@ def test_a_recording_of_sensors_is_read_as_any_capture(
     markers = read_capture(out).markers
     assert said["frames"] == FRAMES and markers is not None and markers.covariance is not None
     assert np.isfinite(markers.covariance[np.isfinite(markers.positions).all(-1)]).all()
+
+
+@pytest.mark.parametrize("verb", ["info", "solve", "people"])
+def test_reading_a_folder_of_sensors_never_finds_its_markers(
+    verb: str, recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def started(*_: Any, **__: Any) -> None:
+        pytest.fail("reading started acquisition and fusion")
+
+    monkeypatch.setattr("solver_backend.sensors.take.cloud_of", started)
+    out = ["--out", str(tmp_path / "motion.npz")] if verb == "solve" else []
+    assert main([verb, str(recording), *out, "--json"]) == 3
+    error = json.loads(capsys.readouterr().out.splitlines()[-1])
+    assert error["code"] == "capture_not_recognised" and error["where"] == str(recording)
+    assert "sensors" in error["message"] and "markers-from-sensors" in error["hint"]
 
 
 def test_what_does_not_go_together_is_refused_before_a_sensor_opens(

@@ -48,7 +48,7 @@ def test_a_mirrored_gamma_is_told_by_the_sensors() -> None:
     mirrored = [c * [-1, 1, 1] for c in clouds(rng)]
     found = ground_from_gamma(mirrored, Gamma(), sensors(3).centres)
     assert found.R[2] @ [0, 0, 1] > 0.99999
-    assert "mirrored" in found.findings[0]
+    assert [item.code for item in found.findings] == ["gamma_mirrored"]
     assert np.linalg.det(found.R) > 0
 
 

@@ -22,7 +22,7 @@ from solver_backend.exchange.errors import (
     OutputExists,
 )
 from solver_backend.sensors.devices import oak, oak_colour, oak_lenses, oak_module
-from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFrame
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.named import device_named
 from solver_backend.sensors.devices.oak import Oak, listed_oaks
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
@@ -61,7 +61,7 @@ def test_a_device_is_set_and_gives_frames(plugged_in: Callable[..., FakeDepthai]
     device = device_named("oak:14442C10=left", settings)
     with device:
         frames = list(device.frames())
-    assert isinstance(device, Device) and device.name == "left"
+    assert device.name == "left"
     assert [f.number for f in frames] == [0, 1, 2]
     assert np.array_equal(frames[2].depth, pairs[2]["depth"].values)
     assert np.array_equal(frames[2].infrared, pairs[2]["infrared"].values)

@@ -13,7 +13,6 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.sensors.devices.device import Device
 from solver_backend.sensors.devices.pacing import due_frames
 from solver_backend.sensors.devices.record import Recording, SensorRecorder
 from solver_backend.sensors.devices.recorded import StudioSensor
@@ -45,7 +44,7 @@ def test_what_was_recorded_is_read_again(kind: str, tmp_path: Path) -> None:
     assert folder.fps == FPS and folder.cameras.names == CAMERAS.names
     assert np.allclose(folder.cameras.K, CAMERAS.K) and np.allclose(folder.cameras.t, CAMERAS.t)
     for view, device in enumerate(folder.devices):
-        assert isinstance(device, Device) and device.name == CAMERAS.names[view]
+        assert device.name == CAMERAS.names[view]
         with device:
             frames = list(device.frames())
         for k, frame in enumerate(frames):

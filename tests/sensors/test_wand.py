@@ -19,7 +19,6 @@ from solver_backend.sensors.wand.result import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.start import robust_umeyama
 from tests.support.waved_wand import Waving, as_tables, pose_errors, sensors, waved
-from tests.support.words import words
 
 WAND = Wand(0.13, 0.26)
 
@@ -55,7 +54,11 @@ def test_clocks_are_found_from_how_the_wand_moves(wand: Wand | None, late: tuple
     assert np.abs(found.clocks.offset_s - late).max() < 0.0003
     mm, degrees = pose_errors(found.rig.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
-    assert sum("clock of" in word for word in words(found.rig.findings)) == 2
+    assert [(item.code, item.where.cameras) for item in found.rig.findings] == [
+        ("sensor_clock_differs", (name, cameras.names[0])) for name in cameras.names[1:]
+    ]
+    ahead_ms = [item.values["size_ms"] for item in found.rig.findings]
+    assert np.allclose(ahead_ms, 1e3 * found.clocks.offset_s[1:], rtol=1e-4)
 
 
 def test_the_interleave_of_a_trigger_counts() -> None:
@@ -213,7 +216,8 @@ def test_tables_round_trip_and_times_that_jump_are_left_out_or_named(tmp_path: P
     rows = (tmp_path / "sensor1.csv").read_text().splitlines()
     (tmp_path / "sensor1.csv").write_text("\n".join([*rows, *rows[60:64]]))
     again = read_points_folder(tmp_path, lenses)[0]
-    assert len(again) == len(views[0]) and "4 rows go back" in again.findings[0]
+    assert len(again) == len(views[0])
+    assert [(item.code, item.values["lost"]) for item in again.findings] == [("wand_times_back", 4)]
     (tmp_path / "sensor1.csv").write_text("\n".join([*rows, *rows[1:]]))
     with pytest.raises(TimesInvalid, match="sensor1"):
         read_points_folder(tmp_path, lenses)

@@ -25,7 +25,6 @@ from solver_backend.sensors.wand.solve import held_out, triangulated
 from solver_backend.sensors.wand.views import Moments
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.clocks import Clocks
-from tests.support.words import words
 
 WAND = Wand(0.13, 0.26)
 """The lengths in the recordings' own program."""
@@ -109,8 +108,8 @@ def test_the_wand_is_as_long_as_it_is_where_it_was_not_fitted(
 def test_one_camera_runs_eight_milliseconds_before_the_others(ours: WandCalibration) -> None:
     others = ours.clocks.offset_s[1:]
     assert np.ptp(others) < 0.0003 and abs(others.mean() + 0.008) < 0.0005
-    assert sum("is behind that of frame_0" in word for word in words(ours.rig.findings)) == 3
-    assert any("4 rows go back in time" in word for word in words(ours.rig.findings))
+    assert [i.where.cameras[1] for i in ours.rig.findings if i.code == "sensor_clock_differs"] == ["frame_0"] * 3
+    assert [i.values["lost"] for i in ours.rig.findings if i.code == "wand_times_back"] == [4]
 
 
 def test_the_verb_writes_calibration_and_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:

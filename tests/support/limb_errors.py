@@ -17,6 +17,13 @@ TOES = [SMPL_JOINTS.index(f"{side}_foot") for side in ("left", "right")]
 HIPS = [LIMBS[6], LIMBS[7]]
 CHI2_95 = 7.815
 """Of three degrees of freedom."""
+SLANT = np.sin(np.radians(20.0))
+"""A bone is flipped where it points the other way along the line of sight and is at least so slanted in both."""
+BONES = tuple(
+    tuple(SMPL_JOINTS.index(f"{side}_{part}") for part in parts)
+    for side in ("left", "right") for parts in (("shoulder", "elbow", "wrist"), ("hip", "knee", "ankle"))
+)  # fmt: skip
+"""Joints of each limb."""
 
 
 def limb_errors(joints: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
@@ -33,6 +40,28 @@ def coverage(motion: Motion, truth: np.ndarray) -> float:
     covariance = unpacked(motion.joint_covariance.astype(float))[:, LIMBS]
     deviation = np.einsum("fja,fja->fj", off, np.linalg.solve(covariance, off[..., None])[..., 0])
     return 100 * float((deviation < CHI2_95).mean())
+
+
+def flipped(joints: np.ndarray, truth: np.ndarray, sight: np.ndarray) -> np.ndarray:
+    """Return (F, 4) bool, limbs of which a bone points the other way along the line of sight than it should.
+
+    Args:
+        joints: (F, 24, 3).
+        truth: (F, 24, 3).
+        sight: (3,) unit direction in which the camera looks.
+    """
+    flips = []
+    for first, middle, last in BONES:
+        turned = np.zeros(len(joints), dtype=bool)
+        for a, b in ((first, middle), (middle, last)):
+            found, true = (_slant(points[:, b] - points[:, a], sight) for points in (joints, truth))
+            turned |= (found * true < 0) & (np.abs(found) > SLANT) & (np.abs(true) > SLANT)
+        flips.append(turned)
+    return np.stack(flips, axis=1)
+
+
+def _slant(bone: np.ndarray, sight: np.ndarray) -> np.ndarray:
+    return bone @ sight / np.linalg.norm(bone, axis=-1)
 
 
 def acceleration(joints: np.ndarray, fps: float) -> np.ndarray:

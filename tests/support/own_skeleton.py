@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
+from blender_addon._exchange.finger_joints import FIRST_FINGER
 from blender_addon.body.body_file import BodyFile
 from blender_addon.conventions.coordinates import R_ARMATURE_BODY
-from blender_addon.conventions.skeleton import PARENTS
+from blender_addon.conventions.skeleton import SMPL
 from tests.support.foreign_skeletons import ForeignSkeleton
 
 _ROLES = {
@@ -21,11 +22,22 @@ _ROLES = {
 """Role by name, in the order of SMPL's joints."""
 
 
+def _roles(body: BodyFile) -> dict[str, str]:
+    """Return the role of each bone by its name, in the order of the body's joints."""
+    if body.layout is SMPL:
+        return _ROLES
+    roles = dict(list(_ROLES.items())[:FIRST_FINGER])
+    for joint in body.layout.joints[FIRST_FINGER:]:
+        side, _, finger = joint.partition("_")
+        roles[f"{side.title()}Hand{finger.title()}"] = f"{joint[:-1]}_{joint[-1]}"
+    return roles
+
+
 def own_skeleton(body: BodyFile, betas: np.ndarray, prefix: str = "mixamorig:") -> ForeignSkeleton:
-    """Return the joints of a shape at rest, soles on the floor."""
-    joints = body.rest_joints(betas)[:24] @ R_ARMATURE_BODY.T
+    """Return the joints of a shape at rest, soles on the floor; with the fingers of a body that has some."""
+    joints = body.rest_joints(betas) @ R_ARMATURE_BODY.T
     joints = joints - [0.0, 0.0, (body.shaped(betas) @ R_ARMATURE_BODY.T)[:, 2].min()]
-    names = [prefix + name for name in _ROLES]
-    parents = {names[j]: names[p] for j, p in enumerate(PARENTS[:24]) if p >= 0}
-    roles = {role: prefix + name for name, role in _ROLES.items()}
+    names = [prefix + name for name in _roles(body)]
+    parents = {names[j]: names[p] for j, p in enumerate(body.layout.parents) if p >= 0}
+    roles = {role: prefix + name for name, role in _roles(body).items()}
     return ForeignSkeleton(dict(zip(names, joints, strict=True)), parents, roles)

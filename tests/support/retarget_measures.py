@@ -9,6 +9,7 @@ import bpy
 import numpy as np
 
 from blender_addon._exchange.motion_file import MotionFile
+from blender_addon._exchange.so3 import quat_from_matrix, rotvec_from_matrix
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.posed_body import pose_joints
 from blender_addon.conventions.timing import go_to_frame
@@ -50,6 +51,13 @@ class Score:
     hands_mm: float
     feet_mm: float
     twist_deg: float
+    """Of elbows and knees: upper arms, forearms, thighs and shins about their own line, by their hinges."""
+    wrists_deg: float
+    """Twist of the hand against its forearm."""
+    hips_deg: float
+    """Twist of the thigh against the pelvis."""
+    pelvis_deg: float
+    """Rotation of the pelvis in the world."""
     skating: float
     """Way of standing toes in cm a frame, at the actor's size."""
     skating_actor: float
@@ -85,13 +93,15 @@ def score(
     G, joints = pose_joints(rest, motion.rotvec, motion.transl)
     rest = rest @ _R.T - [0.0, 0.0, (body.shaped(motion.betas) @ _R.T)[:, 2].min()]
     turns = G @ _R.T
-    seen = shown(rig, [name for limb in limbs.values() for name in limb.bones], times)
+    pelvis = _common_parent(rig, *(limbs[key].bones[0] for key in BALLS))
+    seen = shown(rig, [*(name for limb in limbs.values() for name in limb.bones), pelvis], times)
     scale = np.mean([_leg(np.stack([seen.rest[b] for b in limbs[k].bones[:3]])) for k in BALLS]) / np.mean(
         [_leg(rest[list(JOINTS[k])]) for k in BALLS]
     )
     hips = np.mean([seen.heads[limbs[key].bones[0]] for key in BALLS], axis=0)
     ways = [_length(points[:, :2]) for points in (hips, joints[:, [1, 2]].mean(1))]
     hands, feet, twist, toes, own_toes = [], [], [], [], []
+    wrists, hips_twist = [], []
     for key, limb in limbs.items():
         j, b = JOINTS[key], limb.bones
         own_points, rig_points = joints[:, list(j)], np.stack([seen.heads[name] for name in b], axis=1)
@@ -108,13 +118,47 @@ def score(
             feet.append(np.linalg.norm(own_sole - scale * sole, axis=1))
             toes.append(sole)
             own_toes.append(own_sole / scale)
+            own_way, way = rest[j[1]] - rest[j[0]], seen.rest[b[1]] - seen.rest[b[0]]
+            own_angle, angle = (
+                twist_about(turns[:, 0], turns[:, j[0]], own_way),
+                twist_about(seen.turns[pelvis], seen.turns[b[0]], way),
+            )
+            hips_twist.append(_apart_deg(own_angle, angle))
         else:
             ratio = _length(np.stack([seen.rest[n] for n in b])) / _length(rest[list(j)])
             way = seen.heads[b[2]] - seen.heads[b[0]] - ratio * (joints[:, j[2]] - joints[:, j[0]])
             hands.append(np.linalg.norm(way, axis=1))
+            own_angle = twist_about(turns[:, j[1]], turns[:, j[2]], rest[j[2]] - rest[j[1]])
+            angle = twist_about(seen.turns[b[1]], seen.turns[b[2]], seen.rest[b[2]] - seen.rest[b[1]])
+            wrists.append(_apart_deg(own_angle, angle))
+    between = np.swapaxes(turns[:, 0], -1, -2) @ seen.turns[pelvis]
+    pelvis_deg = np.degrees(np.linalg.norm(rotvec_from_matrix(between), axis=-1))
     floor = float(np.percentile(np.stack(toes)[..., 2], 2))
     skating = [foot_skating_cm_per_frame(np.stack(points, axis=1), floor) for points in (own_toes, toes)]
-    return Score(1000 * np.max(hands), 1000 * np.max(feet), float(np.max(twist)), *skating, ways[0] / ways[1] / scale)
+    turned = (float(np.max(angles)) for angles in (twist, wrists, hips_twist, pelvis_deg))
+    return Score(1000 * np.max(hands), 1000 * np.max(feet), *turned, *skating, ways[0] / ways[1] / scale)
+
+
+def twist_about(parent: np.ndarray, child: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """Return the twist (F,) in radians of a bone against its parent about a direction of its rest: ``2 atan2(q·a, w)``.
+
+    Args:
+        parent: (F, 3, 3) rotations since rest.
+        child: (F, 3, 3) the same of the bone.
+        way: (3,) direction at rest.
+    """
+    q = quat_from_matrix(np.swapaxes(parent, -1, -2) @ child)
+    return 2.0 * np.arctan2(q[..., 1:] @ (way / np.linalg.norm(way)), q[..., 0])
+
+
+def _apart_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    return np.degrees(np.abs((a - b + np.pi) % (2 * np.pi) - np.pi))
+
+
+def _common_parent(rig: bpy.types.Object, left: str, right: str) -> str:
+    """Return the lowest bone that carries both."""
+    others = {bone.name for bone in rig.data.bones[right].parent_recursive}
+    return next(bone.name for bone in rig.data.bones[left].parent_recursive if bone.name in others)
 
 
 def twist_deg(direction: np.ndarray, hinge: np.ndarray, other: np.ndarray, other_hinge: np.ndarray) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.devices.recorded import RecordedSensor
@@ -36,3 +36,7 @@ class Slow:
     def close(self) -> None:
         """Close it."""
         self.device.close()
+
+    def starting(self, start: float) -> Slow:
+        """Return it with its device starting."""
+        return replace(self, device=self.device.starting(start))

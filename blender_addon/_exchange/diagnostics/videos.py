@@ -9,6 +9,69 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Detector: {detector}; {moments} moments at {rate:g} a second that all {videos} videos show",
         "The detections of videos come from this detector.",
     ),
+    "camera_turns": note(
+        "Camera {camera}: turns by up to {size:.1f}°; the detections are as if it had stayed as in the first picture",
+        "The camera was panned or held by hand. The background beside the person shows by how much.",
+        "Footage behind the body fits in the first picture alone.",
+    ),
+    "camera_moves": warning(
+        "Camera {camera}: its background moves by {moved:.0f} pixels, and turns leave {left:.1f} of them",
+        "The camera was carried or zoomed, or something large moves behind the person.",
+        "Film from one place: the person's way over the floor is not known otherwise.",
+    ),
+    "videos_searched": note(
+        "{count} pictures by {detector}",
+        "Keypoints were detected in all videos of the take.",
+    ),
+    "person_seldom_found": warning(
+        "{file}: nobody is found in {share:.0f} % of the pictures",
+        "The person is out of sight, far away or dark in this video, or the detector is of another kind of picture.",
+        "Watch the video with its keypoints, and leave the camera out if they are of little use.",
+    ),
+    "picture_rate_assumed": warning(
+        "Pictures are taken to be filmed at {rate:g} a second",
+        "A folder of pictures does not state its rate.",
+        "Give the rate with --fps if it is another.",
+    ),
+    "calibration_kept": note(
+        "Calibration: {file}, {count} cameras",
+        "The take has a calibration of its own, or one was made before.",
+    ),
+    "cameras_calibrated": note(
+        "{count} cameras by the {method}, {size:.1f} px",
+        "The cameras were calibrated by the filmed board, or by the person.",
+    ),
+    "lens_footage_unused": note(
+        "The footage for lenses is not used, as its board is not named",
+        "The cameras are calibrated by the person, and neither --board nor a board.toml names the board.",
+    ),
+    "focal_length_of_video": note(
+        "{camera}: the focal length is {size:.0f} px ± {share:.0f} %, by {source}",
+        "A single camera without a calibration has its focal length from the user, its video's file, or a guess.",
+    ),
+    "focal_length_inexact": warning(
+        "{camera}: the focal length is {size:.0f} px ± {share:.0f} %, by {source}; distances may be off by as much",
+        "A single camera without a calibration has its focal length from its video's file, or a guess.",
+        "Give the lens with --lenses or --focal.",
+    ),
+    "capture_written": note("Capture: {file}", "The capture was put together, or is as it was before."),
+    "cameras_fit_take": note(
+        "The cameras fit the person to {size:.1f} px, {best:.1f} px at best",
+        "Keypoints are compared with where the other cameras have them, before and after the poses are adjusted.",
+    ),
+    "one_camera_unconfirmed": note(
+        "One camera: nothing confirms its calibration",
+        "A calibration is checked by what several cameras see of one point.",
+    ),
+    "calibration_unchecked": note(
+        "The take is too short to check the calibration",
+        "No two cameras see the person at once for long enough.",
+    ),
+    "motion_written": note("Motion: {file}", "The capture was solved, or the motion is as it was before."),
+    "clocks_as_filmed": note(
+        "The cameras are taken as filmed: their clocks are not compared",
+        "The user states that the cameras were started together, or nothing shows how their clocks differ.",
+    ),
     "noise_map_applied": note(
         "Confidences stand for variances as measured of {measured} on {keypoints} keypoints",
         "A noise map was given.",

@@ -34,7 +34,7 @@ def word(found: Diagnostic, fps: float = 0.0) -> Words:
 
     Args:
         found: of any origin.
-        fps: frames a second, to say how long stretches are; 0 leaves that out.
+        fps: frames a second, to state how long stretches are; 0 leaves that out.
     """
     entry = TABLE.get(found.code)
     if entry is None:

@@ -4,17 +4,21 @@ from __future__ import annotations
 
 import re
 
+from ..body_layout import SMPL
+
 SIDES = ("left", "right")
 CHAINS = ("spine", "neck")
 """Parts of several bones: ``spine_1`` is the lowest."""
 _OF_A_SIDE = {
-    "clavicle": (13, 14), "upper_arm": (16, 17), "forearm": (18, 19), "hand": (20, 21),
-    "thigh": (1, 2), "shin": (4, 5), "foot": (7, 8), "toe": (10, 11),
+    "clavicle": SMPL.both("collar"), "upper_arm": SMPL.both("shoulder"), "forearm": SMPL.both("elbow"),
+    "hand": SMPL.both("wrist"), "thigh": SMPL.both("hip"), "shin": SMPL.both("knee"), "foot": SMPL.both("ankle"),
+    "toe": SMPL.both("foot"),
 }  # fmt: skip
+"""The left and the right joint that turns each bone of a side."""
 FINGERS = ("thumb", "index", "middle", "ring", "pinky")
 """Fingers of a hand: ``left_index_1`` is the bone next to the knuckle, bones of the palm have no role."""
 JOINT_OF = {
-    "pelvis": 0, "head": 15,
+    **dict(zip(("pelvis", "head"), SMPL.numbers("pelvis", "head"), strict=True)),
     **{f"{side}_{part}": pair[s] for part, pair in _OF_A_SIDE.items() for s, side in enumerate(SIDES)},
 }  # fmt: skip
 """The joint of SMPL's tree that turns each role's bone; spine and neck lie between joints."""

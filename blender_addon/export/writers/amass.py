@@ -65,7 +65,7 @@ def _read_take(take: ExportTake, progress: Progress) -> tuple[dict[str, np.ndarr
         "trans": pose.heads[:, 0] - rest_pelvis, "betas": betas, "gender": np.array("neutral"),
         "mocap_framerate": np.array(pose.fps), "joints": pose.heads, "body": np.array(take.armature["body"]),
     }  # fmt: skip
-    beyond, fingers = rotvec[:, _BODY:], np.zeros((frames, 30, 3))
+    beyond, fingers = rotvec[:, _BODY:], np.zeros((frames, SMPL_HANDS.num_joints - _BODY, 3))
     if rotvec.shape[1] == SMPL_HANDS.num_joints:
         fingers = _fingers(beyond, str(take.armature["body"]))
     else:

@@ -6,7 +6,7 @@ A stage has metres, Z up, the soles of the rest pose at z = 0, and the figure at
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -104,6 +104,26 @@ class Target:
         return self.roles.index(role) if role in self.roles else -1
 
 
+@dataclass(frozen=True)
+class BodyAtRest:
+    """A body of ours in a shape."""
+
+    layout: BodyLayout
+    joints: np.ndarray
+    """(J, 3) in the body's axes."""
+    standing: np.ndarray
+    """(J, 3) the same on the stage."""
+    skin: np.ndarray
+    """(V, 3) on the stage."""
+
+
+def body_at_rest(body: BodyFile, betas: np.ndarray) -> BodyAtRest:
+    """Return a body in a shape (10,)."""
+    rest, skin = body.rest_joints(betas), body.shaped(betas) @ R_ARMATURE_BODY.T
+    sole = np.array([0.0, 0.0, skin[:, 2].min()])
+    return BodyAtRest(body.layout, rest, rest @ R_ARMATURE_BODY.T - sole, skin - sole)
+
+
 def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
     """Return the actor of a motion file.
 
@@ -111,27 +131,41 @@ def actor_of_motion(motion: MotionFile, body: BodyFile) -> Actor:
         motion: the motion.
         body: the body it was solved for.
     """
-    rest = body.rest_joints(motion.betas)
-    motion = with_own_hands(motion, body)
-    G, joints = pose_joints(rest, rotvec_on(motion, body.layout), motion.transl)
-    skin = body.shaped(motion.betas) @ R_ARMATURE_BODY.T
-    soles = skin[:, 2].min()
-    standing = rest @ R_ARMATURE_BODY.T - [0.0, 0.0, soles]
-    turns, columns = G @ R_ARMATURE_BODY.T, list(body.layout.standing_for(SMPL))
-    hands = own_hands(body.layout, standing, turns)
-    return Actor(
-        motion.name, standing[columns], turns[:, columns], joints[:, columns], motion.fps, motion.contacts, hands=hands,
-        skin=by_part(skin - [0.0, 0.0, soles], parts_of_joints(body.layout, body.weights.argmax(axis=1))),
-    )  # fmt: skip
+    rotvec = rotvec_on(with_own_hands(motion, body), body.layout)
+    own = body_at_rest(body, motion.betas)
+    actor = actor_of_poses(motion.name, own, rotvec, motion.transl, motion.fps, motion.contacts)
+    return replace(actor, skin=by_part(own.skin, parts_of_joints(body.layout, body.weights.argmax(axis=1))))
 
 
-def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
+def actor_of_poses(
+    name: str, own: BodyAtRest, rotvec: np.ndarray, transl: np.ndarray, fps: float,
+    contacts: np.ndarray | None = None, *, still_fingers: bool = False,
+) -> Actor:  # fmt: skip
+    """Return the actor of a body's poses.
+
+    Args:
+        name: of the motion.
+        own: the body.
+        rotvec: (F, J, 3) axis-angles.
+        transl: (F, 3) metres.
+        fps: frames per second.
+        contacts: (F, 2) bool, left and right foot stand.
+        still_fingers: whether fingers count that stay at rest.
+    """
+    G, joints = pose_joints(own.joints, rotvec, transl)
+    turns, columns = G @ R_ARMATURE_BODY.T, list(own.layout.standing_for(SMPL))
+    hands = own_hands(own.layout, own.standing, turns, still=still_fingers)
+    return Actor(name, own.standing[columns], turns[:, columns], joints[:, columns], fps, contacts, hands=hands)
+
+
+def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still: bool = False) -> tuple[Hand, ...]:
     """Return the hands of our own body; none where it has no fingers, or they stay at rest.
 
     Args:
         layout: names of its J joints.
         rest: (J, 3) joints at rest on the stage.
         turns: (F, J, 3, 3) rotations of the joints from rest.
+        still: also fingers that stay at rest.
     """
     index = {joint: j for j, joint in enumerate(layout.joints)}
     hands = []
@@ -145,7 +179,7 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray) -> tuple[
         ways = rest[starts + 1] - rest[starts]
         ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
         bends = turns[:, [index[f"{side}_wrist"]]].swapaxes(-1, -2) @ turns[:, joints]
-        if np.abs(bends - np.eye(3)).max() > _AT_REST:
+        if still or np.abs(bends - np.eye(3)).max() > _AT_REST:
             hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0)))
     return tuple(hands)
 

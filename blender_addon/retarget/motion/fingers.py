@@ -30,7 +30,7 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
         hand, fingers = rest.index(f"{side}_hand"), _fingers(rest, side)
         if hand >= 0 and fingers:
             inner = A[hand] @ turns[hand].swapaxes(-1, -2) @ turns[fingers] @ A[hand].T
-            directions = np.array([A[hand] @ _direction(rest, finger) for finger in fingers])
+            directions = _directions(rest, fingers) @ A[hand].T
             hands.append(Hand(tuple(rest.roles[c] for c in fingers), directions, inner))
     return tuple(hands)
 
@@ -48,11 +48,11 @@ def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray)
     """
     for hand in actor.hands:
         control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")
-        for role, direction, bend in zip(hand.roles, hand.directions, hand.bends, strict=True):
-            finger = target.index(role)
-            if min(control, finger) >= 0:
-                S = swing(A[control] @ _direction(target, finger), direction)
-                turns[finger] = turns[control] @ A[control].T @ bend @ S @ A[control]
+        rows = [row for row, role in enumerate(hand.roles) if target.index(role) >= 0]
+        if control >= 0 and rows:
+            fingers = [target.index(hand.roles[row]) for row in rows]
+            S = swing(_directions(target, fingers) @ A[control].T, hand.directions[rows])
+            turns[fingers] = turns[control] @ A[control].T @ hand.bends[rows] @ S[:, None] @ A[control]
 
 
 def _fingers(target: Target, side: str) -> list[int]:
@@ -60,10 +60,10 @@ def _fingers(target: Target, side: str) -> list[int]:
     return [target.index(role) for role in roles if target.index(role) >= 0]
 
 
-def _direction(target: Target, finger: int) -> np.ndarray:
-    """Return the (3,) unit vector along a bone of a finger of a rig at rest."""
+def _directions(target: Target, fingers: list[int]) -> np.ndarray:
+    """Return the (B, 3) unit vectors along bones of fingers of a rig at rest."""
     places = dict(zip(target.roles, target.heads, strict=True))
-    return _along(places, target.roles[finger])
+    return np.array([_along(places, target.roles[finger]) for finger in fingers])
 
 
 def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
+from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.roles import JOINT_OF, SIDES, chain_roles
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...conventions.skeleton import PARENTS
@@ -11,10 +14,17 @@ from .figures import Actor, Target
 from .fingers import hands_of
 from .trunk import rig_trunk
 
-_SPINE, _NECK, _HEAD = (3, 6, 9), 12, 15
-_HIPS = (1, 2)
-_HANDS = {20: 22, 21: 23}
+_SPINE, (_NECK, _HEAD) = SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head")
+_HIPS = SMPL.both("hip")
+_HANDS = dict(zip(SMPL.both("wrist"), SMPL.both("hand"), strict=True))
 """SMPL's joints of the palms, after the wrists."""
+_BONES = tuple(
+    SMPL.numbers(f"{side}_{start}", f"{side}_{end}")
+    for limb in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))
+    for side in SIDES
+    for start, end in pairwise(limb)
+)
+"""Bones of legs and arms, which every figure has."""
 _STANDING, _STILL = 0.05, 0.37
 """Height of a standing ball of the foot over its height at rest, and its speed a second, by the length of the leg."""
 
@@ -113,7 +123,7 @@ def _joints(known: dict[int, np.ndarray], G: np.ndarray, own_rest: np.ndarray) -
 def _size(known: dict[int, np.ndarray], own_rest: np.ndarray) -> float:
     """Return the size of the figure by our body's: of the bones that both have, all lengths together."""
     theirs = own = 0.0
-    for a, b in ((1, 4), (4, 7), (2, 5), (5, 8), (16, 18), (18, 20), (17, 19), (19, 21)):
+    for a, b in _BONES:
         if a in known and b in known:
             theirs += float(np.median(np.linalg.norm(known[b] - known[a], axis=-1)))
             own += float(np.linalg.norm(own_rest[b] - own_rest[a]))

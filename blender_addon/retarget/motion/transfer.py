@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from ...animation.ground_path import ground_path
@@ -18,7 +19,7 @@ from .touch import keep_hands_together
 from .touch_body import keep_hands_on_body
 from .trunk import between, spine_heights, trunk_of, turn_at
 
-_NECK, _HEAD, _HIPS = 12, 15, (1, 2)
+(_NECK, _HEAD), _HIPS = SMPL.numbers("neck", "head"), SMPL.both("hip")
 
 
 @dataclass(frozen=True)

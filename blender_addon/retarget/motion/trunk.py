@@ -7,11 +7,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.roles import SIDES
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from .figures import Actor, Target, Trunk
 
-_SPINE, _NECK, _HIPS = (0, 3, 6, 9), 12, (1, 2)
+_SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both("hip")
+(_NECK,) = SMPL.numbers("neck")
 
 
 def trunk_of(actor: Actor) -> Trunk:

@@ -41,7 +41,7 @@ class MOCAP_OT_map_rig(NeedsActor, bpy.types.Operator):
         from ...retarget.recognition import map_rig
         from ...retarget.user_presets import user_presets_folder
 
-        found = map_rig(_target(context), user_presets_folder())
+        found = map_rig(chosen_target(context), user_presets_folder())
         show_map(context.scene.mocap.retarget, found)
         for doubt in found.doubts:
             self.report({"WARNING"}, doubt)
@@ -65,7 +65,7 @@ class MOCAP_OT_set_map_pose(NeedsActor, bpy.types.Operator):
         """Keep it."""
         from dataclasses import replace
 
-        rig, rig_map = _target(context), _table_map(context)
+        rig, rig_map = chosen_target(context), table_map(context)
         bones = {bone: rig.pose.bones[bone] for bone in rig_map.bones.values() if bone in rig.pose.bones}
         pose = {
             name: tuple((bone.matrix.to_3x3() @ bone.bone.matrix_local.to_3x3().inverted()).to_quaternion())
@@ -105,7 +105,7 @@ class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
         from ...retarget.user_presets import user_presets_folder
         from ...solving.take_paths import safe_name
 
-        rig, rig_map = _target(context), _table_map(context)
+        rig, rig_map = chosen_target(context), table_map(context)
         folder = user_presets_folder(make=True)
         if folder is None:
             raise OutputNotWritable("Blender has no folder for a user's presets.", hint="Set BLENDER_USER_SCRIPTS.")
@@ -135,7 +135,7 @@ class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
         from ...retarget.retarget import RetargetSettings, retarget
 
         scene, settings = context.scene, context.scene.mocap.retarget
-        rig, rig_map = _target(context), _table_map(context)
+        rig, rig_map = chosen_target(context), table_map(context)
         actor, timing, doubts = _actor(scene)
         way = TransferSettings(settings.way == "place", settings.way == "root", scale=settings.scale)
         done = retarget(actor, rig, scene, rig_map, timing, RetargetSettings(settings.limbs, way))
@@ -167,7 +167,12 @@ def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
     return read_rig_actor(rig, scene, map_rig(rig, user_presets_folder()))
 
 
-def _target(context: bpy.types.Context) -> bpy.types.Object:
+def chosen_target(context: bpy.types.Context) -> bpy.types.Object:
+    """Return the rig that gets a motion.
+
+    Raises:
+        MapInvalid: none is chosen, or it is the actor.
+    """
     rig = context.scene.mocap.retarget.target
     if rig is not None and rig == actor_object(context.scene):
         raise MapInvalid("Actor and target are the same armature.", hint="Choose two in the Retarget panel.")
@@ -177,8 +182,12 @@ def _target(context: bpy.types.Context) -> bpy.types.Object:
     return rig
 
 
-def _table_map(context: bpy.types.Context) -> RigMap:
-    """Return the map that the table shows, as its user has corrected it."""
+def table_map(context: bpy.types.Context) -> RigMap:
+    """Return the map that the table shows, as its user has corrected it.
+
+    Raises:
+        MapInvalid: the target has not been mapped.
+    """
     import json
     from dataclasses import replace
 

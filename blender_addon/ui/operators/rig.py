@@ -11,12 +11,13 @@ import bpy
 from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
 from ...conventions.numbered import next_path
+from ..live_run import live
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
 from ..rig_properties import GAMMA_S, PARTS
 from ..sending_properties import sending_options
 from .base import MocapOperator
-from .live import live, may_begin, require_there
+from .live import may_begin, require_there
 from .solver_operator import SolverOperator
 
 

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from ..live_run import live
 from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.import_motion import MOCAP_OT_import_motion
-from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop, live
+from ..operators.live import MOCAP_OT_live_start, MOCAP_OT_live_stop
 from ..operators.send_take import MOCAP_OT_send_take, playing
 from ..translation import CONTEXT
 from .parts import AcquisitionPanel, wrapped
@@ -50,6 +51,9 @@ class VIEW3D_PT_mocap_live(AcquisitionPanel, bpy.types.Panel):
         else:
             column.prop(settings, "source", text="", icon="FILE", placeholder="Recording")
         column.prop(settings, "subject", text="", icon="USER", placeholder="Subject")
+        layout.prop(settings, "drive")
+        if settings.drive:
+            layout.prop(context.scene.mocap.retarget, "target", text="")
         layout.prop(settings, "record")
         draw_sending(layout, settings)
         layout.operator(MOCAP_OT_live_start.bl_idname, icon="PLAY")

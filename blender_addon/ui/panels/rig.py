@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
+from ..live_run import live
 from ..operators.import_capture import MOCAP_OT_import_capture
-from ..operators.live import live
 from ..operators.rig import MOCAP_OT_rig_calibrate, MOCAP_OT_rig_find, MOCAP_OT_rig_start
 from ..rig_properties import PARTS, MocapRig
 from ..translation import CONTEXT

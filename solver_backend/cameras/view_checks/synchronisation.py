@@ -97,7 +97,7 @@ def estimate_delays(
     else:
         points = triangulation.of_keypoints(limbs).points[frames]
     search = _Search(cameras, tracks, frames, sigma_px)
-    delay, drift, sigma = search.settled(lags, np.asarray(points))
+    delay, drift, sigma = search.converged(lags, np.asarray(points))
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
@@ -116,7 +116,7 @@ class _Search:
     sigma_px: np.ndarray
     """(K,)."""
 
-    def settled(self, delay: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def converged(self, delay: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return delays, drifts and the delays' deviations, each (C,), from whole frames and (N, K, 3) points on."""
         drift, drifting, sigma = np.zeros(len(delay)), False, np.full(len(delay), np.nan)
         for _ in range(ROUNDS):

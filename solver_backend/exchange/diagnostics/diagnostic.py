@@ -34,7 +34,7 @@ class Remedy(StrEnum):
 
 @dataclass(frozen=True)
 class Where:
-    """What a diagnostic concerns; empty fields say that it is no one in particular."""
+    """What a diagnostic concerns; empty fields mean that it is no one in particular."""
 
     file: str = ""
     """Path or name of a file."""

@@ -22,6 +22,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The detector took left for right for a while, often when the person turns away from the camera.",
         "Compare with the footage if the limbs look wrong there.",
     ),
+    "limbs_jump_sides": warning(
+        "Camera {camera}: left and right {part} jump to each other's places, and not back soon",
+        "The detector took left for right before or after this moment, and which of the two is open.",
+        "Look at its footage there. Where limbs are wrong, pin a pose, or correct the detections' sides.",
+    ),
     "sides_exchanged": warning(
         "Camera {camera}: left and right are exchanged",
         "The keypoints of this view have their left and right names exchanged.",

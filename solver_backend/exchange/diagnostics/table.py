@@ -14,6 +14,7 @@ from .recording import RECORDING
 from .result import RESULT
 from .rigs import RIGS
 from .videos import VIDEOS
+from .wand import WAND
 from .world import WORLD
 
 _EARLIER: dict[str, DiagnosticEntry] = {
@@ -31,6 +32,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,
+    "Calibrating sensors by a wand": WAND,
     "Recordings": RECORDING,
     "Motions of other programs": MOTIONS,
     "Results of a solve": RESULT,

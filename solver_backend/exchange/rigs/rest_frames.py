@@ -109,9 +109,9 @@ def level(direction: np.ndarray) -> np.ndarray:
 
 
 def swing(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Return the smallest rotation from one direction to another."""
+    """Return the smallest rotations (..., 3, 3) from directions (..., 3) to others."""
     axis = np.cross(a, b)
-    return limb_frame(b, axis) @ limb_frame(a, axis).T
+    return limb_frame(b, axis) @ limb_frame(a, axis).swapaxes(-1, -2)
 
 
 def _hinge(points: np.ndarray, direction: np.ndarray, is_arm: bool) -> np.ndarray:

@@ -59,15 +59,10 @@ def measure_directly(
         progress: called as frames are read.
 
     Raises:
-        JobInvalid: the recording is none of markers, another method was asked for, or labels have a layout.
+        JobInvalid: the recording is none of markers.
         SubjectInvalid: a person is known, by markers that have labels.
         NoDetections, CaptureInvalid: as of ``measure_network_landmarks``.
     """
-    if settings.method != "noise-aware" or settings.layout:
-        raise JobInvalid(
-            f"The landmarks '{settings.landmarks}' are for the method 'noise-aware' without a marker layout.",
-            where=capture.name, hint="Use --method noise-aware, or leave --landmarks out.",
-        )  # fmt: skip
     if capture.markers is None or capture.keypoints is not None:
         raise JobInvalid(
             f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not.",

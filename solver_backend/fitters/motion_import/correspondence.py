@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 from solver_backend.exchange.rigs.rest_frames import UP, level, limb_frame, limb_turns, stage_axes, swing
@@ -17,7 +18,8 @@ R_STAGE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Rotation of the body's rest axes (Y up, facing +Z) to the stage's (Z up, facing -Y)."""
 NUM_TURNED = 1 + NUM_BODY_JOINTS
 """Joints that are measured: all but SMPL's two hand joints."""
-_SPINE, _NECK, _HEAD = (3, 6, 9), 12, 15
+_SPINE = SMPL.numbers("spine1", "spine2", "spine3")
+_NECK, _HEAD = SMPL.numbers("neck", "head")
 _BALL_AFTER_ANKLE, _HAND_AFTER_WRIST = 3, 2
 
 

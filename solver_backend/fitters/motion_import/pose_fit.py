@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, Measured
 from solver_backend.geometry.rotations import exp_so3, log_so3
 
-_PLACED = (1, 2, 4, 5, 7, 8, 16, 17, 18, 19, 20, 21)
+_PLACED = SMPL.both("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 """Joints of the limbs. Those of head and toes are drawn at other places by every program: only their turns count."""
 _PLACE_SIGMA_M = 0.004
 """Metres by which a joint of the limbs may be elsewhere."""

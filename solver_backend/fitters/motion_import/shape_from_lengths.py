@@ -5,11 +5,15 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 
+_HIPS, _SHOULDERS = SMPL.both("hip"), SMPL.both("shoulder")
+_BONES = (("hip", "knee"), ("knee", "ankle"), ("shoulder", "elbow"), ("elbow", "wrist"))
 _PAIRS = (
-    ((1,), (4,)), ((2,), (5,)), ((4,), (7,)), ((5,), (8,)), ((16,), (18,)), ((17,), (19,)), ((18,), (20,)),
-    ((19,), (21,)), ((1,), (2,)), ((16,), (17,)), ((1, 2), (16, 17)), ((16, 17), (15,)),
+    *(((a,), (b,)) for start, end in _BONES for a, b in zip(SMPL.both(start), SMPL.both(end), strict=True)),
+    *((pair[:1], pair[1:]) for pair in (_HIPS, _SHOULDERS)),
+    (_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head")),
 )  # fmt: skip
 """Ends of what is compared: bones of the limbs, widths, trunk, and shoulders to head; of several joints the middle."""
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])

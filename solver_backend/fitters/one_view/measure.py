@@ -18,6 +18,7 @@ from solver_backend.fitters.measurements.multiview import ReprojectionReport
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.doubtful_view import bridge_repeats, diagnose_cuts
+from solver_backend.fitters.one_view.exchanged_limbs import restore_sides
 from solver_backend.fitters.one_view.stature import betas_of_size, size_of
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -59,6 +60,8 @@ def measure_one_view(
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
         found.append(diagnostic("own_points_one_view", joints=[point.name for point in whole.own]))
+    detected, exchanged = restore_sides(cameras.names[view], detected)
+    found += exchanged
     keypoints = _with_view(keypoints, view, detected)
     progress("Lifting", 0, 1)
     R, t, centre = camera.R[0], camera.t[0], camera.centres[0]

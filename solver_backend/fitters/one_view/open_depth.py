@@ -17,10 +17,11 @@ from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.symmetric import packed, unpacked
 
-ALIKE = 1.2
+ALIKE = 0.9
 """Lifted depths are off by so many of the lifter's deviations in solved takes, and for so long that a bundle averages
-none of it out. Like ``ACROSS_M`` set on takes of subjects 08 and 60, so that 95 % ellipsoids hold 90 to 97 %."""
-ACROSS_M = 0.02
+none of it out. Like ``ACROSS_M`` set on eight takes of subjects 01, 08, 09, 60 and 127, so that 95 % ellipsoids hold 90
+to 97 %."""
+ACROSS_M = 0.015
 """What a body of average proportions and an unseen bias of the detector leave across the picture, per axis."""
 OPEN_M = 0.15
 """A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""

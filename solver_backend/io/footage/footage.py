@@ -19,6 +19,8 @@ from solver_backend.people.detections import Detections
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+SENSOR_RECORDING = "recording.json"
+"""The file that states what a folder of infrared and depth sensors holds."""
 _FOLDERS = ("videos", "video", "images", "footage")
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL, SMPL_H, SMPL_X
 from solver_backend.exchange.errors import FileDamaged, MocapError, NonFiniteData
 from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.schema import Fields, read_fields
@@ -18,10 +19,12 @@ _RATES = ("mocap_framerate", "mocap_frame_rate", "fps")
 _STORED = (
     *_RATES, "poses", "trans", "betas", "root_orient", "pose_body", "pose_hand", "surface_model_type", "gender",
 )  # fmt: skip
-_WIDTHS = {72: "smpl", 156: "smplh", 165: "smplx"}
+_WIDTHS = {3 * SMPL.num_joints: "smpl", 3 * SMPL_H.num_joints: "smplh", 3 * SMPL_X.num_joints: "smplx"}
 """Body model by the number of columns of ``poses``."""
 _BODY = 3 * NUM_BODY_JOINTS
 """Numbers of a body's pose as rotation vectors."""
+_FINGERS = 3 * len(SMPL_H.group("left_hand") + SMPL_H.group("right_hand"))
+"""Numbers of both hands' fingers."""
 
 JointsOf = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 """betas (10,), global_orient (F, 3), body_pose (F, 69), transl (F, 3) -> joints (F, 24, 3)."""
@@ -54,7 +57,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
 
     Args:
         path: the file.
-        fps: frames per second; None takes what the file says.
+        fps: frames per second; None takes what the file states.
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
@@ -106,9 +109,9 @@ def _poses(fields: Fields, frames: int) -> tuple[np.ndarray, np.ndarray, np.ndar
                 where=str(fields.path),
             )
         model = _WIDTHS[poses.shape[1]]
-        used = poses[:, 3:72] if model == "smpl" else poses[:, 3 : 3 + _BODY]
+        used = poses[:, 3:] if model == "smpl" else poses[:, 3 : 3 + _BODY]
         body[:, : used.shape[1]] = used
-        return poses[:, :3].copy(), body, None if model == "smpl" else poses[:, -90:].copy(), model
+        return poses[:, :3].copy(), body, None if model == "smpl" else poses[:, -_FINGERS:].copy(), model
     if "pose_body" not in fields or "root_orient" not in fields:
         raise FileDamaged(
             "The file is not AMASS: it has neither 'poses' nor 'root_orient' and 'pose_body'.", where=str(fields.path)

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.regular_file import open_regular
@@ -16,7 +17,7 @@ from solver_backend.io.motions.skeleton_maps import SkeletonMap, skeleton_map
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
 _FIELDS = ("names", "parents", "offsets", "rotvec", "root", "fps")
-_FOREARMS = ((18, 20), (19, 21))
+_FOREARMS = tuple(zip(SMPL.both("elbow"), SMPL.both("wrist"), strict=True))
 """(elbow, wrist); in the T-pose forearms lie along the x axis."""
 
 

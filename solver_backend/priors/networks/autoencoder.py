@@ -92,9 +92,13 @@ class PoseAutoencoder(AutoencodingPrior):
         """Return the mean squared rotation of poses to their reconstructions by ``residual_sigma``: (N,)."""
         return reconstruction_energy(rotations, self.reconstruct(rotations), self.residual_sigma)
 
+    def decoder_like(self, like: Array) -> DenseStack:
+        """Return the decoder's layers in the kind, type and device of ``like``: codes are not checked by them."""
+        return self._stacks(like)[1]
+
     def _decoder_for(self, z: Array) -> DenseStack:
         check_codes(z, self.latent_dim)
-        return self._stacks(z)[1]
+        return self.decoder_like(z)
 
     def _stacks(self, like: Array) -> tuple[DenseStack, DenseStack]:
         """Return encoder and decoder in the kind, type and device of ``like``, converted once."""

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Protocol, runtime_checkable
+from typing import Protocol, Self
 
 import numpy as np
 
@@ -28,7 +28,6 @@ class SensorFrame:
     """The device's own count of frames; gaps are frames that were lost."""
 
 
-@runtime_checkable
 class Device(Protocol):
     """A sensor: opened, asked for frames until it ends, closed; as a context manager it opens and closes itself."""
 
@@ -57,13 +56,8 @@ class Device(Protocol):
         """End; may be called several times, and from another thread."""
         ...
 
-
-@runtime_checkable
-class Replayed(Protocol):
-    """A sensor from disk, which can be played at its recorded rate."""
-
     def starting(self, start: float) -> Device:
-        """Return it with its time 0 due at host's seconds ``start``."""
+        """Return the sensor with its time 0 due at host's seconds ``start``; a physical one is itself: it runs now."""
         ...
 
 
@@ -84,3 +78,7 @@ class OpenedDevice:
 
     def close(self) -> None:
         """End; nothing to do unless a device overrides this."""
+
+    def starting(self, start: float) -> Self:
+        """Return the device itself, which has no recorded time, unless one from disk overrides this."""
+        return self

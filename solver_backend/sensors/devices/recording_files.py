@@ -17,11 +17,12 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.io.files import read_json, read_text
+from solver_backend.io.footage.footage import SENSOR_RECORDING
 from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import RecordingInvalid
 
 FORMAT, VERSION = "manifold_mocap_sensors", 1
-ABOUT, CALIBRATION, INDEX, FRAMES = "recording.json", "calibration.toml", "index.csv", "frames.bin"
+ABOUT, CALIBRATION, INDEX, FRAMES = SENSOR_RECORDING, "calibration.toml", "index.csv", "frames.bin"
 KINDS = ("raw", "png")
 """How pictures are kept: 'raw' is fast and large, 'png' slow and about 2.5 times smaller."""
 HEADER = "number,device_s,host_s\n"

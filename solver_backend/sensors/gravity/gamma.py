@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import MocapError
 from solver_backend.geometry.rotations import skew
 from solver_backend.types.shapes import Float
@@ -86,7 +87,7 @@ class Ground:
     """(3, 3) metres in the old world: corner, the long edge's end, the short edge's end."""
     frames: int
     """Clouds in which the Γ was found."""
-    findings: tuple[str, ...] = ()
+    findings: tuple[Diagnostic, ...] = ()
     """What is odd."""
 
 
@@ -121,17 +122,15 @@ def ground_from_gamma(
     w = np.cross(u, v)
     up = w / np.linalg.norm(w)
     above = float(np.mean((sensors - corner) @ up > 0))
-    words: tuple[str, ...] = ()
+    mirrored: tuple[Diagnostic, ...] = ()
     if above < 0.5:
         up = -up
-        words = (
-            "The Γ lies mirrored, its short edge to the left: the up direction comes from the sensors' positions.",
-        )
+        mirrored = (diagnostic("gamma_mirrored"),)
     x = v - (v @ up) * up
     x = x / np.linalg.norm(x)
     R = np.stack([x, np.cross(up, x), up])
     sigma = _tilt_sigma(u, v, covariance)
-    return Ground(R, -R @ corner + np.array([0, 0, gamma.height_m]), sigma, places, int(found.sum()), words)
+    return Ground(R, -R @ corner + np.array([0, 0, gamma.height_m]), sigma, places, int(found.sum()), mirrored)
 
 
 def on_ground(calibration: RigCalibration, ground: Ground) -> RigCalibration:

@@ -15,7 +15,7 @@ import numpy as np
 from solver_backend.exchange.errors import MocapError
 from solver_backend.sensors.acquisition.acquire import Acquisition
 from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
-from solver_backend.sensors.devices.device import Device, Replayed, SensorFrame
+from solver_backend.sensors.devices.device import Device, SensorFrame
 from solver_backend.sensors.devices.record import SensorRecorder
 from solver_backend.sensors.devices.recording_files import SensorFiles
 from solver_backend.types import Cameras
@@ -94,7 +94,7 @@ class _Run:
         if not isinstance(start, float):
             return
         threading.Thread(target=_watch, args=(self._out, self._stop), daemon=True).start()
-        if isinstance(device, Replayed) and task.live:
+        if task.live:
             device = device.starting(start)
         while not self._stop.is_set():
             ended = False

@@ -6,6 +6,7 @@ from html import escape
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
 from solver_backend.sensors.gravity.gamma import Ground
@@ -31,7 +32,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     if ground is not None:
         tilt = np.degrees(ground.tilt_sigma)
         head.append(Tile("Up", f"± {tilt:.2f}", "°", f"by the Γ in {ground.frames} clouds"))
-    words = [*rig.findings, *([place] if (place := found.coverage.next_place()) else [])]
+    words = [*map(sentence, rig.findings), *([place] if (place := found.coverage.next_place()) else [])]
     body = [
         tiles(head),
         section("What to look at", "".join(f"<p>{text(word)}</p>" for word in words) or "<p>Nothing was odd.</p>"),
@@ -39,7 +40,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
         section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
         section("Seen together", _together(found), "Moments at which two sensors saw the wand."),
         section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
-        section("How", "".join(f"<p>{text(note)}</p>" for note in rig.notes)),
+        section("How", "".join(f"<p>{text(sentence(note))}</p>" for note in rig.notes)),
     ]
     return page_of("Calibration by wand", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
 

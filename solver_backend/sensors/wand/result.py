@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.sensors.gravity.gamma import Ground
 from solver_backend.sensors.wand.coverage import Coverage
 from solver_backend.sensors.wand.leds import Wand
@@ -67,8 +68,8 @@ class WandCalibration:
         lines += [f"  seen        {line}" for line in self.coverage.lines()]
         if place := self.coverage.next_place():
             lines.append(f"  next        {place}")
-        lines += [f"  note        {note}" for note in rig.notes]
-        return lines + [f"  finding     {word}" for word in rig.findings]
+        lines += [f"  note        {sentence(note)}" for note in rig.notes]
+        return lines + [f"  finding     {sentence(found)}" for found in rig.findings]
 
     def as_dict(self) -> dict[str, Any]:
         """Return ``lines`` as plain JSON values; None where a number is not known."""
@@ -87,7 +88,8 @@ class WandCalibration:
             ],
             "together": self.together.tolist(), "clocks": self.clocks.as_dict(),
             "next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3,
-            "findings": list(rig.findings), "notes": list(rig.notes),
+            "findings": [sentence(item) for item in rig.findings], "notes": [sentence(item) for item in rig.notes],
+            "diagnostics": [item.as_dict() for item in (*rig.findings, *rig.notes)],
         }  # fmt: skip
 
 
@@ -99,10 +101,7 @@ def in_world(found: WandCalibration, rig: RigCalibration, ground: Ground) -> Wan
         rig: the same cameras in the Γ's world.
         ground: how it was found.
     """
-    note = (
-        f"Up by a Γ in {ground.frames} clouds, ± {np.degrees(ground.tilt_sigma):.2f}°; the origin lies on the floor "
-        "below its corner, X along its short edge."
-    )
+    note = diagnostic("world_by_gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     rig = replace(rig, notes=(found.rig.notes[0], note), findings=(*rig.findings, *ground.findings))
     return replace(found, rig=rig)
 

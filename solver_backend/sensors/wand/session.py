@@ -9,14 +9,13 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Adjusted
 from solver_backend.cameras.projection import undistort
-from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.clock.wand_clocks import coarse_clocks, common_moments, flat_of
 from solver_backend.sensors.wand.coverage import coverage_of
 from solver_backend.sensors.wand.depth_scale import depth_sigma
 from solver_backend.sensors.wand.errors import WandAmbiguous, WandNotSeen
-from solver_backend.sensors.wand.judgement import findings_of, held_out_errors, metric, notes_of, require_fit
+from solver_backend.sensors.wand.evaluation import findings_of, held_out_errors, metric, notes_of, require_fit
 from solver_backend.sensors.wand.leds import Wand, distances, identified, in_order
 from solver_backend.sensors.wand.result import WandCalibration, WandOptions
 from solver_backend.sensors.wand.solve import SIGMA_PX, WandTask, adjusted, cameras_at, triangulated
@@ -64,7 +63,7 @@ def calibrate_by_wand(
     views = [view if options.wand is None else _with_lights(view, options.wand) for view in views]
     progress("Clocks of the sensors", 0, 3)
     clocks = coarse_clocks(views, options.wand, REACH_S) if options.clocks is None else options.clocks
-    of_clocks = map(sentence, clocks.findings)
+    of_clocks = clocks.findings
     interval_s = float(np.median(np.diff(views[0].times_s)))
     # Given offsets of a small part of a frame are delays of the pictures; larger ones are met between frames.
     known = -clocks.offset_s if np.abs(clocks.offset_s).max() < LATE_FRAMES * interval_s else np.zeros(len(names))

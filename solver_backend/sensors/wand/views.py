@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.sensors.wand.errors import TimesInvalid
 from solver_backend.types.shapes import Bool, Float
 
@@ -30,7 +31,7 @@ class WandView:
     """(F, K) metres along the optical axis, NaN where there is none; None of a sensor without depth."""
     crowded: int = 0
     """Frames in which more than one wand, or anything else, shone."""
-    findings: tuple[str, ...] = ()
+    findings: tuple[Diagnostic, ...] = ()
     """What was wrong with the recording."""
 
     def __len__(self) -> int:
@@ -78,8 +79,9 @@ def with_growing_times(view: WandView) -> WandView:
         )  # fmt: skip
     if not lost:
         return view
-    word = f"{view.name}: {lost} rows go back in time, the first after {before[int(np.argmin(good))]:.3f} s; left out."
+    after = float(before[int(np.argmin(good))])
+    back = diagnostic("wand_times_back", cameras=[view.name], lost=lost, after=after)
     return replace(
         view, times_s=times[good], px=view.px[good], depth_m=None if view.depth_m is None else view.depth_m[good],
-        findings=(*view.findings, word),
+        findings=(*view.findings, back),
     )  # fmt: skip

@@ -8,19 +8,20 @@ import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
 from solver_backend.body.rest_skeleton import BODY_MIRROR
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.geometry.rotations import exp_so3
 
 _MIRRORED = torch.tensor(BODY_MIRROR)
 _FLIP = torch.tensor([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
 EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
-    (13, 16, 18, 20),
-    (14, 17, 19, 21),
-    (1, 2, 4, 5, 7, 8, 10, 11),
-    (1, 4, 7, 10),
-    (2, 5, 8, 11),
-    (12, 15),
-    (3, 6, 9),
+    SMPL.group("left_arm"),
+    SMPL.group("right_arm"),
+    SMPL.both("hip", "knee", "ankle", "foot"),
+    SMPL.group("left_leg"),
+    SMPL.group("right_leg"),
+    SMPL.numbers("neck", "head"),
+    SMPL.numbers("spine1", "spine2", "spine3"),
 )
 """Joints that travel together: left arm, right arm, both legs, left leg, right leg, head, spine."""
 EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
@@ -34,9 +35,17 @@ _ALLOWED_DEG = 10.0
 """Degrees beyond a joint's limits that a pose may be; chosen by hand."""
 _REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
 """Largest angle of each joint, radians."""
-_ARM_POINTS = (18, 19, 20, 21, 22, 23)
+_COLLARS, _WRISTS = SMPL.both("collar"), SMPL.both("wrist")
+_MIDLINE = SMPL.numbers("spine1", "spine2", "spine3", "neck", "head")
+_ARM_POINTS = SMPL.both("elbow", "wrist", "hand")
 """SMPL's elbows, wrists and hands."""
-_BODY_BONES = ((0, 6), (6, 12), (1, 4), (2, 5), (4, 7), (5, 8), (12, 15))
+_BODY_BONES = tuple(
+    SMPL.numbers(*ends)
+    for ends in (
+        ("pelvis", "spine2"), ("spine2", "neck"), ("left_hip", "left_knee"), ("right_hip", "right_knee"),
+        ("left_knee", "left_ankle"), ("right_knee", "right_ankle"), ("neck", "head"),
+    )
+)  # fmt: skip
 """Pairs of SMPL's joints that are bones of trunk, head and legs."""
 
 
@@ -73,9 +82,8 @@ def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: f
 def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
     """Turn collars (5 degrees), wrists (12), neck, head and spine (3) and all others (1.5) by one draw a window."""
     sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
-    sigma[[12, 13]] = math.radians(5.0)
-    sigma[[19, 20]] = math.radians(12.0)
-    sigma[[2, 5, 8, 11, 14]] = math.radians(3.0)
+    for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
+        sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
     strength = torch.rand(len(windows), 1, 1, generator=generator) * 1.4
     turn = exp_so3(torch.randn(len(windows), NUM_BODY_JOINTS, 3, generator=generator) * sigma * strength)
     return torch.matmul(windows, turn[:, None])

@@ -2,11 +2,45 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from functools import cache
+from itertools import pairwise
+from typing import Any
+
+import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.rest_skeleton import AXIS_TIPS_M, REST_JOINTS
-from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS, SMPL_PARENTS
+from solver_backend.geometry.arrays import Array, device_of
+
+_TURNED = 1 + NUM_BODY_JOINTS
+"""Joints with a rotation, the pelvis among them."""
+
+
+@dataclass(frozen=True)
+class _Level:
+    """Joints that are as many bones away from the pelvis."""
+
+    parents: Array
+    """(k,) places among the joints of the level before."""
+    offsets: Array
+    """(k, 3, 1) metres from their parents at rest."""
+    columns: Array | None
+    """(k,) of their rotations; None where they have none."""
+
+
+@dataclass(frozen=True)
+class _Tree:
+    """The skeleton, level by level, in the kind, type and device of an array."""
+
+    levels: tuple[_Level, ...]
+    order: Array
+    """(24,) places of joints 0 to 23 in the order of the levels."""
+    tips: Array
+    """(22, 1, 1) metres."""
+    eye: Array
+    """(3, 3)."""
 
 
 def rotation_points(rotations: Array) -> Array:
@@ -20,14 +54,40 @@ def rotation_points(rotations: Array) -> Array:
         0.1 m away (0.2 m at the head, where eyes and ears are).
     """
     xp = array_namespace(rotations)
-    offsets = constant(REST_JOINTS, rotations)
-    eye = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), rotations)
-    G = [xp.broadcast_to(eye, (rotations.shape[0], 3, 3))]
-    joints = [xp.zeros_like(rotations[:, 0, 0])]
-    for j in range(1, NUM_JOINTS):
-        p = SMPL_PARENTS[j]
-        joints.append(joints[p] + xp.matmul(G[p], offsets[j] - offsets[p]))
-        if j <= rotations.shape[1]:
-            G.append(xp.matmul(G[p], rotations[:, j - 1]))
-    tips = [joints[j][:, None, :] + AXIS_TIPS_M[j] * xp.permute_dims(G[j], (0, 2, 1)) for j in range(len(G))]
-    return xp.concat((xp.stack(joints, axis=1), *tips), axis=1)
+    tree, count = _tree(xp, rotations.dtype, device_of(rotations)), rotations.shape[0]
+    turns, joints = [xp.broadcast_to(tree.eye, (count, 1, 3, 3))], [xp.zeros_like(rotations[:, :1, 0])]
+    for level in tree.levels:
+        above = turns[-1][:, level.parents]
+        joints.append(joints[-1][:, level.parents] + xp.matmul(above, level.offsets)[..., 0])
+        if level.columns is not None:
+            turns.append(xp.matmul(above, rotations[:, level.columns]))
+    placed = xp.concat(joints, axis=1)[:, tree.order]
+    turned = xp.concat(turns, axis=1)[:, tree.order[:_TURNED]]
+    tips = placed[:, :_TURNED, None] + tree.tips * xp.matrix_transpose(turned)
+    return xp.concat((placed, xp.reshape(tips, (count, 3 * _TURNED, 3))), axis=1)
+
+
+@cache
+def _tree(xp: Any, dtype: Any, device: Any) -> _Tree:
+    depth = [0] * NUM_JOINTS
+    for joint in range(1, NUM_JOINTS):
+        depth[joint] = depth[SMPL_PARENTS[joint]] + 1
+    # Joints without a rotation are the deepest, so that the others' places are the same without them.
+    members = [[j for j in range(NUM_JOINTS) if depth[j] == level] for level in range(max(depth) + 1)]
+
+    def table(value: Any, of: Any = dtype) -> Array:
+        return xp.asarray(np.asarray(value), dtype=of, device=device)
+
+    levels = tuple(
+        _Level(
+            table([above.index(SMPL_PARENTS[j]) for j in level], xp.int64),
+            table([REST_JOINTS[j] - REST_JOINTS[SMPL_PARENTS[j]] for j in level])[..., None],
+            table([j - 1 for j in level], xp.int64) if level[0] < _TURNED else None,
+        )
+        for above, level in pairwise(members)
+    )
+    order = [joint for level in members for joint in level]
+    return _Tree(
+        levels, table([order.index(j) for j in range(NUM_JOINTS)], xp.int64),
+        table(AXIS_TIPS_M[:_TURNED])[:, None, None], table(np.eye(3)),
+    )  # fmt: skip

@@ -5,18 +5,20 @@ from __future__ import annotations
 import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, from_swing_and_twist, swing_and_twist
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
 from solver_backend.training.data.augmentation import middle_frame, within_reach
 
 LIMBS: tuple[tuple[int, ...], ...] = (
-    (1, 4, 7, 10), (2, 5, 8, 11), (13, 16, 18, 20), (14, 17, 19, 21), (3, 6, 9), (12, 15),
+    *map(SMPL.group, ("left_leg", "right_leg", "left_arm", "right_arm")),
+    SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head"),
 )  # fmt: skip
 """Joints that are turned together: legs, arms, spine, neck and head."""
 LIMB_CHANCE = 0.4
 """Of each limb of a window to be turned; at least one is."""
 LIMB_SPREAD = (0.05, 0.3)
 """Standard deviation of a turned joint's angles as a share of their ranges: least and greatest, one draw a window."""
-ENDS: tuple[int, ...] = (7, 8, 10, 11, 20, 21)
+ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
 """Ankles, toes and wrists, which recordings hold short of how far they reach."""
 END_CHANCE = 0.5
 """Of each end of a window to be moved."""

@@ -109,11 +109,17 @@ class _Run:
         self.task, self.settings, self.folder, self.step = task, settings, folder, 0
         task.model.to(settings.device)
         self.optimizer = torch.optim.AdamW(
-            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay
-        )
+            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay,
+            fused=settings.device == "cuda",
+        )  # fmt: skip
         self.averaged = copy.deepcopy(task.model).requires_grad_(False)
         self.saved_at = time.monotonic()
-        self.recent = 0.0
+        self.smoothed = torch.zeros((), device=settings.device)
+
+    @property
+    def recent(self) -> float:
+        """The loss, averaged over some fifty steps."""
+        return float(self.smoothed)
 
     @property
     def checkpoint(self) -> Path:
@@ -141,11 +147,11 @@ class _Run:
         self.step += 1
         decay = min(self.settings.averaging, (1 + self.step) / (10 + self.step))
         with torch.no_grad():
-            for kept, fresh in zip(self.averaged.parameters(), self.task.model.parameters(), strict=True):
-                kept.lerp_(fresh, 1.0 - decay)
+            average = torch.optim.swa_utils.get_ema_multi_avg_fn(decay)
+            average(list(self.averaged.parameters()), list(self.task.model.parameters()), self.step)
             for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
                 kept.copy_(fresh)
-        self.recent += 0.02 * (float(loss.detach()) - self.recent) if self.recent else float(loss.detach())
+            self.smoothed.lerp_(loss, 0.02 if self.step > 1 else 1.0)
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""
@@ -189,7 +195,8 @@ class _Run:
         self.averaged.load_state_dict(state["averaged"])
         self.optimizer.load_state_dict(state["optimizer"])
         set_dropout_state(self.settings.device, state["global_generator"])
-        self.step, self.recent = state["step"], state["recent"]
+        self.step = state["step"]
+        self.smoothed.fill_(state["recent"])
 
 
 def _schedule(step: int, steps: int) -> float:

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import torch
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
 from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, other_side
 from solver_backend.training.landmarks.body_points import PLACES, BodyPoints, rodrigues
@@ -14,7 +15,10 @@ from solver_backend.training.landmarks.corruption import Corruption
 from solver_backend.training.landmarks.layout_masks import layout_masks, part_masks
 from solver_backend.training.landmarks.thesis_corruption import ThesisCorruption, thesis_shapes
 
-_LIMBS = ((13, 16, 18, 20), (14, 17, 19, 21), (1, 2, 4, 5, 7, 8, 10, 11), (12, 15))
+_LIMBS = (
+    SMPL.group("left_arm"), SMPL.group("right_arm"), SMPL.both("hip", "knee", "ankle", "foot"),
+    SMPL.numbers("neck", "head"),
+)  # fmt: skip
 """Joints that travel together when poses exchange limbs."""
 
 

@@ -81,7 +81,7 @@ def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.
 
 def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:
     """Return (B, size, size) maps: the greatest value of the points over each pixel, 0 where there is none."""
-    device, count = u.device, len(u)
+    device = u.device
     around = torch.arange(-_RADIUS, _RADIUS + 1, device=device)
     columns = ((u + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around
     rows = ((v + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around[:, None]
@@ -89,7 +89,7 @@ def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch
     inside = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size) & seen[..., None, None]
     index = (rows.clamp(0, size - 1) * size + columns.clamp(0, size - 1)).flatten(1)
     values = torch.where(inside, value[..., None, None], 0.0).flatten(1)
-    maps = torch.zeros(count, size * size, device=device)
+    maps = torch.zeros(u.shape[0], size * size, device=device)  # shape[0]: len() would fix it in an ONNX file
     return maps.scatter_reduce(1, index, values, "amax").unflatten(1, (size, size))
 
 

@@ -84,6 +84,17 @@ class _SoftmaxReading(torch.autograd.Function):
             return (highest + total.log())[:, 0], centre, logits.gather(-1, index)
 
     @staticmethod
+    def symbolic(graph: Any, logits: Any, index: Any, basis: Any) -> tuple[Any, Any, Any]:
+        """Return the same reading as operators of an ONNX file (opset 18)."""
+        last, of_places = (graph.op("Constant", value_t=torch.tensor(which)) for which in ([-1], [1, 2]))
+        sums = graph.op("MatMul", graph.op("Softmax", logits, axis_i=-1), basis)
+        return (
+            graph.op("ReduceLogSumExp", logits, last, keepdims_i=0),
+            graph.op("Gather", sums, of_places, axis_i=1),
+            graph.op("GatherElements", logits, index, axis_i=1),
+        )
+
+    @staticmethod
     def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
         by_total, by_centre, by_near = gradients
         mass, total, centre, index, basis = ctx.saved_tensors

@@ -6,6 +6,7 @@ import numpy as np
 import torch
 
 from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.training.landmarks.body_points import PLACES
 
 _CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
@@ -25,14 +26,17 @@ def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
     return torch.tensor(masks, device=device), cumulated
 
 
-PARTS = (
-    (0, 1, 2, 4, 5, 7, 8, 10, 11),
-    (0, 3, 6, 9, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21, 22, 23),
-    (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 13, 14, 16, 17, 18, 19, 20, 21, 22, 23),
-    (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 15),
-    (0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 10, 11, 12, 13, 14, 15, 16, 17, 18, 19),
-    (0, 2, 3, 5, 6, 8, 9, 11, 12, 15, 14, 17, 19, 21, 23),
-)
+_HIPS, _LEGS = SMPL.both("hip"), SMPL.both("knee", "ankle", "foot")
+_HANDS, _ARMS = SMPL.both("wrist", "hand"), SMPL.both("shoulder", "elbow", "wrist", "hand")
+_EVERY = range(SMPL.num_joints)
+_LEFT = (*SMPL.group("left_leg"), *SMPL.group("left_arm"), *SMPL.group("left_hand"))
+PARTS = tuple(
+    tuple(joint for joint in _EVERY if joint not in lacking)
+    for lacking in (
+        {joint for joint in _EVERY if joint not in (0, *_HIPS, *_LEGS)}, {*_HIPS, *_LEGS},
+        set(SMPL.numbers("neck", "head")), {*SMPL.both("collar"), *_ARMS}, set(_HANDS), set(_LEFT),
+    )
+)  # fmt: skip
 """Joints of people with markers on a part of the body alone: legs, no legs, no head, no arms, no hands, one side."""
 
 

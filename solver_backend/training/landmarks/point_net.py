@@ -9,6 +9,7 @@ from torch import nn
 
 from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
+from solver_backend.training.engine.attention_layers import AttentionLayer, attention, split_heads
 
 _HIDDEN = -30000.0
 """Score of a point that is not there."""
@@ -50,7 +51,7 @@ class PointNet(nn.Module):
         d, heads = widths.width, widths.heads
         self.embed = nn.Linear(3 + 6 * len(FREQUENCIES), d)
         self.by_distance = nn.Linear(len(NEARNESS), widths.layers * heads, bias=False)
-        self.layers = nn.ModuleList(_Layer(d, heads) for _ in range(widths.layers))
+        self.layers = nn.ModuleList(AttentionLayer(d, heads) for _ in range(widths.layers))
         self.norm = nn.LayerNorm(d)
         self.labels = nn.Linear(d, GHOST + 1)
         self.missing = nn.Parameter(torch.zeros(len(MARKERS)))
@@ -82,22 +83,6 @@ class PointNet(nn.Module):
         return Reading(scores, self.missing, positions, self.spread(asked))
 
 
-class _Layer(nn.Module):
-    """Attention with a bias, then two dense layers; normalised before each."""
-
-    def __init__(self, width: int, heads: int) -> None:
-        super().__init__()
-        self.heads = heads
-        self.first, self.second = nn.LayerNorm(width), nn.LayerNorm(width)
-        self.qkv, self.out = nn.Linear(width, 3 * width), nn.Linear(width, width)
-        self.up, self.down = nn.Linear(width, 2 * width), nn.Linear(2 * width, width)
-
-    def forward(self, x: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-        q, k, v = (_split(part, self.heads) for part in self.qkv(self.first(x)).chunk(3, -1))
-        x = x + self.out(_attention(q, k, v, bias))
-        return x + self.down(self.up(self.second(x)).relu())
-
-
 class _Asking(nn.Module):
     """Landmarks attend to points, then to one another, then two dense layers."""
 
@@ -105,18 +90,9 @@ class _Asking(nn.Module):
         super().__init__()
         self.heads = heads
         self.q, self.kv, self.out = nn.Linear(width, width), nn.Linear(width, 2 * width), nn.Linear(width, width)
-        self.among = _Layer(width, heads)
+        self.among = AttentionLayer(width, heads)
 
     def forward(self, asking: torch.Tensor, x: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-        k, v = (_split(part, self.heads) for part in self.kv(x).chunk(2, -1))
-        asking = asking + self.out(_attention(_split(self.q(asking), self.heads), k, v, bias))
-        return self.among(asking, torch.zeros((), device=x.device, dtype=asking.dtype))
-
-
-def _split(x: torch.Tensor, heads: int) -> torch.Tensor:
-    return x.unflatten(-1, (heads, -1)).transpose(1, 2)
-
-
-def _attention(q: torch.Tensor, k: torch.Tensor, v: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
-    scores = q @ k.transpose(-1, -2) * q.shape[-1] ** -0.5 + bias
-    return (scores.softmax(-1) @ v).transpose(1, 2).flatten(-2)
+        k, v = (split_heads(part, self.heads) for part in self.kv(x).chunk(2, -1))
+        asking = asking + self.out(attention(split_heads(self.q(asking), self.heads), k, v, bias))
+        return self.among(asking)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.training.data.points import rotation_points
 
@@ -16,20 +17,23 @@ CROUCH_M = 0.5
 """Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle."""
 LEANING_DEG = 55.0
 """Trunks that lean further are on the floor, or in the air."""
-_LEFT, _RIGHT = {"hip": 1, "ankle": 7, "shoulder": 16, "wrist": 20}, {"hip": 2, "ankle": 8, "shoulder": 17, "wrist": 21}
+_PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
+"""The left and the right joint of each part."""
+(_CHEST,) = SMPL.numbers("spine3")
 
 
 def groups_of(rotations: np.ndarray) -> np.ndarray:
     """Return (N, 4) bool, by ``GROUPS``, of (N, 22, 3, 3) poses, the pelvis first, Y up."""
     joints = _joints(rotations)
     upright = _lean_deg(rotations) < LEANING_DEG
-    height = joints[:, 0, 1] - np.minimum(joints[:, 7, 1], joints[:, 8, 1])
+    ankles = joints[:, _PAIR["ankle"], 1]
+    height = joints[:, 0, 1] - ankles.min(1)
     legs = _order(joints, "hip", "ankle") < -CROSSED_M
-    wrists = joints[:, [20, 21]]
-    chest = joints[:, 9]
+    wrists = joints[:, _PAIR["wrist"]]
+    chest = joints[:, _CHEST]
     near = (np.linalg.norm(wrists - chest[:, None], axis=-1) < 0.42).all(1)
     arms = (_order(joints, "shoulder", "wrist") < -CROSSED_M) & near
-    foot = np.maximum(joints[:, 7, 1], joints[:, 8, 1]) - joints[:, 0, 1]
+    foot = ankles.max(1) - joints[:, 0, 1]
     kick = (foot > KICK_M) & (height > CROUCH_M)
     crouch = height < CROUCH_M
     return np.stack([legs, arms, kick, crouch], axis=1) & upright[:, None]
@@ -53,6 +57,7 @@ def _lean_deg(rotations: np.ndarray) -> np.ndarray:
 
 def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
     """Return how far the left end is to the left of the right one, along the line of the bases, metres."""
-    across = joints[:, _LEFT[base]] - joints[:, _RIGHT[base]]
+    (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
+    across = joints[:, left] - joints[:, right]
     across /= np.linalg.norm(across, axis=-1, keepdims=True)
-    return ((joints[:, _LEFT[end]] - joints[:, _RIGHT[end]]) * across).sum(-1)
+    return ((joints[:, left_end] - joints[:, right_end]) * across).sum(-1)

@@ -49,7 +49,7 @@ class UNet(nn.Module):
         """Return the prediction layer's maps, each contiguous: as a product, for they are read one by one."""
         weight, bias = self.predict.weight.flatten(1), self.predict.bias
         assert bias is not None
-        maps = torch.baddbmm(bias[None, :, None], weight.expand(len(x), -1, -1), x.flatten(2))
+        maps = torch.baddbmm(bias[None, :, None], weight.expand(x.shape[0], -1, -1), x.flatten(2))
         return maps.unflatten(2, x.shape[2:])
 
 

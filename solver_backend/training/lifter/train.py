@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict
-from typing import Any, cast
+from typing import cast
 
 from torch import nn
 
@@ -12,12 +12,13 @@ from solver_backend.priors.lifter import OUTPUTS, POINTS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import read_stack, read_weights
 from solver_backend.training.engine.dense_layers import stack_arrays, take_over
-from solver_backend.training.engine.loop import Task, TrainingSettings, run_training
+from solver_backend.training.engine.loop import run_training
 from solver_backend.training.engine.model_card import Card
 from solver_backend.training.engine.publish import publish
 from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.lifter.task import LifterSettings, LifterTask
 
+NAME = "lifter"
 CARD = Card(
     "Lifter",
     """The lifter: where a fit to a frame's 3D keypoints starts. A network from 19 points, seen from the trunk, to
@@ -35,30 +36,13 @@ def train_lifter(job: TrainingJob, settings: LifterSettings = LifterSettings()) 
     task = LifterTask(
         job.training, job.validation, load_body(), load_sposer(), settings, job.settings.batch, job.settings.seed
     )  # fmt: skip
-    return train_network(job, task, settings, ("lifter", 4 * len(POINTS), OUTPUTS), CARD, job.settings)
-
-
-def train_network(
-    job: TrainingJob, task: Task, settings: Any, kind: tuple[str, int, int], card: Card, loop: TrainingSettings
-) -> Finished:
-    """Train a network from points to SPoser's codes, export it and write the model card.
-
-    Args:
-        job: what is trained, and from which weights if from any.
-        task: batches, loss and figures.
-        settings: a dataclass of the network and what it is shown; ``hidden`` are the widths of its layers.
-        kind: name of the weights, numbers in and numbers out.
-        card: its text.
-        loop: how the loop runs.
-    """
-    name, inputs, outputs = kind
     if job.start is not None:
-        start = read_weights(job.start, name)
-        take_over(cast(nn.Sequential, task.model), read_stack(start, "network", inputs, outputs))
-    network = cast(nn.Sequential, run_training(task, loop, job.work, job.progress))
+        start = read_weights(job.start, NAME)
+        take_over(cast(nn.Sequential, task.model), read_stack(start, "network", 4 * len(POINTS), OUTPUTS))
+    network = cast(nn.Sequential, run_training(task, job.settings, job.work, job.progress))
     header = {
         "network_hidden": settings.hidden, "activation": "silu", "points": POINTS,
         "sposer_sha256": load_sposer().metadata["sha256"],
     }  # fmt: skip
     arrays, figures = stack_arrays(network, "network"), {"metrics": task.evaluate(network)}
-    return publish(job, name, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, card)
+    return publish(job, NAME, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, CARD)

@@ -8,7 +8,7 @@ import torch
 
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifter import POINTS, SIDES
-from solver_backend.priors.view_lifter import MIDDLE, WINDOW
+from solver_backend.priors.view_lifter import MIDDLE, WINDOW, WINDOW_FPS
 from solver_backend.training.data.augmentation import mirrored
 from solver_backend.training.view_lifter.recordings import SHAPES, Recordings, mirrored_points
 
@@ -20,8 +20,14 @@ STEEP = 0.2
 """Share of cameras that look from anywhere between 25 degrees below and 65 above."""
 ROLL_DEG = 12.0
 """Deviation of how far a camera is turned about its axis: people hold telephones askew."""
-TUMBLED = 0.08
+TUMBLED = 0.15
 """Share of windows in which the person is turned about a level axis by up to half a turn: somersaults, handstands."""
+TURNED_OVER = 0.5
+"""Share of the windows of people with both hands above the head that are turned over onto them."""
+TURNED_OVER_DEG = 60.0
+"""Greatest angle from upside down of those."""
+TURNING_DEG_S = 360.0
+"""Greatest rate of such a turn; half of them stand still."""
 OFF_AXIS = 0.45
 """Greatest distance of the person from the principal point, in focal lengths."""
 NOISE_M = (0.004, 0.03)
@@ -50,9 +56,17 @@ _LOST_TOGETHER = (
     ("elbow", "wrist"), ("knee", "ankle", "big_toe", "heel"), ("wrist",), ("ankle", "big_toe", "heel"), ("ear",),
     ("big_toe", "heel"),
 )  # fmt: skip
-_GROUPS = tuple(
-    tuple(POINTS.index(f"{side}_{part}") for part in parts) for side in SIDES for parts in _LOST_TOGETHER
+_GROUPS = [
+    [name in [f"{side}_{part}" for part in parts] for name in POINTS] for side in SIDES for parts in _LOST_TOGETHER
+]  # fmt: skip
+_TRUNK = (0, 1, 2, 3)
+_LIMBS = tuple(
+    (POINTS.index(f"{side}_{first}"), POINTS.index(f"{side}_{last}"), radius)
+    for side in SIDES for first, last, radius in (("hip", "knee", 0.07), ("shoulder", "elbow", 0.05))
 )  # fmt: skip
+_OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
+TRUNK_M, BEHIND_M = 0.14, 0.1
+"""Half the trunk's width, and how much farther away a point is that a part of the body hides."""
 _TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
 NO_TOES = 0.2
 """Share of windows of detectors that know neither toes nor heels."""
@@ -97,19 +111,20 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
     place = recordings.place[chosen] - recordings.place[centres][:, None]
     local, root = recordings.local[centres], recordings.root[centres]
     flip = torch.rand(count, generator=generator) < 0.5
-    points[flip] = mirrored_points(points[flip])
     side = torch.tensor((-1.0, 1.0, 1.0))
-    place[flip] = place[flip] * side
-    local, root = local.clone(), root.clone()
-    local[flip], root[flip] = mirrored(local[flip]), side[:, None] * root[flip] * side
-    points = torch.matmul(points, shape[:, None, None, :, None])[..., 0] + place[:, :, None]
-    tumble = _tumbles(count, generator)
-    points, root = torch.matmul(points, tumble.mT[:, None]), torch.matmul(tumble, root)
+    points = torch.where(flip[:, None, None, None, None], mirrored_points(points), points)
+    place = torch.where(flip[:, None, None], place * side, place)
+    local = torch.where(flip[:, None, None, None], mirrored(local), local)
+    root = torch.where(flip[:, None, None], side[:, None] * root * side, root)
+    points = torch.matmul(points.flatten(1, 3), shape[:, :, None]).unflatten(1, points.shape[1:4])[..., 0]
+    tumble = _tumbles(recordings.raised[centres], generator)
+    points = torch.matmul(points, tumble.mT) + place[:, :, None]
+    root = torch.matmul(tumble[:, MIDDLE], root)
     turn, up = _cameras(count, generator)
     distance = _log_uniform(DISTANCE_M, (count,), generator)
     aside = OFF_AXIS * (2.0 * torch.rand(count, 2, generator=generator) - 1.0)
     origin = distance[:, None] * torch.cat([aside, torch.ones(count, 1)], dim=1)
-    seen = torch.matmul(points, turn.mT[:, None]) + origin[:, None, None]
+    seen = torch.matmul(points.flatten(1, 2), turn.mT).unflatten(1, points.shape[1:3]) + origin[:, None, None]
     depth = seen[..., 2].clamp_min(0.4)
     image = seen[..., :2] / depth[..., None]
     image, confidence = _detected(image, seen[..., 2], distance, inside, generator)
@@ -122,12 +137,20 @@ def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Gene
     )  # fmt: skip
 
 
-def _tumbles(count: int, generator: torch.Generator) -> torch.Tensor:
-    """Return (B, 3, 3) turns about level axes, most of them none."""
-    heading, turn, chance = torch.rand(3, count, generator=generator)
-    angle = torch.where(chance < TUMBLED, torch.pi * (2.0 * turn - 1.0), torch.zeros(count))
+def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 27, 3, 3) turns about level axes, most of them none; some go on over the window."""
+    count = len(raised)
+    heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
+    over = raised & (chance < TURNED_OVER)
+    start = torch.where(over, torch.pi + TURNED_OVER_DEG * torch.pi / 180.0 * (2.0 * turn - 1.0),
+                        torch.pi * (2.0 * turn - 1.0))  # fmt: skip
+    rate = torch.where(turning < 0.5, TURNING_DEG_S * torch.pi / 180.0 * (2.0 * rate - 1.0), torch.zeros(count))
+    seconds = (torch.arange(WINDOW) - MIDDLE) / WINDOW_FPS
+    angle = start[:, None] + rate[:, None] * seconds
+    angle = torch.where((over | (chance > 1.0 - TUMBLED))[:, None], angle, torch.zeros_like(angle))
     heading = 2.0 * torch.pi * heading
-    return exp_so3(angle[:, None] * torch.stack([torch.cos(heading), torch.zeros(count), torch.sin(heading)], dim=1))
+    axis = torch.stack([torch.cos(heading), torch.zeros(count), torch.sin(heading)], dim=1)
+    return exp_so3(angle[..., None] * axis[:, None])
 
 
 def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
@@ -155,7 +178,7 @@ def _detected(
     """Return the (B, 27, 19, 2) image points as a detector gives them, and its confidences."""
     count, metre = len(image), (1.0 / distance)[:, None, None]
     noise = _log_uniform(NOISE_M, (count, 1, 1), generator)
-    behind = _behind_trunk(image, depth, distance)
+    behind = _behind_body(image, depth, distance)
     spread = noise * torch.where(behind, 3.0, 1.0)
     drift, steady = (torch.randn(count, 1, len(POINTS), 2, generator=generator) for _ in range(2))
     bias = BIAS_M * (steady + 0.5 * torch.linspace(-1.0, 1.0, WINDOW)[:, None, None] * drift)
@@ -177,17 +200,21 @@ def _detected(
     return image, torch.where(inside[..., None] & ~lost, confidence, torch.zeros_like(confidence))
 
 
-def _behind_trunk(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
-    """Return (B, 27, 19) whether a point lies behind the trunk: near its axis in the picture, and farther away."""
-    shoulders, hips = image[:, :, 0:2].mean(2), image[:, :, 2:4].mean(2)
-    axis = (hips - shoulders)[:, :, None]
-    along = ((image - shoulders[:, :, None]) * axis).sum(-1) / (axis * axis).sum(-1).clamp_min(1e-8)
-    nearest = shoulders[:, :, None] + along.clamp(0.0, 1.0)[..., None] * axis
-    aside = torch.linalg.vector_norm(image - nearest, dim=-1) * distance[:, None, None]
-    middle = depth[:, :, :4].mean(2, keepdim=True)
-    behind = (aside < 0.14) & (depth > middle + 0.1)
-    behind[:, :, :4] = False
-    return behind
+def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
+    """Return (B, 27, 19) whether a point lies behind trunk, thighs or upper arms: near their axes, and farther away."""
+    first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
+    start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
+    end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
+    middle = torch.cat([depth[:, :, :4].mean(2, keepdim=True), 0.5 * (depth[:, :, first] + depth[:, :, last])], dim=2)
+    axis = (end - start)[:, :, :, None]
+    apart = image[:, :, None] - start[:, :, :, None]
+    along = (apart * axis).sum(-1) / (axis * axis).sum(-1).clamp_min(1e-8)
+    aside = torch.linalg.vector_norm(apart - along.clamp(0.0, 1.0)[..., None] * axis, dim=-1)
+    near = (
+        aside * distance[:, None, None, None] < torch.tensor([TRUNK_M, *(radius for _, _, radius in _LIMBS)])[:, None]
+    )
+    behind = near & (depth[:, :, None] > middle[..., None] + BEHIND_M) & ~torch.tensor(_OWN)
+    return behind.any(dim=2)
 
 
 def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
@@ -205,9 +232,8 @@ def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator)
     """Return (B, 27, 19) which points a detector does not give."""
     count = len(image)
     lost = torch.rand(behind.shape, generator=generator) < torch.where(behind, 0.35, 0.01)
-    groups = torch.zeros(count, 1, len(POINTS), dtype=torch.bool)
-    for group in _GROUPS:
-        groups[:, 0, list(group)] |= torch.rand(count, 1, generator=generator) < 0.2
+    gone = (torch.rand(count, len(_GROUPS), generator=generator) < 0.2).float()
+    groups = torch.matmul(gone, torch.tensor(_GROUPS, dtype=torch.float32))[:, None] > 0
     some = torch.rand(count, 1, 1, generator=generator) < LOST
     lost |= some & groups & _for_a_time(count, generator)[..., None]
     no_toes = torch.rand(count, 1, generator=generator) < NO_TOES

@@ -10,6 +10,7 @@ import torch
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.priors.lifter import POINTS
 from solver_backend.training.data.augmentation import EXCHANGED_JOINTS, mirrored
@@ -23,7 +24,15 @@ TILTED_COSINE = 0.7
 """A pelvis whose axis is further from vertical (45 degrees) lies, crawls or turns over."""
 TILTED_REPEATS = 4
 """How often each such pose counts: they are few, and a take on the floor has nothing else."""
-_SUPPORTS = (7, 8, 10, 11, 20, 21, 4, 5, 0)
+INVERTED_COSINE = -0.3
+"""A pelvis whose axis points further down than this is upside down."""
+INVERTED_REPEATS = 20
+"""How often each such pose counts: a few dozen frames of cartwheels and flips are all that is recorded."""
+RAISED_M = 0.05
+"""Hands that are so far above the head carry the body when it is turned over."""
+RAISED_REPEATS = 2
+"""How often each such pose counts, since half of them are turned over."""
+_SUPPORTS = (*SMPL.both("ankle", "foot", "wrist", "knee"), *SMPL.numbers("pelvis"))
 """Joints that a body may stand on: ankles, toes, wrists, knees, pelvis."""
 _BLOCK = 2048
 """Poses that are placed at a time, which bounds memory; chosen by hand."""
@@ -41,6 +50,8 @@ class Recordings:
     """(N, 3) pelvis, metres."""
     points: torch.Tensor
     """(N, 19, 3, 1 + SHAPES) half precision: points about the pelvis, and their change by each shape parameter."""
+    raised: torch.Tensor
+    """(N,) bool: upright, both hands above the head."""
     clip_start: torch.Tensor
     """(N,) first frame of each frame's clip."""
     clip_end: torch.Tensor
@@ -70,15 +81,17 @@ class Recordings:
                 for edge, more in ((corpus.clip_start, 0), (corpus.clip_end - 1, 1))
             )
             centres = torch.as_tensor(number[corpus.distinct[kept[corpus.distinct]]])
-            tilted = root[centres, 1, 1] < TILTED_COSINE
-            centres = torch.cat([centres, centres[tilted].repeat(TILTED_REPEATS - 1)])
+            axis = root[centres, 1, 1]
+            tilted, inverted = centres[axis < TILTED_COSINE], centres[axis < INVERTED_COSINE]
+            centres = torch.cat([centres, tilted.repeat(TILTED_REPEATS - 1), inverted.repeat(INVERTED_REPEATS - 1)])
             generator, copies = torch.Generator().manual_seed(seed), [local]
             copies += [_with_limbs_of_others(local, start, end, generator) for _ in range(exchanged)]
             shifts = [len(local) * copy for copy in range(len(copies))]
             local, root = torch.cat(copies), torch.cat([root] * len(copies))
             start, end, centres = (torch.cat([part + shift for shift in shifts]) for part in (start, end, centres))
-            place = standing_place(local, root, start)
-            return cls(local, root, place, _points(body, local, root), start, end, centres)
+            place, raised = standing_place(local, root, start), _raised(local, root)
+            centres = torch.cat([centres, centres[raised[centres]].repeat(RAISED_REPEATS - 1)])
+            return cls(local, root, place, _points(body, local, root), raised, start, end, centres)
 
 
 def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Tensor) -> torch.Tensor:
@@ -98,6 +111,16 @@ def standing_place(local: torch.Tensor, root: torch.Tensor, clip_start: torch.Te
     place = (place - place[clip_start]).float()
     place[:, 1] = -here[:, 1]
     return place
+
+
+def _raised(local: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
+    """Return (N,) bool, which people stand upright with both hands above the head."""
+    (head,), hands = SMPL.numbers("head"), list(SMPL.both("wrist"))
+    above = []
+    for part, turn in zip(local.split(_BLOCK), root.split(_BLOCK), strict=True):
+        height = torch.matmul(rotation_points(part)[:, :NUM_JOINTS], turn.mT)[..., 1]
+        above.append((height[:, hands] > height[:, head, None] + RAISED_M).all(dim=1))
+    return torch.cat(above) & (root[:, 1, 1] > TILTED_COSINE)
 
 
 def mirrored_points(points: torch.Tensor) -> torch.Tensor:

@@ -10,14 +10,15 @@ from torch import nn
 from solver_backend.body.body import Body
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.metrics.positions import pa_mpjpe_mm
+from solver_backend.priors.networks.decoder import decoded_rotations
 from solver_backend.priors.sposer import SPoser
-from solver_backend.priors.view_lifter import INPUTS, OUTPUTS, LiftedView, features, interpreted, look_at
+from solver_backend.priors.view_lifter import LiftedView, features, interpreted, look_at
 from solver_backend.training.data.corpus import Corpus
 from solver_backend.training.data.points import rotation_points
-from solver_backend.training.engine.dense_layers import dense_stack
 from solver_backend.training.engine.devices import device_of
 from solver_backend.training.view_lifter.filming import FilmedWindows, film
-from solver_backend.training.view_lifter.recordings import Recordings
+from solver_backend.training.view_lifter.network import ViewNet
+from solver_backend.training.view_lifter.recordings import INVERTED_COSINE, Recordings
 
 _VALIDATION_WINDOWS = 2000
 """Windows that each validation looks at; chosen by hand."""
@@ -29,8 +30,12 @@ _JOINTS = NUM_JOINTS
 class ViewLifterSettings:
     """The network and the people it is shown."""
 
-    hidden: tuple[int, ...] = (640, 512, 512, 512)
-    """Widths of the hidden layers."""
+    width: int = 192
+    """Features of a frame."""
+    layers: int = 6
+    """Of attention among frames."""
+    heads: int = 6
+    """Of each attention."""
     exchanged: int = 3
     """Copies of the recordings whose clips have limbs of one another."""
     tips: float = 0.3
@@ -49,7 +54,7 @@ class ViewLifterTask:
         batch: int, seed: int, device: str = "cpu",
     ) -> None:  # fmt: skip
         torch.manual_seed(seed)
-        self._network = dense_stack((INPUTS, *settings.hidden, OUTPUTS), "silu")
+        self._network = ViewNet(settings.width, settings.layers, settings.heads)
         self._settings, self._prior, self._batch = settings, prior, batch
         self._device = torch.device(device)
         self._recordings = Recordings.of(training, body, settings.exchanged, seed, self._device)
@@ -59,7 +64,7 @@ class ViewLifterTask:
 
     @property
     def model(self) -> nn.Module:
-        """1544 to 89."""
+        """27 frames of 62 numbers to 89."""
         return self._network
 
     def draw(self, generator: torch.Generator) -> FilmedWindows:
@@ -74,10 +79,10 @@ class ViewLifterTask:
         """Return metres of misplaced points, of the direction up, and the errors' density."""
         footage, chosen = batch.to(device_of(self._network)), self._settings
         lifted = _lifted(self._network, footage)
-        off = self._off(lifted, footage)
-        length = torch.linalg.vector_norm(off, dim=-1)
+        poses = self._poses(lifted, footage)
+        length = torch.linalg.vector_norm(poses.off, dim=-1)
         up = (lifted.up - footage.true_up).square().sum(-1).mean()
-        density = _density(off[:, :_JOINTS].detach(), lifted).mean()
+        density = _density(poses.off[:, :_JOINTS].detach(), lifted).mean()
         points = (length[:, :_JOINTS].mean() + chosen.tips * length[:, _JOINTS:].mean()) / (1.0 + chosen.tips)
         return points + chosen.up * up + chosen.error * density
 
@@ -86,38 +91,51 @@ class ViewLifterTask:
         """Return figures on unseen subjects."""
         footage = self._unseen
         lifted = _lifted(model, footage)
-        off = self._off(lifted, footage)[:, 1:_JOINTS]
-        found, truth = self._joints(lifted.z, lifted.root), _posed(footage)
+        poses = self._poses(lifted, footage)
+        off = poses.off[:, 1:_JOINTS]
         cosine = (lifted.up * footage.true_up).sum(-1).clamp(-1.0, 1.0)
         known = footage.up.square().sum(-1) > 0
+        inverted = (footage.root[:, :, 1] * footage.true_up).sum(-1) < INVERTED_COSINE
         sigma = lifted.sigma_m[:, 1:]
         along = (off * lifted.sight[:, None, 2]).sum(-1)
         across = (off.square().sum(-1) - along.square()).clamp_min(0.0)
         deviation = across / sigma[..., 0].square() + (along / sigma[..., 1]).square()
+        found, truth = (joints[:, :_JOINTS].numpy() for joints in (poses.found, poses.truth))
         return {
             "joints_mm": 1000 * float(torch.linalg.vector_norm(off, dim=-1).mean()),
-            "pa_joints_mm": pa_mpjpe_mm(found[:, :_JOINTS].numpy(), truth[:, :_JOINTS].numpy()),
+            "pa_joints_mm": pa_mpjpe_mm(found, truth),
+            "pa_inverted_mm": pa_mpjpe_mm(found[inverted], truth[inverted]),
             "along_mm": 1000 * float(along.abs().mean()),
             "up_unknown_deg": float(torch.rad2deg(torch.arccos(cosine[~known])).mean()),
             "inside_95_percent": 100 * float((deviation < 7.815).float().mean()),
         }
 
-    def _joints(self, z: torch.Tensor, root: torch.Tensor) -> torch.Tensor:
-        return torch.matmul(rotation_points(self._prior.decode(z)), root.mT)
+    def _poses(self, lifted: LiftedView, footage: FilmedWindows) -> _Poses:
+        decoded = decoded_rotations(self._prior.decoder_like(lifted.z), lifted.z)
+        points = rotation_points(torch.cat([decoded, footage.local]))
+        found, truth = torch.matmul(points, torch.cat([lifted.root, footage.root]).mT).chunk(2)
+        off = found - truth
+        return _Poses(found, truth, off - off[:, :_JOINTS].mean(dim=1, keepdim=True))
 
-    def _off(self, lifted: LiftedView, footage: FilmedWindows) -> torch.Tensor:
-        """Return (B, 90, 3) errors of points about the middle of the joints, in the camera's axes."""
-        off = self._joints(lifted.z, lifted.root) - _posed(footage)
-        return off - off[:, :_JOINTS].mean(dim=1, keepdim=True)
 
+@dataclass(frozen=True)
+class _Poses:
+    """B windows' points in the camera's axes."""
 
-def _posed(footage: FilmedWindows) -> torch.Tensor:
-    return torch.matmul(rotation_points(footage.local), footage.root.mT)
+    found: torch.Tensor
+    """(B, 90, 3) about the pelvis."""
+    truth: torch.Tensor
+    """(B, 90, 3) about the pelvis."""
+    off: torch.Tensor
+    """(B, 90, 3) errors about the middle of the joints."""
 
 
 def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:
     view = look_at(footage.points, footage.confidence)
-    return interpreted(network(features(footage.points, footage.confidence, footage.up, view)), view)
+    tokens = features(footage.points, footage.confidence, footage.up, view)
+    with torch.autocast(tokens.device.type, torch.bfloat16, enabled=tokens.device.type == "cuda"):
+        output = network(tokens)
+    return interpreted(output.float(), view)
 
 
 def _density(off: torch.Tensor, lifted: LiftedView) -> torch.Tensor:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import Cancelled, MocapError
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.parallel import usable_cores
 from solver_backend.types import JointSet
@@ -183,7 +184,9 @@ def _detected(process: DetectorProcess, wanted: _Wanted, pictures: Iterator) -> 
         track=track,
     )
     seen = [hand for hand in hands if hand is not None]
-    return replace(result, hands=_placed(seen, place, (2, 21, 3))) if len(seen) == len(times) and seen else result
+    if not seen or len(seen) < len(times):
+        return result
+    return replace(result, hands=_placed(seen, place, (2, NUM_HAND_POINTS, 3)))
 
 
 def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
@@ -196,7 +199,7 @@ def _placed(people: list[np.ndarray], place: np.ndarray, shape: tuple[int, ...])
 
 
 def joint_set_of(about: dict) -> JointSet:
-    """Return the joint set of what a detector says about itself.
+    """Return the joint set of what a detector states about itself.
 
     Raises:
         DetectorOutputsUnknown: no joint set has so many keypoints.

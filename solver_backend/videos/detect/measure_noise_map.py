@@ -1,4 +1,4 @@
-"""What a detector's confidence says about its spread, measured on captures whose cameras are known."""
+"""What a detector's confidence means for its spread, measured on captures whose cameras are known."""
 
 from __future__ import annotations
 
@@ -64,13 +64,13 @@ def _errors(capture: Capture) -> tuple[np.ndarray, np.ndarray]:
     cameras = refined_cameras(cameras, keypoints.xy, keypoints.confidence)
     seen = (keypoints.confidence > 0).astype(float)
     located = triangulate(cameras, keypoints.xy, seen)
-    told = predict_views(cameras, keypoints.xy, seen, located)
+    predicted = predict_views(cameras, keypoints.xy, seen, located)
     points = np.asarray(located.points)
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     mm_per_px = 1000.0 * depth / cameras.K[:, 0, 0, None, None]
     own = np.asarray(located.sigma_px) ** 2
-    prediction = 0.5 * np.trace(told.covariance, axis1=-2, axis2=-1) - own
-    square = ((keypoints.xy - told.px) ** 2).sum(-1) - _MEDIAN_OF_SQUARE * np.maximum(prediction, 0.0)
+    prediction = 0.5 * np.trace(predicted.covariance, axis1=-2, axis2=-1) - own
+    square = ((keypoints.xy - predicted.px) ** 2).sum(-1) - _MEDIAN_OF_SQUARE * np.maximum(prediction, 0.0)
     known = np.isfinite(square) & np.isfinite(mm_per_px) & (seen > 0)
     return keypoints.confidence[known], (square * mm_per_px**2)[known]
 

@@ -97,7 +97,7 @@ class DetectorProcess:
             raise self._broken() from error
 
     def _hello(self) -> dict[str, Any]:
-        """Return what the process says of itself, once its detector is ready."""
+        """Return what the process states of itself, once its detector is ready."""
         try:
             head = read_head(self._answers)
             if "error" in head:

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import CaptureInvalid
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
@@ -128,5 +129,5 @@ def read_detections(path: Path, video: Path) -> VideoDetections:
         xy=xy,
         confidence=fields.numbers("confidence", xy.shape[:3]),
         track=track.astype(np.int64),
-        hands=fields.numbers("hands", (*xy.shape[:2], 2, 21, 3)) if "hands" in fields else None,
+        hands=fields.numbers("hands", (*xy.shape[:2], 2, NUM_HAND_POINTS, 3)) if "hands" in fields else None,
     )

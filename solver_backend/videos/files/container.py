@@ -18,7 +18,7 @@ AGAIN = "Copy the file from the camera again, or leave this camera out."
 
 @contextmanager
 def opened(path: Path) -> Iterator[InputContainer]:
-    """Yield the open container of a video; what goes wrong inside is told in our own words.
+    """Yield the open container of a video; what goes wrong inside is reported in our own words.
 
     Raises:
         BackendMissing: PyAV is not installed.

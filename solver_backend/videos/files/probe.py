@@ -61,7 +61,7 @@ class VideoInfo:
 UNTIMED_SHARE = 0.5
 """A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""
 PICTURES_FPS = 30.0
-"""Pictures a second of a folder of pictures, which says nothing about it."""
+"""Pictures a second of a folder of pictures, which does not state it."""
 
 
 def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:

@@ -95,6 +95,6 @@ def picture_of(frame: Any) -> np.ndarray:
 
 
 def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
-    """Return a stored picture (H, W, 3) turned counter-clockwise as its video says."""
+    """Return a stored picture (H, W, 3) turned counter-clockwise as its video states."""
     turns = quarter_turn(rotation_deg) // 90
     return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb

@@ -16,7 +16,7 @@ from solver_backend.camera_calibration.extrinsics.session_folders import BoardFo
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
@@ -30,11 +30,11 @@ from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
 
 SOURCES = ("auto", "board", "person")
-"""What tells the cameras: whatever is there, the filmed board, or the person, the last two even where there is a
-calibration."""
+"""How the cameras are calibrated: by whatever is there, the filmed board, or the person, the last two even where there
+is a calibration."""
 ONE_CAMERA = "one camera"
 """Method of a calibration of a single camera."""
-_TOLD_BOARDS = ("board.toml", "charuco.toml")
+_BOARD_FILES = ("board.toml", "charuco.toml")
 
 
 @dataclass(frozen=True)
@@ -48,7 +48,7 @@ class CalibrationRequest:
     detections: tuple[VideoDetections, ...]
     """What was found in its videos, for calibration by the person alone."""
     clocks: Clocks
-    """Of its cameras, told without calibration."""
+    """Of its cameras, found without a calibration."""
     out: Path
     """Calibration file to write, in a format that ``read_calibration`` reads."""
     coverage: Path | None = None
@@ -57,16 +57,16 @@ class CalibrationRequest:
 
 @dataclass(frozen=True)
 class KnownOfCameras:
-    """What the user says of cameras and of what they filmed."""
+    """What the user states of cameras and of what they filmed."""
 
     board: str | None = None
     """The board, as ``board_named`` reads it; None looks for a ``board.toml`` beside its footage."""
     lenses: Path | None = None
     """A library of lenses or a calibration that has them."""
     stature_m: float | None = None
-    """Of the person, who tells the scale where no board does."""
+    """Of the person, who sets the scale where no board does."""
     source: str = "auto"
-    """What tells the cameras, one of ``SOURCES``."""
+    """How the cameras are calibrated, one of ``SOURCES``."""
     focal: str = ""
     """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
 
@@ -85,20 +85,18 @@ class TakeCalibration:
 
     method: str
     """'board', 'person' or ``ONE_CAMERA``."""
-    words: tuple[str, ...]
-    """What was done."""
-    doubts: tuple[str, ...]
-    """What is wrong or unsure, with what to do."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What was done, and what is wrong or unsure."""
 
 
 def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress: Progress) -> TakeCalibration:
-    """Find the cameras of a take, write them, and return what is to be said of them.
+    """Find the cameras of a take, write them, and return what was found.
 
-    Footage of a board that several cameras saw tells all; footage for lenses alone, or lenses that are known, leave
+    Footage of a board that several cameras saw is enough; footage for lenses alone, or lenses that are known, leave
     the places to the person; without any the lenses are guessed from the pictures' size and found with the places.
 
     Raises:
-        CommandLineInvalid: footage of a board is to be used, and nobody says of which.
+        CommandLineInvalid: footage of a board is to be used, and nobody names it.
         CalibrationMissing: footage or lenses of a camera are missing; names it.
         CalibrationInvalid: see the ways of calibrating.
     """
@@ -110,7 +108,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             "No footage of a board that several cameras saw is here.", where=str(request.found.root),
             hint="Put it into a folder 'extrinsics' beside the takes, or calibrate from the person: --cameras person.",
         )  # fmt: skip
-    words: tuple[str, ...] = ()
+    unused: tuple[Diagnostic, ...] = ()
     if places and known.source != "person":
         folder = None if request.coverage is None else request.coverage.parent / "boards"
         board = _board(request, known)
@@ -119,18 +117,17 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
             draw_boards(folder, names, request.coverage)
     else:
         if lens and not lenses:
-            if known.source == "person" and known.board is None and _told_board(request) is None:
-                words = ("The footage for lenses is not used, as its board is not named.",)
+            if known.source == "person" and known.board is None and _board_file(request) is None:
+                unused = (diagnostic("lens_footage_unused"),)
             else:
                 measured, _ = calibrate_lenses(lens, _board(request, known), progress=progress)
                 lenses = {name: of_camera.lens for name, of_camera in measured.items()}
         if len(names) == 1:
-            return _by_one_camera(request, lenses, known, words, progress)
+            return _by_one_camera(request, lenses, known, unused, progress)
         found = _by_person(request, lenses, known, progress)
     write_calibration(request.out, found.cameras, "pose2sim", found.rmse_px, overwrite=True)
-    notes, findings = (tuple(sentence(item) for item in part) for part in (found.notes, found.findings))
-    messages = (f"{len(names)} cameras by the {found.method}, {found.rmse_px:.1f} px", *notes, *words)
-    return TakeCalibration(found.method, messages, findings)
+    done = diagnostic("cameras_calibrated", count=len(names), method=found.method, size=found.rmse_px)
+    return TakeCalibration(found.method, (done, *found.notes, *unused, *found.findings))
 
 
 def _by_person(
@@ -150,8 +147,8 @@ def _by_person(
 
 
 def _by_one_camera(
-    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, words: tuple[str, ...],
-    progress: Progress,
+    request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras,
+    unused: tuple[Diagnostic, ...], progress: Progress,
 ) -> TakeCalibration:  # fmt: skip
     """Write a single camera that stands over the floor that its person stands on."""
     name, seen = request.take.cameras[0], request.detections[0]
@@ -166,14 +163,12 @@ def _by_one_camera(
     stood = stand_camera(camera, person.keypoints, known.stature_m or 0.0)
     write_calibration(request.out, stood.camera, "pose2sim", 0.0, overwrite=True)
     progress("Camera from the person", 1, 1)
-    placed = tuple(sentence(item) for item in stood.notes)
-    if name in lenses:
-        return TakeCalibration(ONE_CAMERA, (*placed, *words), ())
-    message = f"The focal length is {focal.px:.0f} px ± {focal.sigma:.0%}, by {focal.source}."
-    if not focal.sigma:
-        return TakeCalibration(ONE_CAMERA, (*placed, message, *words), ())
-    doubt = f"{message} Distances may be off by as much: give the lens with --lenses or --focal."
-    return TakeCalibration(ONE_CAMERA, (*placed, *words), (doubt,))
+    done = (*stood.notes, *unused)
+    if name not in lenses:
+        code = "focal_length_inexact" if focal.sigma else "focal_length_of_video"
+        figures = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
+        done = (*done, diagnostic(code, cameras=[name], **figures))
+    return TakeCalibration(ONE_CAMERA, done)
 
 
 def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, Path]:
@@ -196,17 +191,17 @@ def _footage(request: CalibrationRequest, kinds: tuple[str, ...]) -> dict[str, P
     return {}
 
 
-def _told_board(request: CalibrationRequest) -> Path | None:
-    """Return the file beside the footage that says which board it is of."""
+def _board_file(request: CalibrationRequest) -> Path | None:
+    """Return the file beside the footage that names the board it is of."""
     places = [place for footage in request.found.footage for place in (footage.folder, footage.folder.parent)]
-    return next((p / name for p in places for name in _TOLD_BOARDS if (p / name).is_file()), None)
+    return next((p / name for p in places for name in _BOARD_FILES if (p / name).is_file()), None)
 
 
 def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
-    told = known.board or _told_board(request)
-    if told is None:
+    named = known.board or _board_file(request)
+    if named is None:
         raise CommandLineInvalid(
             "Which board was filmed?", where=str(request.found.footage[0].folder),
             hint="Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
         )  # fmt: skip
-    return board_named(str(told))
+    return board_named(str(named))

@@ -1,4 +1,4 @@
-"""What a folder of videos holds, told by its folders' names: takes, calibrations and footage to calibrate from."""
+"""What a folder of videos holds, by its folders' names: takes, calibrations and footage to calibrate from."""
 
 from __future__ import annotations
 
@@ -71,7 +71,7 @@ class CalibrationFootage:
     """Videos or pictures of a board."""
 
     kind: str
-    """'intrinsics', 'extrinsics', or 'both' where the folder does not say."""
+    """'intrinsics', 'extrinsics', or 'both' where the folder does not state it."""
     folder: Path
     """Where they are."""
     cameras: dict[str, Path]

@@ -1,4 +1,4 @@
-"""What is to be done for every take of a folder, told before anything is."""
+"""What is to be done for every take of a folder, listed before anything is."""
 
 from __future__ import annotations
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck, check_calibration
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import refuse_errors, sentence
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, refuse_errors
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
@@ -23,12 +23,13 @@ from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.io.native.motion_file import write_motion
+from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.io.recognition.range_checks import checked
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.diagnose import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
+from solver_backend.videos.detect.camera_turns import steadied
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
 from solver_backend.videos.files.probe import PICTURES_FPS
@@ -37,7 +38,7 @@ from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequ
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, TakePlan
 from solver_backend.videos.pipeline.records import Records
-from solver_backend.videos.pipeline.told import Steps
+from solver_backend.videos.pipeline.step_reports import Steps
 from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
 
@@ -49,7 +50,7 @@ class RoadSettings:
     detector: DetectorChoice
     """What finds keypoints."""
     sync: str = "auto"
-    """How clocks are told: see ``synchronise``."""
+    """How clocks are found: see ``synchronise``."""
     until: str = "solve"
     """The last step."""
     jobs: int = 0
@@ -69,11 +70,11 @@ class RoadSettings:
 
 
 FOUND_SHARE = 0.5
-"""Somebody found in a smaller share of a video's pictures is worth a word."""
+"""Somebody found in a smaller share of a video's pictures is a warning; chosen by hand."""
 
 
 def go(found: FoundFolder, plan: TakePlan, settings: RoadSettings, progress: Progress = silent) -> Steps:
-    """Go the road of one take and return what its steps said; ``road.json`` and the pictures say it step by step.
+    """Go the road of one take and return what its steps found; ``road.json`` and the pictures show it step by step.
 
     Raises:
         MocapError: whatever a step raises; the results of the steps before stay.
@@ -109,25 +110,26 @@ class _Road:
         if not self._records.is_made(drawn, self._seen) or "detect" in settings.redo:
             pictures.detections_picture(self._detections, drawn)
             self._records.made(drawn, self._seen)
-        doubts = [
-            f"{item.video.name}: nobody is found in {1 - share:.0%} of the pictures."
+        found = [diagnostic("videos_searched", count=count, detector=self._detections[0].detector)]
+        found += [
+            diagnostic("person_seldom_found", file=item.video.name, share=100 * (1 - share))
             for item in self._detections
             if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE
         ]
         if any(video.is_dir() for video in self._plan.take.videos):
-            doubts.append(f"Pictures are taken to be filmed at {settings.pictures_fps:g} a second; else --fps.")
-        self.steps.tell("detect", "made", [f"{count} pictures by {self._detections[0].detector}"], doubts, [drawn])
+            found.append(diagnostic("picture_rate_assumed", rate=settings.pictures_fps))
+        self.steps.report("detect", "made", found, [drawn])
 
     def sync(self) -> None:
         self._calibration = self._kept_calibration()
-        self._tell_clocks()
+        self._report_clocks()
 
     def calibrate(self) -> None:
         plan, settings = self._plan, self._settings
         drawn = [self._pictures / "calibrate.png"]
         if self._calibration is not None:
-            names = f"{self._calibration.source.name}, {len(self._calibration.cameras)} cameras"
-            self.steps.tell("calibrate", "kept", [names], (), drawn)
+            file, count = self._calibration.source.name, len(self._calibration.cameras)
+            self.steps.report("calibrate", "kept", [diagnostic("calibration_kept", file=file, count=count)], drawn)
             return
         if plan.made_calibration.exists() and not self._records.is_ours(plan.made_calibration):
             _refuse(plan.made_calibration, settings)
@@ -137,8 +139,8 @@ class _Road:
         made = calibrate_take(request, settings.cameras, self._progress)
         self._calibration = _of_take(plan.made_calibration, plan)
         self._records.made(plan.made_calibration, self._calibrated_from(made.method))
-        self._tell_clocks()
-        self.steps.tell("calibrate", "made", made.words, made.doubts, drawn)
+        self._report_clocks()
+        self.steps.report("calibrate", "made", made.diagnostics, drawn)
 
     def capture(self) -> None:
         plan, calibration = self._plan, self._calibration
@@ -150,23 +152,26 @@ class _Road:
             self._capture, state = read_capture(plan.capture), "kept"
         else:
             name, world, state = plan.take.name, self._settings.world, "made"
+            detections, found = steadied(self._detections, calibration, self._progress)
+            capture = assembled(
+                name, detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
+            )
+            notes, problems = ([i for i in found if (i.severity is Severity.NOTE) is kind] for kind in (True, False))
             self._capture = checked(
-                assembled(
-                    name, self._detections, self._clocks, calibration, self._progress, world=world, one=self._of_one()
-                )
+                replace(capture, notes=(*capture.notes, *notes), problems=(*capture.problems, *problems))
             )
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
-        check = self._check
         drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
-        fits = check.verdict if check is not None else (
-            "one camera: nothing confirms its calibration"
-            if self._capture.is_one_view
-            else "the take is too short to check the calibration"
-        )  # fmt: skip
-        doubts = () if check is None else [sentence(item) for item in check.findings]
-        self.steps.tell("capture", state, [str(plan.capture), fits], doubts, drawn)
+        found = [diagnostic("capture_written", file=str(plan.capture)), *self._how_cameras_fit()]
+        self.steps.report("capture", state, found, drawn)
+
+    def _how_cameras_fit(self) -> list[Diagnostic]:
+        check = self._check
+        if check is None:
+            return [diagnostic("one_camera_unconfirmed" if self._capture.is_one_view else "calibration_unchecked")]
+        return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.findings]
 
     def _of_one(self) -> KnownOfOne:
         """Return what is known where one video alone is solved."""
@@ -182,17 +187,22 @@ class _Road:
         noise = settings.solve.noise
         meant = [read_noise_map(noise).as_dict()] if noise else []
         made_of = [self._made_of, repr(settings.solve), *meant]
+        written = diagnostic("motion_written", file=str(plan.motion))
         if self._is_kept(plan.motion, made_of, "solve"):
-            self.steps.tell("solve", "kept", [str(plan.motion)])
+            found = recorded_diagnostics(read_motion(plan.motion))
+            self.steps.report("solve", "kept", [written, *found])
             return
         motion = solve(self._capture, settings.solve, self._progress).motion
-        refuse_errors(diagnose(self._capture, motion), settings.solve.accept, str(plan.capture))
+        found = diagnose(self._capture, motion)
+        refuse_errors(found, settings.solve.accept, str(plan.capture))
+        record = {**motion.provenance, "diagnostics": [item.as_dict() for item in found]}
+        motion = replace(motion, provenance=record)
         write_report(
             plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
         )
         write_motion(plan.motion, motion, overwrite=True)
         self._records.made(plan.motion, made_of)
-        self.steps.tell("solve", "made", [str(plan.motion)])
+        self.steps.report("solve", "made", [written, *found])
 
     def _kept_calibration(self) -> Calibration | None:
         """Return the take's own calibration, or the one made before, where the user does not ask for another."""
@@ -201,7 +211,7 @@ class _Road:
             return plan.calibration
         made, ours = plan.made_calibration, self._records.is_ours(plan.made_calibration)
         fits = source == "auto" or self._records.is_made(made, source) or not ours
-        if len(plan.take.videos) == 1 and ours:  # its lens is what the user says, and is not found again
+        if len(plan.take.videos) == 1 and ours:  # its lens is what the user states, and is not found again
             fits = self._records.is_made(made, self._calibrated_from(ONE_CAMERA))
         return (
             _of_take(made, plan)
@@ -217,7 +227,7 @@ class _Road:
         focal = cameras.focal_of(self._detections[0])
         return [method, str(cameras.lenses or ""), focal.px, focal.sigma, cameras.stature_m or 0.0]
 
-    def _tell_clocks(self) -> None:
+    def _report_clocks(self) -> None:
         plan, settings, cameras = self._plan, self._settings, self._calibration and self._calibration.cameras
         made_of = [self._seen, settings.sync, self._calibration and _numbers(self._calibration)]
         drawn = self._pictures / "sync.png"
@@ -230,8 +240,8 @@ class _Road:
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        doubts = map(sentence, self._clocks.findings)
-        self.steps.tell("sync", "kept" if kept else "made", self._clocks.lines(), doubts, [drawn])
+        found = [*(self._clocks.notes() or (diagnostic("clocks_as_filmed"),)), *self._clocks.findings]
+        self.steps.report("sync", "kept" if kept else "made", found, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:
         """Hold the calibration against the take, and draw the cameras and how they fit; None if too little is seen."""

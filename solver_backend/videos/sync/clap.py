@@ -78,10 +78,10 @@ def _smooth(values: np.ndarray) -> np.ndarray:
 
 
 def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: float) -> Clocks:
-    """Return the clocks of cameras by claps that they saw; rates cannot be told by these.
+    """Return the clocks of cameras by claps that they saw; rates cannot be found by these.
 
     Sets of lags are built camera by camera, those whose correlations over all pairs sum to most are followed; between
-    the lags of the best set and what each pair says near by, least squares decide.
+    the lags of the best set and what each pair shows near by, least squares decide.
 
     Args:
         names: of C cameras.
@@ -103,14 +103,14 @@ def clocks_by_claps(names: tuple[str, ...], signals: list[Signal], reach_s: floa
             longer += [(score + float(summed[at]), [*lags, at - len(summed) // 2]) for at in _tops(summed)]
         sets = sorted(longer, key=lambda item: -item[0])[:KEPT]
     best, lags = sets[0]
-    told = {}
+    by_pair = {}
     for (i, j), agreement in pairs.items():
         found = _near(agreement, lags[j] - lags[i])
         if found is not None:
             shift = signals[j].start_s - signals[i].start_s
             spread = np.diag([2.0 * FLOOR_S**2, RATE_SIGMA**2])
-            told[i, j] = PairLag(found[0] / RATE_HZ + shift, 0.0, spread, 0.0, found[1])
-    clocks = clocks_of_pairs(names, told, "claps")
+            by_pair[i, j] = PairLag(found[0] / RATE_HZ + shift, 0.0, spread, 0.0, found[1])
+    clocks = clocks_of_pairs(names, by_pair, "claps")
     return replace(clocks, findings=(*clocks.findings, *_doubts(names, best, lags, sets[1:])))
 
 

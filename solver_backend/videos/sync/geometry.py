@@ -27,7 +27,7 @@ MOST_FRAMES = 4000
 PATH_FRAMES = 2
 """Standard deviation of the smoothing of the points whose movement tells the time."""
 WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 150
-"""Frames after which errors are taken as new, over which their spread is told, and of a block that errs alone."""
+"""Frames after which errors are taken as new, over which their spread is known, and of a block that errs alone."""
 OUTLIER_SIGMAS = 8.0
 ROUNDS, REFINED_ROUNDS, SETTLED_FRAMES = 12, (1, 3), 0.002
 """Rounds of steps, those before which the cameras' poses are refined, and how small a last step is."""

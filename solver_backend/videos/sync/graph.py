@@ -12,7 +12,7 @@ from solver_backend.videos.sync.errors import SyncUnknown
 from solver_backend.videos.sync.signals import PairLag
 
 CONTRADICTION_S = 0.05
-"""A pair's lag this far from what the others say of it is wrong."""
+"""A pair's lag this far from what the others measure is wrong."""
 
 
 def clocks_of_pairs(names: tuple[str, ...], pairs: Mapping[tuple[int, int], PairLag], method: str) -> Clocks:

@@ -11,7 +11,7 @@ from solver_backend.videos.sync.clocks import Clocks
 EXACT_SHARE = 0.01
 """A moment this near a picture, as a share of the interval, is that picture."""
 LONGEST_GAP_S = 0.1
-"""Between pictures further apart nothing is told."""
+"""Between pictures further apart nothing is known."""
 
 
 def common_times(first_to_last: Sequence[tuple[float, float]], clocks: Clocks, fps: float) -> np.ndarray:

@@ -98,7 +98,7 @@ def line_fit(
         at_s: (N,) seconds.
         lag_s: (N,) seconds.
         weight: (N,) correlations.
-        middle_s: where the lag is told.
+        middle_s: at which the lag is stated.
         floor_s: standard deviation common to all pieces: it stays however many there are.
     """
     basis = np.stack([np.ones_like(at_s), at_s - middle_s], axis=1)

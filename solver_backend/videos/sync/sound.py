@@ -8,7 +8,7 @@ from solver_backend.videos.files.sound import Sound
 from solver_backend.videos.sync.signals import Signal
 
 RATE_HZ = 2000
-"""Samples a second of the onsets: half a millisecond, and peaks are told between samples."""
+"""Samples a second of the onsets: half a millisecond, and peaks are found between samples."""
 BANDS_HZ = ((100.0, 400.0), (400.0, 1600.0), (1600.0, 6400.0))
 PIECE_S = 8.0
 FLOOR_S = 0.005

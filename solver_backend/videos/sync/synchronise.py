@@ -29,7 +29,7 @@ from solver_backend.videos.sync.sound import onsets
 from solver_backend.videos.sync.speeds import clocks_by_speeds
 
 WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
-"""How clocks may be told; ``auto`` is by keypoints, or by sound where those tell nothing."""
+"""How clocks may be found; ``auto`` is by keypoints, or by sound where those show nothing."""
 REACH_S = 6.5
 """Largest offset that is looked for."""
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
@@ -166,7 +166,7 @@ def in_step(clocks: Clocks, fps: float) -> Clocks:
     """
     sigma = np.sqrt(clocks.covariance[:, 0, 0])
     allowed = np.minimum(np.maximum(IN_STEP_SIGMAS * sigma, IN_STEP_FRAMES / fps), 2.0 * IN_STEP_FRAMES / fps)
-    # A rate that cannot be told from none within the take counts as none.
+    # A rate that cannot be distinguished from none within the take counts as none.
     sure = np.abs(clocks.rate) > IN_STEP_SIGMAS * np.sqrt(clocks.covariance[:, 1, 1])
     if (np.abs(clocks.offset_s) <= allowed).all() and not sure.any():
         method = f"{clocks.method}, in step" if clocks.method != "as filmed" else clocks.method

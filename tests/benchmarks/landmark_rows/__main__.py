@@ -23,13 +23,13 @@ from solver_backend.training.landmarks.models import LandmarkModel
 from solver_backend.training.landmarks.poses import PoseTable
 from solver_backend.training.landmarks.rows import CLOUDS, evaluation_poses
 from solver_backend.training.landmarks.tail_poses import GROUPS
+from solver_backend.training.landmarks.trained import trained_model
 from tests.benchmarks.landmark_rows.row_tables import read_figures, row_tables
 from tests.benchmarks.landmark_rows.tail_pictures import (
     SHOWN,
     draw_tail,
     landmarks,
     representative,
-    trained_model,
 )
 
 

@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -15,7 +13,6 @@ from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.labelling.outputs import LANDMARKS, MARKERS
 from solver_backend.training.landmarks.cloud_stream import Clouds
 from solver_backend.training.landmarks.models import LandmarkModel
-from solver_backend.training.landmarks.rows import Row
 
 CELL = (170, 190)
 """Pixels of one body."""
@@ -26,16 +23,6 @@ TURN = np.radians(25.0)
 TRUTH, ANSWER, CLOUD, APART = (120, 128, 140), (30, 90, 170), (60, 60, 60), (225, 80, 60)
 SHOWN = (0.5, 0.9)
 """Which poses of a group are shown, by how many are better told of."""
-
-
-def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
-    """Return the network of a trained row: ``figures.json`` says which, ``weights.npz`` holds its numbers."""
-    known = {field.name for field in fields(Row)} - {"balance", "variety"}
-    model = Row(**{name: value for name, value in figures["row"].items() if name in known}).model()
-    with np.load(weights) as arrays:
-        state = {name: torch.as_tensor(array.astype(np.float32)) for name, array in arrays.items()}
-    model.load_state_dict(state, strict=False)
-    return model.eval()
 
 
 @torch.no_grad()

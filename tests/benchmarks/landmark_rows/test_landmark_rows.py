@@ -18,6 +18,7 @@ from solver_backend.training.landmarks.evaluation import LIMBS, SETS, evaluate  
 from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
 from solver_backend.training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
+from solver_backend.training.landmarks.trained import trained_model  # noqa: E402
 from tests.benchmarks import bench_landmark_rows  # noqa: E402
 from tests.benchmarks.landmark_rows import train_rows  # noqa: E402
 from tests.benchmarks.landmark_rows.row_folders import folder_of, trained  # noqa: E402
@@ -30,7 +31,6 @@ from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
     draw_tail,
     landmarks,
     representative,
-    trained_model,
 )
 from tests.benchmarks.metric import BenchmarkSkipped, key_of  # noqa: E402
 

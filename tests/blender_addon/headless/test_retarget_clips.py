@@ -73,3 +73,27 @@ def test_folders_without_clips_are_named(scene: Any, tmp_path: Path, capfd: Any)
     assert main(given) == 3
     assert "No clip of the folder" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
     assert not (tmp_path / "o.blend").exists()
+
+
+@pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
+def test_several_characters_get_a_folder_each(clips: Path, tmp_path: Path, capfd: Any) -> None:
+    for name in ("broken.fbx", "moves.blend"):
+        (clips / name).unlink()
+    targets = [
+        write_character(tmp_path / "hero.glb", draw(NAMINGS["mixamo"])),
+        write_character(tmp_path / "villain.fbx", draw(NAMINGS["unreal_5"], 45.0)),
+    ]
+    (tmp_path / "chair.blend").write_bytes(b"not a blend")
+    named = [part for path in (*targets, tmp_path / "chair.blend") for part in ("--target", str(path))]
+    out = tmp_path / "out" / "moves.blend"
+    given = ["retarget", str(clips), "--out", str(out), "--export", "gltf", "--json"]
+    assert main([*given, *named]) == 3, "one target is damaged"
+    result = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert list(result["targets"]) == ["hero", "villain"] and [f["target"] for f in result["failed"]] == ["chair"]
+    written = {path.relative_to(out.parent).as_posix() for path in out.parent.rglob("*") if path.is_file()}
+    assert written == {f"{name}/{file}" for name in ("hero", "villain") for file in ("moves.blend", "one.glb")}
+    assert sorted(result["outputs"]) == sorted(str(out.parent / name) for name in written)
+    twice = [*given, "--target", str(targets[0]), "--target", str(tmp_path / "other" / "Hero.fbx")]
+    assert main(twice) != 0 and "one name" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]
+    assert main([*given, "--target", str(tmp_path / "a.fbx"), "--target", str(tmp_path / "b.fbx")]) == 3
+    assert "no target" in json.loads(capfd.readouterr().out.splitlines()[-1])["message"]

@@ -42,6 +42,7 @@ def assert_right(rig: bpy.types.Object, limbs: dict[str, Limb], done: Retargeted
     times = TIMING.scene_frames(files.motion.num_frames, files.motion.fps)
     found = score(rig, limbs, files.motion, files.body, times)
     assert found.hands_mm < 5.0 and found.feet_mm < 10.0 and found.twist_deg < 5.0
+    assert found.wrists_deg < 5.0 and found.hips_deg < 5.0 and found.pelvis_deg < 0.1
     assert found.path_ratio == pytest.approx(1.0, abs=0.01)
     assert done.deviation_mm < 5.0 and not done.notes
 

@@ -51,7 +51,23 @@ def test_hands_feet_and_twist_come_out_right_on_a_mixamo_rig(scene, files: Files
     done = play(rig, files)
     found = score(rig, limbs, files.motion, files.body, times(files))
     assert found.hands_mm < 1.0 and found.feet_mm < 1.0 and found.twist_deg < 5.0
+    assert found.wrists_deg < 5.0 and found.hips_deg < 5.0 and found.pelvis_deg < 0.1
     assert done.deviation_mm < 1.0 and done.rig_map.label == "Mixamo" and not done.notes
+
+
+def test_twisted_wrists_and_thighs_are_seen_by_the_measures(scene, files: Files) -> None:
+    rig, limbs = mixamo("short")
+    done = play(rig, files)
+    before = score(rig, limbs, files.motion, files.body, times(files))
+    twisted = bpy.data.objects.new("Twisted", None)
+    bpy.context.scene.collection.objects.link(twisted)
+    twisted.rotation_euler = (0.0, 0.35, 0.0)  # about the bone itself
+    for name in ("RightHand", "LeftUpLeg"):
+        turn = rig.pose.bones[f"{PREFIX}{name}"].constraints.new("COPY_ROTATION")
+        turn.target, turn.owner_space, turn.mix_mode = twisted, "LOCAL", "AFTER"
+    after = score(rig, limbs, files.motion, files.body, times(files))
+    assert done.action is not None and max(before.wrists_deg, before.hips_deg) < 5.0
+    assert after.wrists_deg > 15.0 and after.hips_deg > 15.0
 
 
 def test_the_axes_of_the_bones_do_not_matter(scene, files: Files) -> None:

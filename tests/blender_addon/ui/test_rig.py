@@ -9,7 +9,7 @@ from pathlib import Path
 import bpy
 import pytest
 
-from blender_addon.ui.operators.live import live
+from blender_addon.ui.live_run import live
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.sensors.devices.source import open_folder

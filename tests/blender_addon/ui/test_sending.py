@@ -12,7 +12,7 @@ import pytest
 
 from blender_addon._exchange.errors import CommandLineInvalid
 from blender_addon.animation.pose import read_pose
-from blender_addon.ui.operators.live import live
+from blender_addon.ui.live_run import live
 from blender_addon.ui.operators.send_take import playing
 from blender_addon.ui.sending_properties import allowed_address, sending_options
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
@@ -95,6 +95,23 @@ def test_a_take_is_sent_while_it_plays_and_not_before_or_after(baked, there):
     there.settimeout(0.2)
     with pytest.raises(TimeoutError):
         there.recv(65536)
+
+
+@pytest.mark.slow
+def test_sending_adds_less_than_two_milliseconds_a_frame(baked, there):
+    """The median of processor time, so that other programs do not count; the look at the scene is part of it."""
+    mocap, _ = baked
+    mocap.live.send_to, scene, took = address_of(there), bpy.context.scene, []
+    bpy.ops.mocap.send_take()
+    assert playing.sender is not None
+    for k in range(60):
+        scene.frame_set(scene.frame_start + k % 12)
+        there.recv(65536)
+        start = time.process_time()
+        playing.sender.send(scene)
+        took.append(time.process_time() - start)
+        there.recv(65536)
+    assert np.median(took) < 2e-3, np.median(took)
 
 
 def test_a_body_that_was_moved_is_sent_where_it_stands(baked, there):

@@ -15,10 +15,12 @@ from blender_addon.solving.road_file import read_road
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.panels.videos import VIEW3D_PT_mocap_videos
 from blender_addon.ui.previews import Previews
+from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.videos.detect.choice import chosen_detector
 from solver_backend.videos.detect.errors import DetectorMissing
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.pipeline.step_reports import Steps
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video
 
@@ -142,12 +144,29 @@ def test_what_a_file_of_steps_says_is_not_trusted(tmp_path):
     file = tmp_path / "results" / "road.json"
     file.write_text(json.dumps(said), encoding="utf-8")
     [step] = read_road(file.parent)
-    assert step.pictures == ((tmp_path / "results" / "mine.png").resolve(),) and step.doubts == ()
-    assert "\u202e" not in step.words[0] and len(step.words) == 1
-    for broken in ("{", "[]", json.dumps({**said, "version": 2}), json.dumps({**said, "steps": 5})):
+    assert step.pictures == ((tmp_path / "results" / "mine.png").resolve(),)
+    assert [(item.code, sentence(item)) for item in step.diagnostics] == [("earlier_note", "fine\ufffd.")]
+    for broken in ("{", "[]", json.dumps({**said, "version": 3}), json.dumps({**said, "steps": 5})):
         file.write_text(broken, encoding="utf-8")
         assert read_road(file.parent) == ()
     assert read_road(tmp_path / "absent") == ()
+
+
+def test_steps_hold_diagnostics_and_those_of_an_earlier_version_sentences(tmp_path):
+    steps = Steps(tmp_path, "walk", ("detect", "sync"))
+    found = [diagnostic("videos_searched", count=40, detector="RTMPose"), diagnostic("rolling_shutter")]
+    steps.report("detect", "made", found)
+    [step] = read_road(tmp_path)
+    assert [(item.code, item.severity, item.values) for item in step.diagnostics] == [
+        (item.code, item.severity, item.values) for item in found
+    ]
+    row = {"step": "detect", "state": "kept", "words": ["40 pictures"], "doubts": ["cam2 sees nobody"]}
+    kept = {"format": "manifold_mocap_road", "version": 1, "steps": [row]}
+    (tmp_path / "road.json").write_text(json.dumps(kept), encoding="utf-8")
+    [step] = read_road(tmp_path)
+    assert [(item.code, item.values) for item in step.diagnostics] == [
+        ("earlier_note", {"text": "40 pictures"}), ("earlier_warning", {"text": "cam2 sees nobody"}),
+    ]  # fmt: skip
 
 
 def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
@@ -197,10 +216,9 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         region=SimpleNamespace(width=400),
         preferences=SimpleNamespace(system=SimpleNamespace(ui_scale=1.0), addons={}),
     )
-    (tmp_path / "road.json").write_text(
-        json.dumps({"format": "manifold_mocap_road", "version": 1, "steps": [
-            {"step": "detect", "state": "made", "words": ["40 pictures"], "doubts": ["cam2 sees nobody"]}]})
-    )  # fmt: skip
+    unsure = diagnostic("person_seldom_found", file="cam2.mp4", share=60.0)
+    steps = Steps(tmp_path, "walk", ("detect",))
+    steps.report("detect", "made", [diagnostic("videos_searched", count=40, detector="RTMPose"), unsure])
     mocap.videos.folder = str(tmp_path)
     mocap.videos.take_steps(str(tmp_path))
     drawn = []
@@ -211,6 +229,7 @@ def test_the_panel_shows_steps_that_are_done_and_offers_the_others(mocap, tmp_pa
         drawn.append(layout.drawn)
         assert sum(call == ("operator", "mocap.video_step") for call in layout.drawn) == 4
         assert [said for name, said in layout.drawn if said in ("Keypoints", "Sync", "Calibration", "Capture")]
-    assert ("label", "cam2 sees nobody") not in drawn[0]
-    assert ("label", "cam2 sees nobody") in drawn[1] and ("label", "40 pictures") in drawn[1]
+    words = [" ".join(said for name, said in layout if name == "label") for layout in drawn]
+    assert "cam2.mp4" not in words[0]
+    assert "cam2.mp4: nobody is found in 60 %" in words[1] and "40 pictures by RTMPose." in words[1]
     assert all("--stature" not in word for word in mocap.videos.arguments())

@@ -81,7 +81,7 @@ def test_numbers_that_are_none_end_a_training_by_name_and_leave_the_checkpoint(t
     train_landmarks(network(), draw, settings(2), tmp_path, lambda *_: None)
     kept, seen = (tmp_path / "checkpoint.pt").read_bytes(), []
 
-    def spoiled(done: torch.Tensor):
+    def spoiled(done):
         clouds = draw(done)
         clouds.targets[:] = float("nan")
         return clouds

@@ -25,7 +25,7 @@ from solver_backend.training.view_lifter.task import ViewLifterSettings, ViewLif
 from solver_backend.training.view_lifter.train import train_view_lifter
 from tests.support.swaying_corpus import job as plain_job
 
-SMALL = ViewLifterSettings(hidden=(64,))
+SMALL = ViewLifterSettings(width=32, layers=1, heads=2)
 
 
 def turning(seed: int, frames: int = 60) -> Corpus:
@@ -40,7 +40,18 @@ def turning(seed: int, frames: int = 60) -> Corpus:
 
 @pytest.fixture
 def faultless(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("TUMBLED", "BIAS_M", "THROWN", "LOST", "CUT", "EXCHANGED", "NO_TOES", "UP_DEG", "SHORT"):
+    for name in (
+        "TUMBLED",
+        "TURNED_OVER",
+        "BIAS_M",
+        "THROWN",
+        "LOST",
+        "CUT",
+        "EXCHANGED",
+        "NO_TOES",
+        "UP_DEG",
+        "SHORT",
+    ):
         monkeypatch.setattr(filming, name, 0.0)
     monkeypatch.setattr(filming, "NOISE_M", (1e-7, 1e-7))
     monkeypatch.setattr(filming, "DISTANCE_M", (200.0, 200.1))
@@ -101,7 +112,7 @@ def test_training_teaches_and_exports_what_was_trained(tmp_path: Path) -> None:
     finished = train_view_lifter(order, SMALL)
     assert finished.metrics["joints_mm"] < 0.8 * untrained["joints_mm"]
     lifter = load_view_lifter(finished.weights)
-    assert lifter.stack.widths[1:-1] == (64,)
+    assert (lifter.layers, lifter.heads, lifter.arrays["place"].shape) == (1, 2, (WINDOW, 32))
     points = np.random.default_rng(0).normal(0, 0.1, (5, len(POINTS), 2))
     lifted = lifter(points, np.ones((5, len(POINTS))), POINTS, 30.0)
     assert np.isfinite(lifted.sigma_m).all() and lifted.root.shape == (5, 3, 3)

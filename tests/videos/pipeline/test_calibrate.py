@@ -10,6 +10,7 @@ import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.exchange.diagnostics import sentence, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.alignment import umeyama
@@ -50,7 +51,8 @@ def test_a_person_tells_the_cameras_whose_lenses_are_known(walked: Capture, tmp_
     write_calibration(tmp_path / "lenses.toml", truth, "pose2sim")
     request = request_of(walked, tmp_path)
     made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml"), silent)
-    assert made.method == "person" and made.words[0].startswith("4 cameras by the person")
+    assert made.method == "person" and made.diagnostics[0].code == "cameras_calibrated"
+    assert made.diagnostics[0].values["count"] == 4 and made.diagnostics[0].values["size"] > 0
     found = read_calibration(request.out).cameras
     assert found.names == truth.names
     scale, R, t = umeyama(found.centres, truth.centres, with_scale=True)
@@ -97,13 +99,17 @@ def test_one_camera_stands_over_its_persons_floor_and_says_what_is_guessed(walke
     assert truth is not None
     request = request_of(one, tmp_path)
     made = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
-    assert made.method == ONE_CAMERA and "a guess" in made.doubts[0] and "± 15%" in made.doubts[0]
+    assert made.method == ONE_CAMERA
+    [warned] = warnings_in(made.diagnostics)
+    assert warned.code == "focal_length_inexact" and warned.where.cameras == one.require_views()[0].names
+    assert "a guess" in sentence(warned) and "± 15 %" in sentence(warned)
     longer = calibrate_take(request, KnownOfCameras(stature_m=1.7, focal="2600px"), silent)
-    assert longer.doubts == () and any("2600 px" in word for word in longer.words)
+    assert not warnings_in(longer.diagnostics) and longer.diagnostics[-1].values["size"] == 2600.0
     assert read_calibration(request.out).cameras.K[0, 0, 0] == 2600.0
     write_calibration(tmp_path / "lenses.toml", walked.views([0, 1]).cameras, "pose2sim")
     made = calibrate_take(request, KnownOfCameras(lenses=tmp_path / "lenses.toml", stature_m=1.7), silent)
-    assert made.doubts == ()
+    assert not warnings_in(made.diagnostics)
+    assert "focal_length_of_video" not in {item.code for item in made.diagnostics}
     found = read_calibration(request.out).cameras
     assert found.names == truth.names
     tilt = [float(np.degrees(np.arcsin(cameras.R[0, 2, 2]))) for cameras in (found, truth)]

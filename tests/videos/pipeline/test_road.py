@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -8,8 +9,10 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import diagnostic, read_diagnostics
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
 from solver_backend.videos.pipeline.errors import NoVideos
@@ -17,6 +20,7 @@ from solver_backend.videos.pipeline.layout import look_through
 from solver_backend.videos.pipeline.plan import planned
 from solver_backend.videos.pipeline.records import Records
 from solver_backend.videos.pipeline.run import RoadSettings, go
+from solver_backend.videos.sync.clocks import Clocks
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
 
@@ -110,9 +114,12 @@ def test_cameras_are_calibrated_where_no_calibration_is(
         go(found, plan, settings(tmp_path))
     left = ["detections", "pictures", "road.json", "steps.json", "sync.json"]
     assert sorted(path.name for path in out.iterdir()) == left
-    told = json.loads((out / "road.json").read_text(encoding="utf-8"))["steps"]
-    assert [step["step"] for step in told] == ["detect", "sync"]
-    assert all((out / picture).is_file() for step in told for picture in step["pictures"])
+    kept = json.loads((out / "road.json").read_text(encoding="utf-8"))
+    assert kept["version"] == 2 and [step["step"] for step in kept["steps"]] == ["detect", "sync"]
+    assert all((out / picture).is_file() for step in kept["steps"] for picture in step["pictures"])
+    searched, clocks = (read_diagnostics(step["diagnostics"]) for step in kept["steps"])
+    assert searched[0].code == "videos_searched" and searched[0].values["count"] == 30
+    assert [item.code for item in clocks][:1] == ["clocks_as_filmed"]
     asked: list[CalibrationRequest] = []
 
     def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> TakeCalibration:
@@ -124,12 +131,16 @@ def test_cameras_are_calibrated_where_no_calibration_is(
             for c in (1, 2)
         ]
         request.out.write_text("\n".join(cameras), encoding="utf-8")
-        return TakeCalibration("person", ("2 cameras by the person, 1.0 px",), ())
+        made = diagnostic("cameras_calibrated", count=2, method="person", size=1.0)
+        return TakeCalibration(
+            "person",
+            (made, diagnostic("focal_length_inexact", cameras=["cam1"], size=900.0, share=15.0, source="a guess")),
+        )
 
     monkeypatch.setattr(run, "calibrate_take", calibrated)
     chosen = settings(tmp_path, until="calibrate", cameras=KnownOfCameras(stature_m=1.7))
     said = go(found, plan, chosen).lines()
-    assert said["calibrate"].startswith("made") and said["calibrate"].endswith("by the person, 1.0 px")
+    assert said["calibrate"].startswith("made: 2 cameras by the person, 1.0 px. cam1: the focal")
     assert asked[0].clocks.names == ("cam1", "cam2")
     assert len(asked[0].detections) == 2 and asked[0].take.name == "session"
     said = go(found, plan, chosen).lines()
@@ -140,6 +151,23 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert len(asked) == 2  # the person told it already
     go(found, plan, replace(chosen, cameras=replace(chosen.cameras, source="board")))
     assert len(asked) == 3
+
+
+def test_the_last_line_names_what_to_look_at(
+    session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def found_by(detections: Sequence[VideoDetections], *_: object) -> Clocks:
+        clocks = Clocks.alike(tuple(item.name for item in detections))
+        return replace(clocks, findings=(diagnostic("clocks_assumed", reason="nobody moves"),))
+
+    command = ["from-videos", str(session), "--detector", str(write_rtmpose(tmp_path / "m.onnx")), "--until", "sync"]
+    command += ["--sync", "none", "--out"]
+    assert main([*command, str(tmp_path / "fine")]) == 0
+    assert capsys.readouterr().err.splitlines()[-1] == "OK"
+    monkeypatch.setattr(run, "synchronise", found_by)
+    assert main([*command, str(tmp_path / "doubtful")]) == 0
+    *_, warned, last = capsys.readouterr().err.splitlines()
+    assert warned.startswith("warning: The clocks are taken to agree: nobody moves") and last.startswith("Look at ")
 
 
 def test_somebody_elses_file_stays(session: Path, tmp_path: Path) -> None:
@@ -156,7 +184,7 @@ def test_the_verb_says_what_is_there(session: Path, tmp_path: Path, capsys: pyte
     command = ["from-videos", str(session), "--out", str(tmp_path / "out"), "--detector", str(model), "--json"]
     assert main([*command, "--until", "sync", "--sync", "none"]) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
-    assert result["takes"]["session"]["detect"] == "made: 30 pictures by RTMPose m"
+    assert result["takes"]["session"]["detect"] == "made: 30 pictures by RTMPose m."
     assert main([*command, "--take", "other"]) == 2
     assert "There are: session" in capsys.readouterr().out
 

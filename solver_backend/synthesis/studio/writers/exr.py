@@ -31,7 +31,7 @@ def exr_bytes(channels: Mapping[str, np.ndarray], *, level: int = 1) -> bytes:
     chunks = []
     for top in range(0, height, _LINES):
         raw = planes[top : top + _LINES].tobytes()
-        packed = zlib.compress(_foretold(raw), level)
+        packed = zlib.compress(_predicted(raw), level)
         data = packed if len(packed) < len(raw) else raw
         chunks.append(struct.pack("<ii", top, len(data)) + data)
     first = len(header) + 8 * len(chunks)
@@ -55,7 +55,7 @@ def _header(names: list[str], width: int, height: int) -> bytes:
     return struct.pack("<ii", _MAGIC, _VERSION) + header + b"\0"
 
 
-def _foretold(raw: bytes) -> bytes:
+def _predicted(raw: bytes) -> bytes:
     """Return the bytes at even places and then those at odd ones, each as the difference to the one before."""
     data = np.frombuffer(raw, np.uint8)
     parted = np.concatenate([data[0::2], data[1::2]]).astype(np.int16)

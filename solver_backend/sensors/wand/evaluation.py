@@ -1,4 +1,4 @@
-"""How good a calibration by wand is: in metres, on time that it did not see, and in words."""
+"""How good a calibration by wand is: in metres, on time that it did not see, and what was found."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import Adjusted
 from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.sensors.wand.depth_scale import depth_scale
 from solver_backend.sensors.wand.errors import WandInvalid
 from solver_backend.sensors.wand.leds import distances
@@ -81,35 +82,33 @@ def held_out_errors(
 
 def findings_of(
     views: Sequence[WandView], rig: RigCalibration, clocks: Clocks, options: WandOptions
-) -> tuple[str, ...]:
-    """Return what the user should know of a calibration, one sentence each."""
-    words = [word for view in views for word in view.findings]
-    words += [
-        f"{view.name}: in {view.crowded} of {len(view)} frames more than the wand shone; they were left out."
+) -> tuple[Diagnostic, ...]:
+    """Return what the user should know of a calibration."""
+    found = [item for view in views for item in view.findings]
+    found += [
+        diagnostic("wand_crowded", cameras=[view.name], lost=view.crowded, of=len(view))
         for view in views if view.crowded
     ]  # fmt: skip
+    first = rig.cameras.names[0]
     for c, name in enumerate(rig.cameras.names):
         if rig.camera_rmse_px[c] > GOOD_PX:
-            words.append(
-                f"{name} is off by {rig.camera_rmse_px[c]:.1f} px: its lens was calibrated in another mode, it was "
-                "moved, or its exposures are long for how fast the wand was waved."
-            )
+            found.append(diagnostic("sensor_off_wand", cameras=[name], size=rig.camera_rmse_px[c]))
         ahead = clocks.offset_s[c]
         if options.clocks is None and abs(ahead) > LATE_S:
-            words.append(
-                f"The clock of {name} is {'ahead of' if ahead > 0 else 'behind'} that of {rig.cameras.names[0]} by "
-                f"{1e3 * abs(ahead):.1f} ms."
-            )
-    return tuple(words)
+            found.append(diagnostic("sensor_clock_differs", cameras=[name, first], size_ms=1e3 * ahead))
+    return tuple(found)
 
 
-def notes_of(moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions) -> tuple[str, ...]:
-    """Return what was done, one sentence each."""
+def notes_of(
+    moments: Moments, together: np.ndarray, names: tuple[str, ...], options: WandOptions
+) -> tuple[Diagnostic, ...]:
+    """Return what was done."""
     i, j = np.unravel_index(np.argmin(together + 1e9 * np.eye(len(names))), together.shape)
-    what = "a marker and its depth" if options.wand is None else (
+    wand = "a marker and its depth" if options.wand is None else (
         f"a wand of {options.wand.first_m:.3f} and {options.wand.second_m:.3f} m"
     )  # fmt: skip
+    figures = {"wand": wand, "moments": moments.px.shape[1], "together": together[i, j]}
     return (
-        f"By {what} at {moments.px.shape[1]} moments; {names[i]} and {names[j]} saw least together, {together[i, j]}.",
-        f"The world is {names[0]}'s own axes, Z along its sight, until a Γ shows the up direction.",
+        diagnostic("wand_seen", cameras=[names[i], names[j]], **figures),
+        diagnostic("world_of_first_sensor", cameras=names[:1]),
     )

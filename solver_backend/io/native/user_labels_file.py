@@ -1,4 +1,4 @@
-"""Names that a person gave to points, as a file: they bind when the take is labelled again."""
+"""Labels that a user assigned to points, as a file: the solver never overrides them."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from solver_backend.types import MarkerCloud
 FORMAT, VERSION = "manifold_mocap_told_points", 1
 
 
-def read_told(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
+def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
     """Return the marker's name by (column, frame) of a file's ``points``; the name is empty where it is no marker.
 
     Each item holds ``point`` (column, from 0), ``frame`` (from 0) and ``marker`` (a name of the superset, or "").
@@ -30,7 +30,7 @@ def read_told(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
     items = values.get("points")
     if not isinstance(items, list):
         raise FileDamaged("'points' is to be a list.", where=str(path))
-    told: dict[tuple[int, int], str] = {}
+    labels: dict[tuple[int, int], str] = {}
     for number, item in enumerate(items):
         where = f"{path}: points[{number}]"
         if not isinstance(item, dict) or type(item.get("point")) is not int or type(item.get("frame")) is not int:
@@ -44,5 +44,5 @@ def read_told(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
         frames, points = cloud.positions.shape[:2]
         if not (0 <= column < points and 0 <= frame < frames) or not np.isfinite(cloud.positions[frame, column]).all():
             raise FileDamaged("There is no such point in that frame.", where=where)
-        told[column, frame] = str(marker)
-    return told
+        labels[column, frame] = str(marker)
+    return labels

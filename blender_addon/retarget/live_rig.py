@@ -1,0 +1,107 @@
+"""A character that moves while poses come: the retarget's transfer, one pose at a time, without actions or keys."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import bpy
+import numpy as np
+
+from .._exchange.finger_joints import FIRST_FINGER
+from .._exchange.rigs.roles import FINGERS, SIDES, is_of_a_finger
+from ..animation.takes import push_down
+from ..body.body_file import BodyFile
+from ..body.posed_body import turns_on
+from ..conventions.skeleton import SMPL
+from .channels import Channel, channels_of
+from .check import deviation_m, require_near
+from .hanging import set_switches
+from .maps.rig_map import RigMap
+from .motion.figures import actor_of_poses, body_at_rest
+from .motion.map_pose import map_pose
+from .motion.proportions import measure_proportions, scale_of
+from .motion.transfer import Transferred, transfer
+from .retarget import RetargetSettings
+from .target_rig import read_target
+
+_BONES = 3
+"""Bones of a finger of ours."""
+
+
+class LiveRig:
+    """A rig, read once, that stands as a body of ours does; it is looked up each time, as undo replaces it."""
+
+    def __init__(
+        self, armature: bpy.types.Object, scene: bpy.types.Scene, rig_map: RigMap, settings: RetargetSettings,
+        body: BodyFile, betas: np.ndarray,
+    ) -> None:  # fmt: skip
+        """Read a rig; what it played waits on a muted NLA track, and its switches are set, as a retarget does.
+
+        Feet are not held where they stand, for that needs to know when they will.
+
+        Args:
+            armature: the rig; Blender must be in object or pose mode.
+            scene: the scene it is in.
+            rig_map: which of its bones plays which role.
+            settings: how.
+            body: whose poses will come.
+            betas: (10,) its shape.
+
+        Raises:
+            TargetUnsuitable, MapInvalid: see ``retarget``. Nothing is changed then.
+        """
+        hands = {f"{side}_{finger}_{k + 1}" for side in SIDES for finger in FINGERS for k in range(_BONES)}
+        rig = read_target(armature, scene, rig_map, settings.limbs, hands if body.layout is not SMPL else ())
+        self.notes = (*rig_map.doubts, *rig.notes)
+        """What is unsure about the map, and what of it cannot be played, a sentence each."""
+        self._target, self._given, self._body = rig.target, rig_map.map_pose, body
+        self._modes = {name: armature.pose.bones[name].rotation_mode for name in rig.target.names}
+        self._fingers = {
+            name for name, role in zip(rig.target.names, rig.target.roles, strict=True) if is_of_a_finger(role)
+        }
+        self._moves_fingers = False
+        self._name, self._settings = armature.name, settings.transfer
+        self.reshape(betas)
+        upright = np.zeros((body.layout.num_joints, 3))
+        upright[0, 0] = np.pi / 2
+        done, channels = self._carried(upright, self._own.standing[0] - self._own.joints[0])
+        switches = {(s.bone, s.key): getattr(s, settings.limbs) for s in rig.switches}
+        require_near(1000.0 * deviation_m(rig, scene, done, channels, switches), done.scale, armature.name)
+        push_down(armature)
+        set_switches(armature, switches)
+
+    def reshape(self, betas: np.ndarray) -> None:
+        """Learn the shape (10,) of the body.
+
+        Raises:
+            TargetUnsuitable: see ``scale_of``.
+        """
+        self._own = body_at_rest(self._body, betas)
+        still = np.zeros((1, self._body.layout.num_joints, 3))
+        actor = actor_of_poses("", self._own, still, np.zeros((1, 3)), 1.0)
+        scale = self._settings.scale or scale_of(measure_proportions(actor, self._target))
+        self._way = replace(self._settings, scale=scale, hold_contacts=False)
+        self._A = map_pose(self._target, actor.rest, self._given)
+
+    def pose(self, rotvec: np.ndarray, transl: np.ndarray) -> bool:
+        """Let the rig stand as the body in a pose of (24 or 52, 3) axis-angles and (3,) metres; return whether it can.
+
+        Fingers are left alone until one is turned. A rig that undo or the user took away is left alone, too.
+        """
+        armature = bpy.data.objects.get(self._name)
+        if armature is None or armature.pose is None or not set(self._target.names) <= set(armature.pose.bones.keys()):
+            return False
+        turns = turns_on(self._body.layout, rotvec[None])[0]
+        self._moves_fingers |= len(self._fingers) > 0 and bool(turns[FIRST_FINGER:].any())
+        _, channels = self._carried(turns, transl)
+        for channel in channels:
+            setattr(armature.pose.bones[channel.bone], channel.prop, channel.values[0].tolist())
+        return True
+
+    def _carried(self, rotvec: np.ndarray, transl: np.ndarray) -> tuple[Transferred, list[Channel]]:
+        """Return what the controls do in a pose of (J, 3) axis-angles, and their channels."""
+        still = self._moves_fingers
+        actor = actor_of_poses("", self._own, rotvec[None], transl[None], 1.0, still_fingers=still)
+        done = transfer(actor, self._target, self._A, self._way)
+        channels = channels_of(done, self._target, self._modes)
+        return done, [c for c in channels if self._moves_fingers or c.bone not in self._fingers]

@@ -1,1 +1,0 @@
-"""The landmark network for other programs."""

@@ -1,0 +1,155 @@
+"""Left and right limbs that a detector exchanges for a time: their tracks jump to one another's places and back."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.geometry.runs import true_runs
+from solver_backend.types import Keypoints2D
+
+LIMBS = {
+    "arms": ("shoulder", "elbow", "wrist"),
+    "legs": ("hip", "knee", "ankle", "big_toe", "small_toe", "heel"),
+}
+"""Keypoints that a detector exchanges together."""
+LEAST_PAIRS = 2
+"""Pairs of keypoints that must jump at once: one alone may be an outlier, and only ends what several began."""
+CROSSED_SHARE = 0.5
+"""An exchange explains the jump with less than this share of what is left without it."""
+JUMP_SHARE = 0.1
+"""What an exchange explains at least by the person's extent in the picture: a keypoint in the mean over a limb, and a
+pair of them alone."""
+LONGEST_S = 1.5
+"""A longer stretch is no short confusion: which of its sides are right is not known."""
+SEEN_BEFORE_S = 0.2
+"""A keypoint's last place counts so long."""
+
+
+def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
+    """Return the detections of one view with exchanged limbs given back to their sides, and where.
+
+    Args:
+        camera: its name.
+        keypoints: of this one view.
+    """
+    names, xy, confidence = keypoints.joint_set.keypoints, keypoints.xy[0].copy(), keypoints.confidence[0].copy()
+    seen, found = confidence > 0, list[Diagnostic]()
+    for part, names_of in LIMBS.items():
+        pairs = [(names.index(f"left_{p}"), names.index(f"right_{p}")) for p in names_of if f"left_{p}" in names]
+        if len(pairs) < LEAST_PAIRS:
+            continue
+        left, right = np.array(pairs).T
+        sure, faint = (side_jumps(keypoints.xy[0], seen, pairs, keypoints.fps, least) for least in (LEAST_PAIRS, 1))
+        exchanged, others = exchanged_stretches(sure, faint, keypoints.num_frames, LONGEST_S * keypoints.fps)
+        rows = np.flatnonzero(exchanged)[:, None]
+        for values in (xy, confidence):
+            values[rows, left], values[rows, right] = values[rows, right], values[rows, left]
+        if len(rows):
+            runs = true_runs(exchanged)
+            found.append(
+                diagnostic("limbs_exchanged", cameras=[camera], frames=runs, remedy=Remedy.REPAIRED, part=part)
+            )
+        if others:
+            frames = [(jump - 1, jump) for jump in others]
+            found.append(diagnostic("limbs_jump_sides", cameras=[camera], frames=frames, part=part))
+    return replace(keypoints, xy=xy[None], confidence=confidence[None]), found
+
+
+def side_jumps(
+    xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float, least: int
+) -> np.ndarray:  # fmt: skip
+    """Return the frames at which the left and right keypoints of limbs jump to one another's places.
+
+    What is left of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
+    keypoint's own track and that of its counterpart: limbs that merely pass each other go on as they went.
+
+    Args:
+        xy: (F, K, 2) pixels.
+        seen: (F, K) bool.
+        pairs: left and right keypoint of each pair.
+        fps: frames per second.
+        least: pairs that must be seen to jump.
+    """
+    columns = np.array(pairs)
+    both = seen[:, columns].all(axis=-1)
+    reach = max(1, round(SEEN_BEFORE_S * fps))
+    last = _last_seen(both, reach)
+    tracks = xy[:, columns]
+    size = _extent(xy, seen)
+    own, other = np.zeros(len(xy)), np.zeros(len(xy))
+    seen_pairs, jumped = np.zeros(len(xy), dtype=int), np.zeros(len(xy), dtype=int)
+    for pair in range(len(columns)):
+        rows = np.flatnonzero(both[:, pair] & (last[:, pair] >= 0))
+        before = last[rows, pair]
+        here, there = tracks[rows, pair], tracks[before, pair]
+        track, known = tracks[:, pair], both[:, pair]
+        into, out = _step_before(track, known, before), _step_after(track, known, rows)
+        gap = (rows - before)[:, None, None]
+        mine, theirs = (
+            np.linalg.norm(now - there - gap * 0.5 * (into + onward), axis=-1).sum(axis=1)
+            for now, onward in ((here, out), (here[:, ::-1], out[:, ::-1]))
+        )
+        own[rows] += mine
+        other[rows] += theirs
+        seen_pairs[rows] += 1
+        jumped[rows] += (theirs < CROSSED_SHARE * mine) & (mine - theirs > JUMP_SHARE * size[rows])
+    gained = own - other > 2.0 * JUMP_SHARE * size * np.maximum(seen_pairs, 1)
+    return np.flatnonzero(gained & (other < CROSSED_SHARE * own) & (jumped >= least))
+
+
+def exchanged_stretches(
+    sure: np.ndarray, faint: np.ndarray, frames: int, longest: float
+) -> tuple[np.ndarray, list[int]]:  # fmt: skip
+    """Return (F,) bool, the stretches from one jump to the next that are exchanged, shortest first; and other jumps.
+
+    A jump that no other ends within ``longest`` frames leaves open which of its sides is right; a faint one ends it
+    where it is the only one.
+    """
+    edges, exchanged = [int(jump) for jump in sure], np.zeros(frames, dtype=bool)
+    while len(edges) > 1:
+        lengths = np.diff(edges)
+        part = int(np.argmin(lengths))
+        if lengths[part] > longest:
+            break
+        exchanged[edges[part] : edges[part + 1]] ^= True
+        del edges[part : part + 2]
+    for edge in tuple(edges):
+        ends = faint[(np.abs(faint - edge) <= longest) & ~np.isin(faint, sure)]
+        if len(ends) == 1:
+            exchanged[min(edge, ends[0]) : max(edge, ends[0])] ^= True
+            edges.remove(edge)
+    return exchanged, edges
+
+
+def _last_seen(both: np.ndarray, reach: int) -> np.ndarray:
+    """Return (F, P) the frame before each in which the pair was last seen, -1 where that is too long ago."""
+    frame = np.where(both, np.arange(len(both))[:, None], -1)
+    before = np.vstack([np.full((1, both.shape[1]), -1), np.maximum.accumulate(frame, axis=0)[:-1]])
+    return np.where(np.arange(len(both))[:, None] - before <= reach, before, -1)
+
+
+def _step_before(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 2) the step into each frame, 0 where it is not known."""
+    known = (frames > 0) & both[np.maximum(frames - 1, 0)]
+    return np.where(known[:, None, None], track[frames] - track[np.maximum(frames - 1, 0)], 0.0)
+
+
+def _step_after(track: np.ndarray, both: np.ndarray, frames: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 2) the step out of each frame, 0 where it is not known."""
+    after = np.minimum(frames + 1, len(track) - 1)
+    known = (after > frames) & both[after]
+    return np.where(known[:, None, None], track[after] - track[frames], 0.0)
+
+
+def _extent(xy: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return (F,) root mean square distance of the keypoints from their middle, the median where few are seen."""
+    weight = seen / np.maximum(seen.sum(axis=1, keepdims=True), 1)
+    known = np.where(seen[..., None], xy, 0.0)
+    middle = np.einsum("fk,fkc->fc", weight, known)
+    square = np.einsum("fk,fkc->f", weight, np.where(seen[..., None], known - middle[:, None], 0.0) ** 2)
+    size, enough = np.sqrt(square), seen.sum(axis=1) >= 6
+    return np.where(enough, size, np.median(size[enough]) if enough.any() else np.inf)

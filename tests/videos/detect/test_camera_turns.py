@@ -1,0 +1,119 @@
+"""A camera that is turned while it films: the background shows by how much; one that is carried is named."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import Cameras, JointSet
+from solver_backend.videos.detect.camera_turns import as_if_still, camera_turns
+from solver_backend.videos.detect.video_detections import VideoDetections
+
+cv2 = pytest.importorskip("cv2")
+
+WIDTH, HEIGHT, FOCAL, FRAMES = 640, 360, 500.0, 24
+KEYPOINTS = JointSet.COCO_17.num_keypoints
+
+
+def camera() -> Cameras:
+    K = np.array([[FOCAL, 0, WIDTH / 2], [0, FOCAL, HEIGHT / 2], [0, 0, 1.0]])
+    size = np.array([[WIDTH, HEIGHT]])
+    return Cameras(("cam01",), K[None], np.zeros((1, 5)), np.eye(3)[None], np.zeros((1, 3)), size)
+
+
+def scene(seed: int = 0) -> np.ndarray:
+    """Return a wall of blobs, three pictures wide."""
+    rng = np.random.default_rng(seed)
+    wall = rng.integers(0, 255, (HEIGHT // 8 * 3, WIDTH // 8 * 3, 3), dtype=np.uint8)
+    return cv2.GaussianBlur(cv2.resize(wall, (3 * WIDTH, 3 * HEIGHT), interpolation=cv2.INTER_CUBIC), (0, 0), 1.5)
+
+
+def turns(degrees: float) -> np.ndarray:
+    """Return (F, 3) a pan there and partly back, with a little tilt and roll."""
+    time = np.linspace(0.0, 1.0, FRAMES)
+    return np.deg2rad(degrees) * np.stack([0.2 * time, np.sin(2.5 * time) - 0.1 * time, 0.05 * time], axis=1)
+
+
+def filmed(rotations: np.ndarray, people: np.ndarray, carried: float = 0.0, zoom: float = 1.0) -> Iterator[np.ndarray]:
+    """Yield pictures of the far wall, with a dark person whose middle lies at each frame's pixel."""
+    wall, K = scene(), camera().K[0]
+    shift = np.array([[1, 0, -WIDTH], [0, 1, -HEIGHT], [0, 0, 1.0]])
+    time = np.linspace(0.0, 1.0, len(rotations))
+    depth = np.where(np.arange(3 * WIDTH) // 40 % 2, 1.0, 2.5)
+    for frame, rotation in enumerate(rotations):
+        lens = K @ np.diag([1 + (zoom - 1) * time[frame]] * 2 + [1.0])
+        picture = cv2.warpPerspective(wall, lens @ exp_so3(rotation) @ np.linalg.inv(K) @ shift, (WIDTH, HEIGHT))
+        if carried:
+            moved = (np.arange(WIDTH) + carried * time[frame] / depth[:WIDTH]).astype(np.float32)
+            picture = cv2.remap(
+                picture, np.tile(moved, (HEIGHT, 1)), np.repeat(np.arange(HEIGHT, dtype=np.float32)[:, None], WIDTH, 1),
+                cv2.INTER_LINEAR,
+            )  # fmt: skip
+        x, y = people[frame].astype(int)
+        picture[max(y - 60, 0) : y + 60, max(x - 20, 0) : x + 20] = 30
+        yield picture
+
+
+def seen(rotations: np.ndarray, still: np.ndarray) -> np.ndarray:
+    """Return (F, 2) where the turned camera sees what a still one sees there."""
+    K = camera().K[0]
+    rays = np.concatenate([still, np.ones((len(still), 1))], axis=1) @ np.linalg.inv(K).T
+    now = np.einsum("fij,fj->fi", exp_so3(rotations), rays) @ K.T
+    return now[:, :2] / now[:, 2:]
+
+
+def detections(people: np.ndarray) -> VideoDetections:
+    offsets = np.stack([np.linspace(-18, 18, KEYPOINTS), np.linspace(-58, 58, KEYPOINTS)], axis=1)
+    xy = people[:, None, None] + offsets
+    return VideoDetections(
+        Path("pan.mp4"), "", "none", JointSet.COCO_17, (WIDTH, HEIGHT), np.arange(FRAMES) / 30.0, xy,
+        np.ones(xy.shape[:-1]), np.zeros((FRAMES, 1), dtype=int),
+    )  # fmt: skip
+
+
+def walk() -> np.ndarray:
+    return np.stack([np.linspace(200, 420, FRAMES), np.full(FRAMES, 190.0)], axis=1)
+
+
+def test_turns_are_found_beside_a_walking_person() -> None:
+    rotations = turns(6.0)
+    people = seen(rotations, walk())
+    found = camera_turns(detections(people), camera(), filmed(rotations, people))
+    assert found is not None and found.explain
+    assert np.rad2deg(np.abs(found.rotations - rotations)).max() < 0.12
+    assert found.largest_deg == pytest.approx(np.rad2deg(np.linalg.norm(rotations, axis=1).max()), abs=0.1)
+
+
+def test_detections_become_those_of_a_camera_that_stands_still() -> None:
+    rotations = turns(6.0)
+    people = seen(rotations, walk())
+    given = detections(people)
+    steadied, diagnostics = as_if_still(given, camera(), filmed(rotations, people))
+    middle = steadied.xy[:, 0, KEYPOINTS // 2]
+    assert np.abs(middle - walk()).max() < 1.5 < np.abs(people - walk()).max()
+    assert [item.code for item in diagnostics] == ["camera_turns"]
+    assert diagnostics[0].where.cameras == ("pan",) and diagnostics[0].values["size"] > 5
+
+
+def test_a_camera_that_stands_still_changes_nothing() -> None:
+    given = detections(walk())
+    steadied, diagnostics = as_if_still(given, camera(), filmed(np.zeros((FRAMES, 3)), walk()))
+    assert steadied is given and not diagnostics
+
+
+@pytest.mark.parametrize("how", [{"carried": 60.0}, {"zoom": 1.3}])
+def test_a_camera_that_is_carried_or_zoomed_is_named_and_nothing_is_changed(how: dict[str, float]) -> None:
+    given = detections(walk())
+    steadied, diagnostics = as_if_still(given, camera(), filmed(np.zeros((FRAMES, 3)), walk(), **how))
+    assert steadied is given and [item.code for item in diagnostics] == ["camera_moves"]
+
+
+def test_without_a_background_nothing_is_known() -> None:
+    given = detections(walk())
+    blank = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
+    assert camera_turns(given, camera(), blank) is None
+    assert as_if_still(given, camera(), (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES)))[1] == []
