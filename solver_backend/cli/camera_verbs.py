@@ -144,7 +144,8 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.camera_calibration.check.calibration_check import check_calibration
     from solver_backend.cli.camera_sources import capture_of
 
-    cameras, keypoints = capture_of(args, progress).require_multiview()
+    capture = capture_of(args, progress)
+    cameras, keypoints = capture.require_multiview()
     progress("Checking the calibration", 0, 1)
     found = check_calibration(cameras, keypoints)
     lines = [f"{args.capture}: {found.verdict}"]
@@ -155,7 +156,11 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         )
     ]
     lines += [f"  finding     {sentence(item)}" for item in found.findings]
-    return Outcome("\n".join(lines), found.as_dict())
+    lines += [f"  problem     {sentence(item)}" for item in capture.problems]
+    data = found.as_dict()
+    data["problems"] = [sentence(item) for item in capture.problems]
+    data["diagnostics"] += [item.as_dict() for item in capture.problems]
+    return Outcome("\n".join(lines), data)
 
 
 def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:

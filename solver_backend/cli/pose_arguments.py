@@ -42,6 +42,15 @@ def interpolate_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--count", type=int, required=True, metavar="N", help="how many frames lie between")
 
 
+def fit_keypoints_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of fit-keypoints."""
+    verb.add_argument("capture", type=Path, metavar="CAPTURE", help="calibrated views of one person, one or several")
+    _motion_in_and_out(verb)
+    verb.add_argument("--noise-px", type=float, default=5.0, metavar="PX", help="standard deviation of a detection")
+    verb.add_argument("--manifold", type=float, default=100.0, metavar="λ", help="weight of plausibility (default 100)")
+    verb.add_argument("--constant", action="store_true", help="the weight does not follow the distance (eq. 11)")
+
+
 def _motion_in_and_out(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion file to read")
     parser.add_argument("out", type=Path, metavar="OUT.npz", help="motion file to write")

@@ -1,4 +1,4 @@
-"""The verbs that use Pose-NDF: denoise, complete, sample, interpolate; motion files in and out."""
+"""The verbs that use Pose-NDF: denoise, complete, sample, interpolate, fit-keypoints; motion files in and out."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from dataclasses import replace
 from typing import Any
 
 from solver_backend.cli.outcome import Outcome
+from solver_backend.cli.reading import load
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
@@ -36,6 +37,20 @@ def complete(args: argparse.Namespace, progress: Progress) -> Outcome:
     missing, settings = tuple(args.missing), CompleteSettings(seed=args.seed)
     missing_joints(missing)
     return _made(args, lambda body, prior: completed_motion(_read(args), body, prior, missing, settings, progress))
+
+
+def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Fit poses and one shape to the keypoints of calibrated views (Tiwari et al. 2022, eqs. 10 and 11)."""
+    from solver_backend.fitters.pose_ndf.edit_motion import fitted_motion
+    from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
+
+    if not 0 < args.noise_px < float("inf"):
+        raise JobInvalid(f"--noise-px {args.noise_px} is no noise; a number above 0 is expected.", where="noise-px")
+    if not 0 <= args.manifold < float("inf"):
+        raise JobInvalid(f"--manifold {args.manifold} is no weight; a number from 0 is expected.", where="manifold")
+    capture = load(args.capture, {}, progress)
+    settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
+    return _made(args, lambda body, prior: fitted_motion(capture, _read(args), body, prior, args.noise_px, settings))
 
 
 def sample(args: argparse.Namespace, progress: Progress) -> Outcome:

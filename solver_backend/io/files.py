@@ -35,11 +35,12 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         FileDamaged: it is larger, or cannot be read.
     """
     try:
-        if not stat.S_ISREG(os.stat(path).st_mode):
+        status = os.stat(path)
+        if not stat.S_ISREG(status.st_mode):
             require_file(path)
+        size = status.st_size
         with open_regular(path) as stream:
-            size = os.fstat(stream.fileno()).st_size
-            data = _read_all(stream, largest + 1) if size <= largest else b""
+            data = _read_all(stream, size, largest + 1) if size <= largest else b""
     except FileNotFoundError:
         require_file(path)
         raise
@@ -54,9 +55,11 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
     return data
 
 
-def _read_all(stream: BinaryIO, most: int) -> bytes:
-    """Return what a file holds, up to so many bytes."""
-    parts, left = [], most
+def _read_all(stream: BinaryIO, size: int, most: int) -> bytes:
+    """Return what a file holds, up to so many bytes; of many small files the first read is all."""
+    parts, left = [stream.read(size + 1)], most - size - 1
+    if 0 < len(parts[0]) <= size:
+        return parts[0]
     while left and (part := stream.read(min(left, _PART))):
         parts.append(part)
         left -= len(part)

@@ -14,7 +14,8 @@ from solver_backend.exchange.errors import CaptureNotRecognised, JobInvalid, Mot
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
 from solver_backend.io.detections.unsupported import name_unsupported
-from solver_backend.io.footage.footage import SENSOR_RECORDING, count_footage
+from solver_backend.io.footage.footage import SENSOR_RECORDING
+from solver_backend.io.footage.recording import count_recordings
 from solver_backend.io.markers.unsupported import name_unsupported_file
 from solver_backend.io.motions.amass import AmassClip
 from solver_backend.io.motions.bvh import BvhClip
@@ -120,7 +121,7 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
     if (known := name_unsupported(folders)) is not None:
         what, how = known
         return CaptureNotRecognised(f"The detections are {what}", where=str(path), hint=how)
-    if (footage := count_footage(path)) > 1:
+    if (footage := count_recordings(path)) > 1:
         return CaptureNotRecognised(
             f"The folder holds videos or pictures of {footage} cameras, and no detections in them.", where=str(path),
             hint="from-videos detects, synchronises, calibrates and solves them (Capture from Videos in Blender).",

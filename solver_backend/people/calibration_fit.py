@@ -13,6 +13,7 @@ from itertools import product
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import FACTORS, POSES, TURNS, CameraCorrection, corrected
+from solver_backend.people.body_breadth import has_a_bodys_breadth
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person, well_seen_frames
 from solver_backend.people.picture_shapes import with_shapes
@@ -105,6 +106,8 @@ def fit_calibration(cameras: Cameras, detections: Detections, to_world: np.ndarr
     if min(compared.of_camera(c, best) for c in range(len(cameras)) if c != lone) < EVERY_CAMERA:
         return kept
     meant = corrected(scores.cameras, best)
+    if not has_a_bodys_breadth(meant, detections):
+        return kept
     return CalibrationFit(replace(meant, R=meant.R @ A.T), tuple(best), agreement, written)
 
 

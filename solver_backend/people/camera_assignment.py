@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import combinations, permutations, product
 from math import perm
 
 import numpy as np
 
+from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import undistort
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person, well_seen_frames
@@ -27,7 +29,10 @@ _FRAMES = 20
 """Frames that are compared."""
 
 
-def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: list[int] | None) -> list[int] | None:
+def assigned_by_views(
+    calibrated: Cameras, detections: Detections, by_order: list[int] | None,
+    corrections: Sequence[CameraCorrection] | None = None,
+) -> list[int] | None:  # fmt: skip
     """Return the calibrated camera of each recorded one under which all views agree, None where none stands out.
 
     An assignment must reach ``SURE``, and be better than every other by ``MARGIN``;
@@ -37,11 +42,12 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
         calibrated: A cameras, in any unit.
         detections: of C recorded ones, C from 3 to A.
         by_order: (C,) the assignment that counting the names suggests, None where they do not count.
+        corrections: (C,) how the calibrated camera is read that a recorded one is; None: as written.
     """
     count = len(detections.cameras)
     if not LEAST_CAMERAS <= count <= len(calibrated) or perm(len(calibrated), count) > MOST_WAYS:
         return None
-    pairs = _pair_scores(calibrated, detections)
+    pairs = _pair_scores(calibrated, detections, corrections or [CameraCorrection()] * count)
     ways = np.array(list(permutations(range(len(calibrated)), count)))
     found = [pairs[i, j][ways[:, i], ways[:, j]] for i in range(count) for j in range(i + 1, count)]
     known = np.isfinite(found)
@@ -56,19 +62,23 @@ def assigned_by_views(calibrated: Cameras, detections: Detections, by_order: lis
     return ways[best].tolist() if clear else None
 
 
-def _pair_scores(calibrated: Cameras, detections: Detections) -> np.ndarray:
+def _pair_scores(calibrated: Cameras, detections: Detections, corrections: Sequence[CameraCorrection]) -> np.ndarray:
     """Return (C, C, A, A) agreement of recorded cameras i < j if they are a and b; NaN where both see nobody."""
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
     frames = frames[np.unique(np.linspace(0, len(frames) - 1, _FRAMES).astype(int))] if len(frames) else frames
     seen = np.where((confidence >= MIN_CONFIDENCE)[..., None], xy, np.nan)[:, frames]
-    count, cameras = len(xy), range(len(calibrated))
-    K, lens, model = calibrated.K, calibrated.distortion, calibrated.distortion_model
-    points = [
-        [undistort(K[a : a + 1], lens[a : a + 1], seen[i : i + 1], model)[0] for a in cameras] for i in range(count)
-    ]
-    scores = np.full((count, count, len(calibrated), len(calibrated)), np.nan)
-    poses = list(zip(calibrated.R, calibrated.t, strict=True))
-    for (i, j), (a, b) in product(combinations(range(count), 2), permutations(cameras, 2)):
-        scores[i, j, a, b] = pair_agreement(points[i][a], *poses[a], points[j][b], *poses[b], OFF_LINE)
+    count, total = len(xy), len(calibrated)
+    read = {correction: corrected(calibrated, [correction] * total) for correction in set(corrections)}
+    as_which = [read[correction] for correction in corrections]
+    points = [[_normalised(as_which[i], a, seen[i : i + 1]) for a in range(total)] for i in range(count)]
+    poses = [list(zip(cameras.R, cameras.t, strict=True)) for cameras in as_which]
+    scores = np.full((count, count, total, total), np.nan)
+    for (i, j), (a, b) in product(combinations(range(count), 2), permutations(range(total), 2)):
+        scores[i, j, a, b] = pair_agreement(points[i][a], *poses[i][a], points[j][b], *poses[j][b], OFF_LINE)
     return scores
+
+
+def _normalised(cameras: Cameras, a: int, seen: np.ndarray) -> np.ndarray:
+    """Return (F, J, 2) normalised points of pixels (1, F, J, 2) if camera a recorded them."""
+    return undistort(cameras.K[a : a + 1], cameras.distortion[a : a + 1], seen, cameras.distortion_model)[0]

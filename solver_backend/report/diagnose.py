@@ -90,12 +90,13 @@ def _cameras(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnos
     seen = detected_share(capture)
     assert seen is not None
     medians = residuals.by_camera
+    angles = medians / capture.cameras.K[:, 0, 0]
     for c, name in enumerate(capture.cameras.names):
-        others = np.delete(medians, c)
+        others = np.delete(angles, c)
         others = others[np.isfinite(others)]
         percent = 100 * float(seen[c].mean())
-        if others.size and medians[c] > DISAGREES * float(quantile(others, 0.5, axis=0)):
-            usual = float(quantile(others, 0.5, axis=0))
+        usual = float(quantile(others, 0.5, axis=0) * capture.cameras.K[c, 0, 0]) if others.size else float("nan")
+        if medians[c] > DISAGREES * usual:
             yield diagnostic("camera_disagrees", cameras=[name], size=medians[c], usual=usual)
         if percent < SELDOM_PERCENT:
             yield diagnostic("camera_sees_little", cameras=[name], percent=percent)

@@ -30,7 +30,7 @@ def without_explained(found: Iterable[Diagnostic], num_frames: int) -> Iterator[
         for camera in item.where.cameras
     }  # fmt: skip
     for item in found:
-        if item.code == "cameras_shifted":
+        if item.code in ("cameras_shifted", "cameras_elsewhere"):
             kept = [k for k, name in enumerate(item.where.cameras) if name not in explained]
             if kept:
                 cameras, shifts = item.where.cameras, list(item.values.get("shifts", ()))

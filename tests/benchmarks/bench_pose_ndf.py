@@ -19,7 +19,6 @@ from pathlib import Path
 
 import numpy as np
 
-from research.pose_ndf.fit_keypoints import KeypointSettings
 from solver_backend.body.body import load_body
 from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
@@ -30,6 +29,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf.complete import complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import WEIGHTS, DenoiseSettings, denoise
 from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
+from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 from solver_backend.fitters.pose_ndf.interpolate import ALONG, interpolate_poses
 from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights
 from solver_backend.geometry.rotations import exp_so3, log_so3

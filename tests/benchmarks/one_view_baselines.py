@@ -9,12 +9,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from research.pose_ndf.fit_keypoints import fit_keypoints
 from solver_backend.exchange.progress import silent
 from solver_backend.fitters.measurements.base import Measurements, RoughMotion
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.pipeline import first_subject, prepare
+from solver_backend.fitters.pose_ndf.fit_keypoints import fit_keypoints
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import fit_frames, posed

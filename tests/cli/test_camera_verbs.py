@@ -69,6 +69,13 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     meant = read_calibration(out).cameras
     np.testing.assert_allclose(meant.centres, cameras.centres, atol=1e-3)
     np.testing.assert_allclose(meant.K[:, 0, 0], cameras.K[:, 0, 0] / 2, rtol=1e-6)
+    assert main(["check-cameras", str(trial), "--json"]) == 0
+    checked = said(capsys)
+    assert what_is_wrong(checked, "check-cameras") == ""
+    assert any("0.5 times" in problem for problem in checked["problems"])
+    assert {"calibration_corrected", "unit_by_person"} <= {item["code"] for item in checked["diagnostics"]}
+    assert main(["check-cameras", str(trial)]) == 0
+    assert "0.5 times" in capsys.readouterr().out
     # Read again with what was written, nothing is left to correct.
     (trial / "calibration" / "Calib.toml").write_text(out.read_text())
     assert main(["info", str(trial), "--json"]) == 0

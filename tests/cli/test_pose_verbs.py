@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,7 +15,10 @@ from solver_backend.body.mesh import pose_mesh
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled
 from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion
+from solver_backend.metrics import pa_mpjpe_mm
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Motion
 from tests.support.pose_ndf_weights import random_prior
 from tests.support.scenes import small_motion
@@ -153,3 +157,30 @@ def test_cancelling_leaves_nothing_behind(take, weights, tmp_path, monkeypatch, 
     assert main(["denoise", take, str(tmp_path / "out.npz"), "--prior", weights, "--json"]) == 130
     assert result(capsys)["code"] == "cancelled"
     assert sorted(p.name for p in tmp_path.iterdir()) == ["pose_ndf.npz", "take.npz"]
+
+
+def test_a_motion_is_fitted_anew_to_the_keypoints_of_one_view(tmp_path, capsys):
+    capture = demo_capture(4)
+    truth, body = capture.truth, load_body()
+    seen = capture.keypoints.confidence * (np.arange(len(capture.cameras)) == 0)[:, None, None]
+    one = replace(capture, keypoints=replace(capture.keypoints, confidence=seen))
+    rng = np.random.default_rng(3)
+    local = exp_so3(truth["body_pose"][:, :63].reshape(4, 21, 3)) @ exp_so3(0.15 * rng.standard_normal((4, 21, 3)))
+    root, transl = exp_so3(truth["global_orient"]), truth["transl"] + 0.05 * rng.standard_normal((4, 3))
+    pose = truth["body_pose"].copy()
+    pose[:, :63] = log_so3(local).reshape(4, 63)
+    joints = forward_kinematics(body, truth["betas"], root, local, transl).joints
+    start = Motion(truth["betas"], truth["global_orient"], pose, transl, capture.fps, body.id, joints)
+    files = [str(tmp_path / name) for name in ("one.npz", "start.npz", "fitted.npz")]
+    write_capture(files[0], one)
+    write_motion(files[1], start)
+    assert main(["fit-keypoints", *files, "--json"]) == 0
+    assert result(capsys)["frames"] == 4
+    found = read_motion(files[2])
+    off = [pa_mpjpe_mm(motion.joints, truth["joints"]) for motion in (start, found)]
+    assert off[1] < 0.7 * off[0] and found.provenance["edits"][-1]["verb"] == "fit-keypoints"
+    short = replace(small_motion(3, optional=False), body=body.id)
+    write_motion(files[1], short, overwrite=True)
+    assert main(["fit-keypoints", *files, "--overwrite", "--json"]) == 3
+    assert "The motion has 3 frames, the capture 4" in capsys.readouterr().out
+    assert main(["fit-keypoints", *files, "--noise-px", "0", "--overwrite"]) != 0

@@ -156,6 +156,17 @@ def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["problems"] == []
 
 
+def test_a_t_pose_before_the_clip_is_a_warning(tmp_path: Path, known: KnownMotion) -> None:
+    """Its step into the motion would be smoothed, keyed and retargeted as if somebody moved so."""
+    G = known.posed.G.copy()
+    G[0] = Y_UP.T
+    path = write_bvh(tmp_path / "t.bvh", replace(known, posed=replace(known.posed, G=G)))
+    [apart] = [item for item in read_foreign_bvh(path)[2] if item.code == "motion_first_frame_apart"]
+    assert apart.where.frames == ((0, 0),) and apart.values["angle"] > 30.0
+    whole = read_foreign_bvh(write_bvh(tmp_path / "whole.bvh", known))[2]
+    assert "motion_first_frame_apart" not in codes(whole)
+
+
 def test_axes_of_the_file_can_be_given(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     path = write_bvh(tmp_path / "clip.bvh", known, turn=Y_UP)
     given, roles, _ = read_foreign_bvh(path, unit="cm", up_axis="y")

@@ -102,6 +102,15 @@ def test_qualisys_marker_cameras_and_turned_views(tmp_path: Path, cameras: Camer
     assert "view of cam_a is turned by 90°" in words(found.problems)[0]
 
 
+def test_qualisys_videos_of_another_resolution_are_named(tmp_path: Path, cameras: Cameras) -> None:
+    rows = int(cameras.image_size[0, 1])
+    for stated, named in ((rows // 2, True), (rows - rows // 50, False)):
+        text = qca_text(cameras).replace('viewrotation="0"', f'viewrotation="0" video_resolution="{stated}p"')
+        (tmp_path / "c.qca.txt").write_text(text)
+        problems = words(read_calibration(tmp_path / "c.qca.txt").problems)
+        assert any(f"{stated} rows" in problem and f"of {rows}" in problem for problem in problems) == named
+
+
 @pytest.mark.parametrize("pose", ["rt", "rvec", "extrinsics"])
 def test_one_yaml_a_camera(tmp_path: Path, cameras: Cameras, pose: str) -> None:
     for c, name in enumerate(cameras.names):

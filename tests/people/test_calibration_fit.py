@@ -12,6 +12,7 @@ from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, 
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.people import reading_scores
+from solver_backend.people.body_breadth import has_a_bodys_breadth, shoulders_of_leg
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
@@ -183,3 +184,25 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
     fit = fit_calibration(cameras, seen)
     assert set(fit.corrections) == {CameraCorrection(factor=0.5)}
     assert len(calls) < 30_000
+
+
+@pytest.mark.parametrize("places", [1, 2])
+def test_exchanged_cameras_are_no_shape_of_pictures(places: int) -> None:
+    """The views agree by 85 % as pictures of half the rows, and the person would be a seventh as broad as tall."""
+    ring = Detections(
+        CAMERAS.names, np.roll(half(filmed()), -places, axis=0)[:, :, None],
+        np.roll(KEYPOINTS.confidence[:, FRAMES], -places, axis=0)[:, :, None], KEYPOINTS.joint_set,
+    )  # fmt: skip
+    fit = fit_calibration(CAMERAS, ring)
+    assert not fit.changed, fit.meanings()
+
+
+def test_cameras_in_one_place_show_no_breadth() -> None:
+    one = CAMERAS.subset([0])
+    seen = detections(filmed())
+    alone = replace(seen, cameras=one.names, xy=seen.xy[:1], confidence=seen.confidence[:1])
+    assert np.isnan(shoulders_of_leg(one, alone)) and has_a_bodys_breadth(one, alone)
+
+
+def test_the_demos_person_has_the_breadth_of_a_body() -> None:
+    assert shoulders_of_leg(CAMERAS, detections(filmed())) == pytest.approx(0.42, abs=0.04)

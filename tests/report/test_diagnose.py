@@ -69,3 +69,13 @@ def test_a_body_without_a_left_leg_has_neither_stature_nor_feet_to_check():
     pose = np.zeros((motion.num_frames, 3 * (layout.num_joints - 1)))
     sunk = replace(motion, joints=3 * motion.joints[:, kept] - 1.0, body_pose=pose, body_layout=layout)
     assert not {"stature_odd", "floor_too_high"} & {item.code for item in diagnose(capture, sunk)}
+
+
+def test_pictures_of_another_size_are_compared_as_angles():
+    """Of twice the size, the same error is twice as many pixels."""
+    capture, motion = solved()
+    K = capture.cameras.K.copy()
+    K[2, [0, 1], [0, 1]] *= 4.5
+    larger = replace(capture, cameras=replace(capture.cameras, K=K))
+    assert "camera_disagrees" in [item.code for item in diagnose(capture, motion)]
+    assert "camera_disagrees" not in [item.code for item in diagnose(larger, motion)]

@@ -163,7 +163,25 @@ def openpose_list(root: Path) -> None:
         write_lines(root / f"{name}.json", [_openpose(c, f) for f in range(FRAMES)])
 
 
+def mmdet_arrays(root: Path) -> None:
+    """MMDetection's and DeepStream's kind: lists of everybody in the picture, one of points and one of scores."""
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            lists = {"labels": [0], "scores": [0.9], "bboxes": [[0, 0, 9, 9]]}
+            points = {name: [values] for name, values in instance(c, f).items()}
+            write_lines(root / "preds" / name / f"{f:06d}.json", lists | points)
+
+
+def opencap(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        for f in range(FRAMES):
+            folder = root / "Videos" / name / "OutputJsons_1x736" / "walk1"
+            write_lines(folder / f"walk1_{f:012d}_keypoints.json", _openpose(c, f))
+
+
 WRITERS = (
+    mmdet_arrays,
+    opencap,
     pifpaf_pictures,
     pifpaf_videos,
     mmpose_list,

@@ -40,6 +40,11 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "The camera is mounted on its side, and Qualisys Track Manager shows its pictures upright.",
         "If its video is turned too, the calibration does not fit it.",
     ),
+    "qualisys_resolution": warning(
+        "Videos were recorded with {rows} rows, as the calibration states, and it is of {calibrated}: {cameras}",
+        "Qualisys keeps the calibration of the whole sensor when videos are recorded at a lower resolution.",
+        "If the views do not show it, detect in videos of the size that was calibrated.",
+    ),
     "calibrated_not_recorded": note(
         "Calibrated but not recorded: {cameras}",
         "The recording has fewer cameras than the calibration.",
@@ -85,6 +90,19 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "it; their videos are not shown",
         "Cameras were set to different frame rates, or their videos were converted.",
         "Record all cameras at one frame rate to see their videos.",
+    ),
+    "frame_rate_ambiguous": warning(
+        "Cameras have several frame rates, none of them that of most: {rate:.4g} a second is taken as that of "
+        "{cameras}, the fastest",
+        "The views show how the rates are related, not which of them is stated. If the stated one is that of the "
+        "others, the movement is solved too slow.",
+        "Give the fastest cameras' frames a second with --fps.",
+    ),
+    "focal_lengths_off": warning(
+        "All focal lengths seem about {percent:.0f} % too {way}: with others the views agree better. The person's size "
+        "and place are off by as much",
+        "Lenses were zoomed after the calibration, or recorded in a mode that uses another part of the sensor.",
+        "Calibrate the lenses in the mode that was recorded (calibrate-cameras).",
     ),
     "cameras_refined": note(
         "Cameras were refined by the people they film: {before:.1f} px before, {after:.1f} px after (median of views, "

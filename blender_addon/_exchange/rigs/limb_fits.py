@@ -15,6 +15,8 @@ from .skeleton import Skeleton
 
 _SKIPPED, _OFF_LINE = 0.4, 0.04
 """Cost of a bone inside a segment, as a twist bone is, and how far off the line it may lie, by the segment."""
+_HOPELESS = 60.0
+"""Cost that neither names nor fingers bring below that of a limb: nothing more is measured then."""
 _PALM = 0.4
 """Distance of a hand's middle from the wrist by the forearm, at most; depth cameras have 0.25 to 0.3, CMU's files 0.5
 between the bones that they call wrist and hand."""
@@ -54,31 +56,28 @@ def _fits(
     parts: tuple[str, str, str], named: float,
 ) -> list[LimbFit]:  # fmt: skip
     path = skeleton.main_path(branch)[:_LONGEST]
+    bear = [[names_part(skeleton.names[bone], part) for bone in path] for part in parts]
     found = []
     for places in _triples(len(path)):
         own = cost(skeleton, path, places)
         if np.isfinite(own):
-            fitting = sum(names_part(skeleton.names[path[p]], part) for p, part in zip(places, parts, strict=True))
-            fitting -= _is_named_elsewhere(skeleton, path, places, parts[2])
+            fitting = sum(bears[p] for p, bears in zip(places, bear, strict=True))
+            fitting -= bear[2][places[2]] and places[2] != _joint_of_names(skeleton, path, places[1], bear[2])
             found.append(LimbFit(own - named * fitting, tuple(path), places))
     return sorted(found, key=lambda fit: fit.cost)
 
 
-def _is_named_elsewhere(skeleton: Skeleton, path: list[int], places: tuple[int, int, int], end: str) -> bool:
-    """Return whether two bones bear the name of a limb's end, and these places take the wrong one.
+def _joint_of_names(skeleton: Skeleton, path: list[int], middle: int, bears: list[bool]) -> int:
+    """Return where a limb ends, of the bones after its middle joint that all bear the name of its end.
 
     It is the first one, unless the next lies farther on than a palm reaches: of depth cameras, the hand is the middle
     of the palm; in Acclaim's skeletons the wrist turns the lower forearm, and the hand's bone begins at the joint.
     """
-    _, middle, taken = places
-    named = [k for k in range(middle + 1, len(path)) if names_part(skeleton.names[path[k]], end)]
-    if taken not in named:
-        return False
-    joint = named[0]
-    for k in named[1:]:
+    joint, *others = (k for k in range(middle + 1, len(path)) if bears[k])
+    for k in others:
         if skeleton.distance(path[joint], path[k]) > _PALM * skeleton.distance(path[middle], path[joint]):
             joint = k
-    return taken != joint
+    return joint
 
 
 def _triples(count: int) -> Iterator[tuple[int, int, int]]:
@@ -93,10 +92,12 @@ def _leg_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
     thigh, shin = _apart(points, i, j), _apart(points, j, k)
     if min(thigh, shin) < 1e-3 * skeleton.size:
         return np.inf
-    cost = _log_cost(shin / thigh, 0.95, 0.15) + _line_cost(points, i, j) + _line_cost(points, j, k)
     # A bone before the thigh leads from the middle to the hip: across the leg, not along it.
     along = float((points[i] - points[0]) @ (points[j] - points[i])) / thigh**2
-    cost += (along / 0.1) ** 2 + (_apart(points, 0, i) / (0.5 * thigh)) ** 2 + 0.3 * i
+    cost = _log_cost(shin / thigh, 0.95, 0.15) + (along / 0.1) ** 2 + (_apart(points, 0, i) / (0.5 * thigh)) ** 2
+    if cost > _HOPELESS:
+        return np.inf
+    cost += 0.3 * i + _line_cost(points, i, j) + _line_cost(points, j, k)
     if k + 1 >= len(path):
         return cost + 4.0
     ahead = points[k + 1 :] - points[k]
@@ -113,9 +114,12 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
     upper, fore = _apart(points, i, j), _apart(points, j, k)
     if min(upper, fore) < 1e-3 * skeleton.size:
         return np.inf
-    cost = _log_cost(fore / upper, 0.92, 0.2) + _line_cost(points, i, j) + _line_cost(points, j, k)
     clavicle = _apart(points, 0, i)
+    cost = _log_cost(fore / upper, 0.92, 0.2)
     cost += _log_cost(clavicle / upper, 0.5, 0.4) + (i - 1) if clavicle > 0.02 * upper else 1.5 + i
+    if cost > _HOPELESS:
+        return np.inf
+    cost += _line_cost(points, i, j) + _line_cost(points, j, k)
     hand = path[k]
     rest = skeleton.reach[hand]
     cost += min(_log_cost(rest / fore, 0.65, 0.5), 2.0 if rest < fore else np.inf) if rest > 0.02 * fore else 1.5

@@ -66,9 +66,14 @@ class BringsMotion(SolverOperator):
             take = add_motion(context, Path(result["motion"]), self.bake_settings(context))
         frame_body(context, take.armature)
         bring_home()
-        for note in (*result.get("notes", ()), *take.notes):
+        for note in (*remarks(result), *take.notes):
             self.report({"WARNING"}, note)
         off_mm = result.get("distance_mm")
         near = "" if off_mm is None else f"; limbs are {off_mm:.1f} mm from the clip's (root mean square)"
         self.report({"INFO"}, f"Baked '{take.action.name}'{near}")
         return {"FINISHED"}
+
+
+def remarks(result: dict[str, Any]) -> tuple[str, ...]:
+    """Return what was found in a clip, warnings such as missing limbs first; the two lists may hold the same."""
+    return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))

@@ -47,6 +47,11 @@ _CLIPS: dict[str, DiagnosticEntry] = {
         "Markers or cameras lost a part of the person.",
         "Edit or cut the motion there.",
     ),
+    "motion_first_frame_apart": warning(
+        "The first frame is apart from the second by {angle:.0f}°",
+        "The file begins with a T-pose that is no part of the motion.",
+        "Cut the first frame before smoothing or retargeting.",
+    ),
     "motion_one_frame": note(
         "One frame: the clip is a pose",
         "The file holds a single frame.",

@@ -216,7 +216,7 @@ RESULT: dict[str, DiagnosticEntry] = {
     "shape_odd": warning(
         "A shape coefficient is {size:.3g}; those of people lie within {limit:g}",
         "The shape follows wrong measurements: scale, labels or calibration.",
-        "Check the scale and the labels; or give a calibrated subject or a known shape.",
+        "Check the scale (of keypoints: --stature) and the labels; or give a calibrated subject or a known shape.",
     ),
     "motion_rate_odd": warning(
         "{rate:g} frames a second is not what is recorded",

@@ -35,6 +35,11 @@ WORLD_CHECK: dict[str, DiagnosticEntry] = {
         "A camera was moved, or its lens was calibrated badly.",
         "Their calibration is a little off; refine it.",
     ),
+    "cameras_elsewhere": warning(
+        "Cameras see everything somewhere else than the others: {shifts}",
+        "Their calibration is of another place or is written otherwise, or they are late or named like another.",
+        "Check their names, their start, and whether they were moved after the calibration.",
+    ),
     "nothing_located": warning(
         "No keypoint can be located from the views",
         "The calibration is of other cameras, or belongs to other names.",

@@ -8,25 +8,30 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.kinematics import forward_kinematics, recorded_vectors
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, fit_keypoints
 from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
-from solver_backend.types import Motion
+from solver_backend.residuals.reprojection import ReprojectionTerm
+from solver_backend.types import Capture, Motion
 
 LAYOUT = "MANIFOLD_53"
 """Points of the skin that stand for the mesh."""
+DETECTOR_PX = 5.0
+"""Standard deviation of a detection, pixels: what the weights of eq. 10 were chosen with."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Y up to Z up."""
 
@@ -107,6 +112,39 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float
     )  # fmt: skip
     edit = {"verb": "sample", "count": count, "seed": seed}
     return _new_motion(rest, body, prior, PosedFrames(root, local, transl), edit)
+
+
+def fitted_motion(
+    capture: Capture, motion: Motion, body: Body, prior: PoseNDF, noise_px: float = DETECTOR_PX,
+    settings: KeypointSettings = KeypointSettings(),
+) -> Motion:  # fmt: skip
+    """Return the poses and the one shape that explain a capture's keypoints best; see ``fit_keypoints``.
+
+    Args:
+        capture: calibrated views of one person, one view or several.
+        motion: of the same frames, where the search starts.
+        body: of the motion.
+        prior: whose distance holds poses near the recorded ones.
+        noise_px: standard deviation of a detection with full confidence.
+        settings: weights of eq. 10.
+
+    Raises:
+        CalibrationMissing, NoDetections, TooFewViews: there are no calibrated views that see somebody.
+        MotionInvalid: the motion belongs to another body, or has other frames than the capture.
+    """
+    cameras, keypoints = capture.require_views()
+    frames = frames_of(motion, body)
+    if motion.num_frames != keypoints.xy.shape[1]:
+        raise MotionInvalid(
+            f"The motion has {motion.num_frames} frames, the capture {keypoints.xy.shape[1]}.", where=capture.name,
+            hint="Start at a motion that was solved from this capture.",
+        )  # fmt: skip
+    joints, betas = keypoints.joint_set, motion.betas.astype(np.float64)
+    person = Subject(body, keypoint_landmarks(body, joints), betas, np.zeros((joints.num_keypoints, 3)))
+    term = ReprojectionTerm.of(cameras, keypoints, np.full(joints.num_keypoints, noise_px), np.zeros(1))
+    found = fit_keypoints(person, prior, term, frames, settings)
+    edit = {"verb": "fit-keypoints", "noise_px": noise_px, "adaptive": settings.adaptive, "cost": found.cost}
+    return _new_motion(replace(motion, betas=np.asarray(found.betas)), body, prior, found.frames, edit)
 
 
 def frames_of(motion: Motion, body: Body) -> PosedFrames:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -20,6 +21,10 @@ TO_OPENCV_AXES = np.diag([1.0, -1.0, -1.0])
 
 _LARGEST_NUMBER = 1e12
 """Magnitude of a number in a file at most; chosen by hand."""
+_ROWS = re.compile(r"(\d{3,4})p", re.IGNORECASE)
+"""``video_resolution="540p"``."""
+_SAME_ROWS = 0.05
+"""Share by which numbers of rows differ that are the same: a sensor of 1088 rows records 1080p."""
 _TRANSFORM = [[f"r{row}{column}" for column in (1, 2, 3)] for row in (1, 2, 3)]
 """Names of a rotation's numbers, row by row."""
 
@@ -55,7 +60,23 @@ def read_qualisys(path: Path) -> tuple[list[CameraEntry], tuple[Diagnostic, ...]
         for n in used
         if n.get("viewrotation", "0") not in ("0", "")
     )
-    return [_entry(node, path) for node in used], problems
+    entries = [_entry(node, path) for node in used]
+    return entries, (*problems, *_other_resolutions(used, entries))
+
+
+def _other_resolutions(nodes: list[ElementTree.Element], entries: list[CameraEntry]) -> tuple[Diagnostic, ...]:
+    """Return that videos were recorded with another number of rows than the calibration's, as the file states it."""
+    found: dict[tuple[int, int], list[str]] = {}
+    for node, entry in zip(nodes, entries, strict=True):
+        stated = _ROWS.fullmatch(node.get("video_resolution", "").strip())
+        assert entry.image_size is not None
+        rows, calibrated = int(stated[1]) if stated else 0, entry.image_size[1]
+        if rows and abs(rows - calibrated) > _SAME_ROWS * calibrated:
+            found.setdefault((rows, calibrated), []).append(entry.name)
+    return tuple(
+        diagnostic("qualisys_resolution", cameras=names, rows=rows, calibrated=calibrated)
+        for (rows, calibrated), names in found.items()
+    )
 
 
 def _entry(node: ElementTree.Element, path: Path) -> CameraEntry:

@@ -17,7 +17,13 @@ from solver_backend.exchange.errors import (
 )
 from solver_backend.io.calibration import Calibration, calibrations_in
 from solver_backend.io.calibration.read import FORMATS
-from solver_backend.io.recognition.camera_names import counted_order, listing, match_names, name_key
+from solver_backend.io.recognition.camera_names import (
+    counted_order,
+    listing,
+    match_names,
+    name_key,
+    takes_in_names,
+)
 from solver_backend.types import Cameras
 
 CONFIG = "Config.toml"
@@ -108,6 +114,12 @@ def find_calibration(
             order = by_views(calibration.cameras, counted_order(recorded, calibration.cameras.names))
             if order is not None:
                 return _found_by_views(ordered(calibration, order), order, recorded, calibration.cameras.names)
+    for calibration in others:
+        if takes := takes_in_names(recorded, calibration.cameras.names):
+            raise CalibrationMismatch(
+                f"The folder holds {len(takes)} takes: {listing(takes)}.", where=str(root),
+                hint="Put the detections of each take into a folder of its own.",
+            )  # fmt: skip
     raise CalibrationMismatch(
         f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
         f"{listing(others[0].cameras.names)}.",

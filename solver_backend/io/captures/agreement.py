@@ -12,6 +12,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.solve_settings import SYNC_OFF
 from solver_backend.io.calibration.as_meant import as_fitted, as_meant, fit_as_meant
 from solver_backend.io.calibration.entry import Calibration
+from solver_backend.io.captures.frame_rates import of_the_take, other_rates, stated_ratios
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
@@ -21,9 +22,6 @@ from solver_backend.people.detections import Detections
 from solver_backend.people.picture_flips import find_flip, flipped
 from solver_backend.people.resampled import at_one_rate
 from solver_backend.people.unlike_views import ViewReading, explain_unlike, views_match
-
-OTHER_RATE = 0.01
-"""Share by which frame rates differ that are not the same: 59.94 is 60."""
 
 
 @dataclass(frozen=True)
@@ -61,19 +59,22 @@ def bring_to_agreement(
     """
     if len(detections.cameras) == 1:
         return Agreeing(calibration, InTime(detections), (False,))
-    ratios, problems = np.ones(len(detections.cameras)), ()
+    ratios, problems, is_open = np.ones(len(detections.cameras)), (), False
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     fit, flips, written = None, (), calibration
     if not options.as_calibrated:
         detections, fit, flips = _unflipped(calibration, detections, options)
     in_step = fit is not None and fit.written >= AGREES
-    if not in_step and not views_match(calibration.cameras, detections):
-        calibration, exchanged = _unexchanged(calibration, detections, options)
-        ratios = np.ones(len(ratios)) if exchanged else _stated_ratios(rates, fps)
-        if searched and not exchanged and fit is not None and (ratios == 1).all():
-            calibration, ratios = _explained(calibration, fit, detections, options)
+    if not in_step:
+        calibration = _unexchanged(calibration, fit, detections, options)
+    if not in_step and calibration is written and not views_match(calibration.cameras, detections):
+        ratios = stated_ratios(rates, fps)
+        if searched and fit is not None and (ratios == 1).all():
+            calibration, relative = _explained(calibration, fit, detections, options)
+            ratios, is_open = of_the_take(relative)
         if (ratios != 1).any():
-            detections, problems = at_one_rate(detections, ratios.tolist()), (_other_rates(detections, ratios, fps),)
+            problems = other_rates(detections, ratios, fps, is_open=is_open and options.fps is None)
+            detections = at_one_rate(detections, ratios.tolist())
     in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
     if fit is not None and calibration is written and not in_time.first_rows and (ratios == 1).all():
         calibration = as_fitted(calibration, fit)  # of the same rows
@@ -96,37 +97,39 @@ def _unflipped(
     return detections, fit, (diagnostic("detections_corrected", found=found.flip.meaning()),)
 
 
-def _unexchanged(calibration: Calibration, detections: Detections, options: ReadOptions) -> tuple[Calibration, bool]:
-    """Return the calibration with cameras that bear each other's names exchanged, and whether any do."""
-    if options.as_calibrated or options.offset:
-        return calibration, False
-    names = calibration.cameras.names
-    order = assigned_by_views(calibration.cameras, as_numbered(detections, options), None)
-    if order is None or order == list(range(len(names))):
-        return calibration, False
+def _unexchanged(
+    calibration: Calibration, fit: CalibrationFit | None, detections: Detections, options: ReadOptions
+) -> Calibration:
+    """Return the calibration with cameras that bear each other's names exchanged, as it is where none do.
+
+    A ring of cameras that bear their neighbours' names nearly agrees, better so under a wrong reading. So exchanges
+    come first; those that only show under a reading are found with it.
+    """
+    if fit is None or options.offset:
+        return calibration
+    names, rows = calibration.cameras.names, as_numbered(detections, options)
+    as_it_is = list(range(len(names)))
+    order = assigned_by_views(calibration.cameras, rows, None)
+    if order in (None, as_it_is) and fit.changed:
+        order = assigned_by_views(calibration.cameras, rows, None, fit.corrections)
+    if order is None or order == as_it_is:
+        return calibration
     swapped = calibration.cameras.subset(order)
     others = {name: names[i] for i, name in zip(order, names, strict=True) if names[i] != name}
     pairs = [f"{name} is the calibration's {other}" for name, other in others.items()]
     exchanged = diagnostic("camera_names_exchanged", cameras=list(others), pairs=pairs)
-    changed = replace(
+    return replace(
         calibration,
         cameras=replace(swapped, names=names),
         size_known=tuple(calibration.size_known[i] for i in order),
         problems=(*calibration.problems, exchanged),
     )
-    return changed, True
-
-
-def _stated_ratios(rates: Sequence[float | None], fps: float) -> np.ndarray:
-    ratios = np.array([fps if rate is None or rate <= 0 else rate for rate in rates]) / fps
-    differ = bool((np.abs(ratios / np.median(ratios) - 1) > OTHER_RATE).any())
-    return np.where(differ & (np.abs(ratios - 1) > OTHER_RATE), ratios, 1.0)
 
 
 def _explained(
     calibration: Calibration, fit: CalibrationFit, detections: Detections, options: ReadOptions
 ) -> tuple[Calibration, np.ndarray]:
-    """Return the calibration, and frames of each camera for one of the take, under which all views match."""
+    """Return the calibration, and frames of each camera for one of any of them, under which all views match."""
     ratios = np.ones(len(detections.cameras))
     if fit.changed:
         return as_fitted(calibration, fit), ratios
@@ -153,9 +156,3 @@ def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> Diagnos
     parts = [f"{meaning} ({', '.join(cameras)})" for meaning, cameras in meanings.items()]
     changed = [name for named in meanings.values() for name in named]
     return diagnostic("calibration_corrected_out_of_step", cameras=changed, meanings="; ".join(parts))
-
-
-def _other_rates(detections: Detections, ratios: np.ndarray, fps: float) -> Diagnostic:
-    rates = {name: ratio * fps for name, ratio in zip(detections.cameras, ratios.tolist(), strict=True) if ratio != 1.0}
-    named = [f"{name} {rate:.4g}" for name, rate in rates.items()]
-    return diagnostic("camera_rates_differ", cameras=list(rates), rate=fps, rates=named)

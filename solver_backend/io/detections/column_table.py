@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -58,18 +59,35 @@ def read_table(path: Path) -> CameraFrames:
     frame = next((plain.index(name) for name in _FRAMES if name in plain), None)
     try:
         numbers = [row if frame is None else int(float(cells[frame])) for row, cells in enumerate(rows)]
-        values = np.array(
-            [[float(cells[points[n][c]].strip() or "nan") if c in points[n] else 1.0 for n in names for c in _COORDS]
-             for cells in rows]
-        ).reshape(len(rows), len(names), 3)  # fmt: skip
+        values = _values(rows, [points[name].get(coord) for name in names for coord in _COORDS])
     except (ValueError, IndexError, OverflowError) as error:
         raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+    values = values.reshape(len(rows), len(names), len(_COORDS))
     values[..., 2] = np.where(np.isfinite(values[..., :2]).all(-1), values[..., 2], 0.0)
     frames: dict[int, People] = {number: [] for number in numbers}
     for number, points in zip(numbers, values, strict=True):
         if (points[:, 2] > 0).any():
             frames[number].append(points)
     return CameraFrames.in_memory(frames, path, tuple(names))
+
+
+def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
+    """Return (rows, columns) numbers: NaN where a cell is blank, 1 where there is no column.
+
+    Raises:
+        ValueError, IndexError: a cell is no number, or a row is short.
+    """
+    there = [column for column in columns if column is not None]
+    values = np.ones((len(rows), len(columns)))
+    if rows and there:
+        chosen = itemgetter(*there, there[0])  # of a single column it would return no tuple
+        cells = [chosen(row) for row in rows]
+        try:
+            read = np.array(cells, dtype=np.float64)
+        except ValueError:
+            read = np.array([[cell.strip() or "nan" for cell in row] for row in cells], dtype=np.float64)
+        values[:, [column is not None for column in columns]] = read[:, :-1]
+    return values
 
 
 def _separator(text: str) -> str:

@@ -33,8 +33,19 @@ LINES = ".jsonl", ".ndjson"
 def json_files(folder: Path) -> list[Path]:
     """Return the JSON files of a folder by name, without hidden ones and the user's names of keypoints."""
     with os.scandir(folder) as entries:
-        names = [e.name for e in entries if e.name.lower().endswith(".json") and not e.name.startswith(".")]
-    return [folder / name for name in sorted(names) if name.lower() != _OWN_NAMES]
+        names = [entry.name for entry in entries if _is_json(entry.name)]
+    return [folder / name for name in sorted(names)]
+
+
+def has_json_files(folder: Path) -> bool:
+    """Return whether a folder holds any of ``json_files``, without listing thousands."""
+    with os.scandir(folder) as entries:
+        return any(_is_json(entry.name) for entry in entries)
+
+
+def _is_json(name: str) -> bool:
+    lower = name.lower()
+    return lower.endswith(".json") and not name.startswith(".") and lower != _OWN_NAMES
 
 
 def line_files(folder: Path) -> list[Path]:
@@ -67,9 +78,12 @@ def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
     """
     if not paths:
         raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file a frame there.")
-    padding = {int(found[1]): path for path in paths if (found := _PADDING.fullmatch(path.stem))}
-    filmed = [path for path in paths if not _PADDING.fullmatch(path.stem)]
-    by_number = dict(zip(frame_numbers([p.stem for p in filmed], where=where).tolist(), filmed, strict=True))
+    stems = [path.stem for path in paths]
+    padded = [_PADDING.fullmatch(stem) for stem in stems]
+    padding = {int(found[1]): path for path, found in zip(paths, padded, strict=True) if found}
+    filmed = [(stem, path) for stem, path, found in zip(stems, paths, padded, strict=True) if not found]
+    numbers = frame_numbers([stem for stem, _ in filmed], where=where).tolist()
+    by_number = dict(zip(numbers, (path for _, path in filmed), strict=True))
     by_number = dict(sorted((padding | by_number).items()))
     files = tuple(by_number.values())
     if are_named_frames([read_document(path) for path in dict.fromkeys(files[:: max(len(files) // 2, 1)])]):

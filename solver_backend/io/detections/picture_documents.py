@@ -24,11 +24,18 @@ _OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
 _OPENPOSE_HANDS = (("hand_{}_keypoints_2d", "hand_{}_keypoints"), ("handl2d", "handr2d"))
 """Names of the hands' lists: of today's OpenPose and of version 1.0, by side, and of EasyMocap, left and right."""
 
+_HAND_LISTS = tuple(
+    (*(name.format(side) for name in _OPENPOSE_HANDS[0]), _OPENPOSE_HANDS[1][s]) for s, side in enumerate(SIDES)
+)
+"""Of each side, the names under which its list may stand."""
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
 """Names of the list of people where an object holds it."""
 _POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints")
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
 """Names of a person's points and of the scores beside them."""
+_TRIPLE = "x", "y", "score"
+_BOXES = "bboxes", "labels"
+"""What MMDetection writes of a picture."""
 
 
 def people_in_picture(document: Any, where: str) -> People:
@@ -44,6 +51,11 @@ def people_in_picture(document: Any, where: str) -> People:
         return _kept(_easymocap_person(entry, where) for entry in document["annots"])
     if (people := listed_people(document)) is not None:
         return _kept(instance(entry, where) for entry in people)
+    if isinstance(document, dict) and all(name in document for name in _BOXES):
+        raise FileDamaged(
+            "The file holds boxes of a detector, as MMDetection writes them, and no keypoints.", where=where,
+            hint="Run a pose estimator on the pictures, such as MMPose's inferencer with --pred-out-dir.",
+        )  # fmt: skip
     raise FileDamaged(
         "The file lacks OpenPose's list 'people'.", where=where,
         hint="Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
@@ -66,6 +78,8 @@ def listed_people(document: Any) -> list[Any] | None:
     MoveNet), or the document is one person (``landmarks`` of MediaPipe).
     """
     if isinstance(document, dict):
+        if (several := _several(document)) is not None:
+            return several
         if _points_of(document) is not None:
             return [document]
         document = next((document[name] for name in _LISTS if isinstance(document.get(name), list)), None)
@@ -90,9 +104,7 @@ def _is_somebody(entry: dict[str, Any]) -> bool:
 
 
 def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
-    by_side, easymocap = _OPENPOSE_HANDS
-    named = [[name.format(side) for name in by_side] + [easymocap[s]] for s, side in enumerate(SIDES)]
-    names = [next((name for name in names if entry.get(name)), "") for names in named]
+    names = [next((name for name in names if entry.get(name)), "") for names in _HAND_LISTS]
     if not any(names):
         return None
     hands = np.zeros((len(SIDES), NUM_HAND_POINTS, 3))
@@ -123,6 +135,22 @@ def instance(entry: Any, where: str) -> Any:
         return objects(points, where)
     scores = next((entry[name] for name in _SCORES if name in entry), None)
     return triples(points, "keypoints", where) if scores is None else points_with_scores(points, scores, where)
+
+
+def _several(document: dict[str, Any]) -> list[Any] | None:
+    """Return the people of a document whose lists hold all of them: (P, K, 2) points and (P, K) scores."""
+    people = _points_of(document)
+    if not people or not all(isinstance(person, list) and person for person in people):
+        return None
+    if not all(isinstance(point, list) for point in people[0]):
+        return None
+    name = next((name for name in _SCORES[:-1] if name in document), None)
+    scores = document[name] if name is not None else [[1.0] * len(person) for person in people]
+    if not isinstance(scores, list) or len(scores) != len(people):
+        return None
+    if len(people[0][0]) == len(_TRIPLE) and name is None:
+        return [{_POINTS[0]: person} for person in people]
+    return [{_POINTS[0]: person, _SCORES[0]: of_each} for person, of_each in zip(people, scores, strict=True)]
 
 
 def names_in(entry: dict[str, Any]) -> tuple[str, ...]:

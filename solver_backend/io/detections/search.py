@@ -11,9 +11,16 @@ from pathlib import Path
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
-from solver_backend.io.detections import freemocap, yolo
+from solver_backend.io.detections import freemocap, opencap, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.openpose import LINES, cameras_of_flat_files, frames_in_files, json_files, line_files
+from solver_backend.io.detections.openpose import (
+    LINES,
+    cameras_of_flat_files,
+    frames_in_files,
+    has_json_files,
+    json_files,
+    line_files,
+)
 from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document, is_take
 from solver_backend.io.detections.take_files import take_files
 from solver_backend.io.files import read_text
@@ -21,8 +28,17 @@ from solver_backend.io.recognition.camera_names import natural_key
 
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
-DETECTION_FOLDERS = (*POSE_FOLDERS, "annots", "predictions", "annotations", "keypoints", "detections", "labels")
-"""With those of EasyMocap, of MMPose's inferencer and of COCO's tools."""
+DETECTION_FOLDERS = (
+    *POSE_FOLDERS,
+    "annots",
+    "predictions",
+    "preds",
+    "annotations",
+    "keypoints",
+    "detections",
+    "labels",
+)
+"""With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
 _ENDINGS = re.compile(
@@ -59,7 +75,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
         if found := _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
-    return _array(root)
+    return _array(root) or {name: _of_opencap(folders) for name, folders in opencap.cameras(root).items()}
 
 
 def of_folder(folder: Path) -> CameraSource:
@@ -91,7 +107,7 @@ def _folders(parent: Path) -> dict[str, CameraSource]:
 
 def _of_camera(folder: Path, below: Sequence[str] = ()) -> CameraSource | None:
     """Return the source of one camera's folder, of files of any kind, or in one of the folders ``below`` it."""
-    if json_files(folder):
+    if has_json_files(folder):
         return of_folder(folder)
     kind, files = take_files(folder) or (None, [])
     if kind is not None and len(files) == 1:
@@ -152,6 +168,13 @@ def _array(root: Path) -> dict[str, CameraSource]:
     path = freemocap.find_array(root)
     names = () if path is None else freemocap.camera_names(root, path)
     return {name: CameraSource(path, partial(freemocap.read_camera, path, c)) for c, name in enumerate(names) if path}
+
+
+def _of_opencap(folders: Sequence[Path]) -> CameraSource:
+    """Return the source of a camera that has a folder a trial, of which only one can be read."""
+    if len(folders) == 1:
+        return of_folder(folders[0])
+    return CameraSource(folders[0], partial(opencap.refuse_several, folders))
 
 
 def camera_name(name: str) -> str:

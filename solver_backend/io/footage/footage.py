@@ -12,7 +12,6 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.calibration import Calibration
-from solver_backend.io.calibration.search import is_calibration_folder
 from solver_backend.io.footage.mp4 import VideoHeader, read_video_header
 from solver_backend.io.recognition.camera_names import name_key, natural_key
 from solver_backend.people.detections import Detections
@@ -34,20 +33,15 @@ def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path 
     for level in levels:
         for name in (*_FOLDERS, "."):
             folder = level / name
-            if folder.is_dir() and (found := _by_key(folder)):
+            if folder.is_dir() and (found := footage_in(folder)):
                 matched = tuple(found.get(name_key(camera)) for camera in recorded)
                 if any(matched):
                     return matched
     return (None,) * len(recorded)
 
 
-def count_footage(root: Path) -> int:
-    """Return how many videos and folders of pictures lie in a folder, or in the folders in it."""
-    folders = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
-    return sum(len(_by_key(folder)) for folder in folders if not is_calibration_folder(folder))
-
-
-def _by_key(folder: Path) -> dict[tuple[str, ...], Path]:
+def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
+    """Return the videos and folders of pictures of a folder by what distinguishes their names."""
     found: dict[tuple[str, ...], Path] = {}
     for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
         if path.suffix.lower() in VIDEOS and path.is_file():

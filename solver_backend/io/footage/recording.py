@@ -6,7 +6,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
-from solver_backend.io.footage.footage import IMAGES, VIDEOS
+from solver_backend.io.calibration.search import is_calibration_folder
+from solver_backend.io.footage.footage import IMAGES, VIDEOS, footage_in
 from solver_backend.io.recognition.camera_names import natural_key
 
 _CHAPTER = re.compile(r"(?P<head>.*?)(?P<kind>G[HXP])(?P<chapter>\d\d)(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
@@ -27,6 +28,13 @@ def parts_of(path: Path) -> tuple[Path, ...]:
         return (path,)
     recordings = join_chapters(p for p in path.parent.iterdir() if p.suffix.lower() == path.suffix.lower())
     return next((parts for parts in recordings if parts[0] == path), (path,))
+
+
+def count_recordings(root: Path) -> int:
+    """Return how many recordings, chapters joined, lie in a folder and in the folders in it."""
+    folders = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
+    found = [list(footage_in(folder).values()) for folder in folders if not is_calibration_folder(folder)]
+    return sum(len(join_chapters(paths)) for paths in found)
 
 
 def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:

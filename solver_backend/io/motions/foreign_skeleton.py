@@ -14,6 +14,7 @@ from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
+from solver_backend.io.motions.first_frame import first_frame_apart
 from solver_backend.io.motions.mvnx import read_mvnx
 from solver_backend.io.motions.segments import read_c3d_segments
 from solver_backend.io.recognition.length_unit import METRES, metres_in
@@ -28,6 +29,8 @@ a child of four has 0.45)."""
 _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "shin", "foot")))
 """The least that a person's clip has."""
 _READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
+_POINTS = (".csv", ".tsv", ".trc", ".npy")
+"""Files of points without rotations, such as FreeMoCap's tables."""
 _MOST_M = 1e4
 """Metres from the origin beyond which no take goes."""
 
@@ -62,7 +65,8 @@ def read_foreign_bvh(
     if not up_axis and (up := _up_axis(clip, roles)) != "y":
         found.append(diagnostic("motion_up_detected", axis=up.upper()))
         clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
-    return _checked(_motion(clip, skeleton, metres, path.stem), str(path)), roles, found
+    motion = _checked(_motion(clip, skeleton, metres, path.stem), str(path))
+    return motion, roles, [*found, *first_frame_apart(motion)]
 
 
 def _skeleton(clip: BvhClip) -> Skeleton:
@@ -112,6 +116,8 @@ def read_foreign_clip(
         roles = file.roles
     else:
         hint = f"{', '.join(_READ)} are read; export the clip as one of them."
+        if suffix in _POINTS:
+            hint = f"Points without rotations are solved: python -m solver_backend solve {path.name}"
         raise MotionInvalid(f"Not supported: {suffix or 'files without an ending'}.", where=where, hint=hint)
     skeleton = _rest_skeleton(motion)
     if set(_NEEDED) <= roles.keys():
@@ -124,7 +130,7 @@ def read_foreign_clip(
         R = rotation_to_z_up(up_axis)
         motion = replace(motion, joints=motion.joints @ R.T, turns=R @ motion.turns)
     motion = replace(motion, rest=metres * motion.rest, joints=metres * motion.joints)
-    return _checked(motion, where), roles, [*found, *units]
+    return _checked(motion, where), roles, [*found, *units, *first_frame_apart(motion)]
 
 
 def _rest_skeleton(motion: SkeletonMotion) -> Skeleton:

@@ -44,6 +44,27 @@ def match_names(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int]
     return _by_containing_names(recorded, calibrated) if inside is None else inside
 
 
+def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of takes where each of several has a folder for each of the same calibrated cameras, else ().
+
+    ``walk_cam01``, ``walk_cam02``, ``run_cam01`` and ``run_cam02`` are the takes walk and run of two cameras.
+    """
+    keys = _name_keys(calibrated)
+    cameras_of: dict[str, set[int]] = {}
+    for name in recorded:
+        words = re.findall(r"[^\W\d_]+|\d+", name.lower())
+        plain = [word.lstrip("0") or "0" if word.isdigit() else word for word in words]
+        found = [(i, k) for i, key in enumerate(keys) for k in range(len(words)) if (*plain[k : k + len(key)],) == key]
+        if len(found) != 1:
+            return ()
+        camera, k = found[0]
+        rest = [*words[:k], *words[k + len(keys[camera]) :]]
+        cameras_of.setdefault("_".join(word for word in rest if word not in _FILLERS), set()).add(camera)
+    alike = len({frozenset(cameras) for cameras in cameras_of.values()}) == 1
+    complete = sum(map(len, cameras_of.values())) == len(recorded)
+    return tuple(cameras_of) if len(cameras_of) > 1 and "" not in cameras_of and alike and complete else ()
+
+
 def counted_order(recorded: Sequence[str], calibrated: Sequence[str]) -> list[int] | None:
     """Return the assignment by counting, None where either names do not end in numbers that count, or differ in number.
 

@@ -15,5 +15,8 @@ def metres_in(unit: str) -> float:
         JobInvalid: the unit is unknown.
     """
     if unit not in METRES:
-        raise JobInvalid(f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit")
+        raise JobInvalid(
+            f"Unknown unit '{unit}'; known are {', '.join(METRES)}.", where="unit",
+            hint="A unit of its own, such as the squares of a board, is a number of metres: --scale.",
+        )  # fmt: skip
     return METRES[unit]

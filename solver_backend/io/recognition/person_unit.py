@@ -10,6 +10,7 @@ from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.world_check import LEG_SHARE
+from solver_backend.people.body_breadth import in_a_room
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person, well_seen_frames
 from solver_backend.people.sightings import compared_keypoints
@@ -25,8 +26,6 @@ OFF_LINE = 0.05
 _UNITS = ("m", "cm", "mm", "inch")
 """Each makes a person of another one impossible. A foot does not: 5.8 of them are 5.8 squares of a board, or of what
 structure from motion counts in."""
-_RIG_M = 6.0
-"""Width that cameras are given to triangulate, whose limits are in metres."""
 
 
 @dataclass(frozen=True)
@@ -71,12 +70,9 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
     """
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
-    centres = cameras.centres
-    width = float(np.linalg.norm(np.ptp(centres, axis=0)))
-    if len(frames) == 0 or not width > 0:
+    rig, scale = in_a_room(cameras)
+    if len(frames) == 0 or not np.isfinite(scale):
         return float("nan")
-    scale = _RIG_M / width
-    rig = replace(cameras, t=cameras.t * scale)
     found = triangulate(rig, xy[:, frames], confidence[:, frames])
     points, residual = np.asarray(found.points), np.asarray(found.residual_px)
     seen = np.where((confidence > 0)[..., None], xy, np.nan)[:, frames]

@@ -23,6 +23,8 @@ LEAST_UPRIGHT = 0.9
 """Cosine of the angle to an axis below which somebody does not stand along it."""
 LARGEST_RESIDUAL_PX = 40.0
 LARGEST_BIAS_PX = 15.0
+FAR_OFF_PX = 100.0
+"""A camera that sees everything so far from where the others do is not a little off: refining does not reach so far."""
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24
 """Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
@@ -78,9 +80,12 @@ class WorldCheck:
             found += self._placement()
         found += disagreement(self.residual_px)
         wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
-        if wrong and self.residual_px <= LARGEST_RESIDUAL_PX:
-            shifts = [f"{name} by {off:.0f} px" for name, off in wrong.items()]
-            found.append(diagnostic("cameras_shifted", cameras=list(wrong), shifts=shifts))
+        far = {name: off for name, off in wrong.items() if off > FAR_OFF_PX}
+        near = {name: off for name, off in wrong.items() if name not in far}
+        for code, some in (("cameras_shifted", near), ("cameras_elsewhere", far)):
+            if some and self.residual_px <= LARGEST_RESIDUAL_PX:
+                shifts = [f"{name} by {off:.0f} px" for name, off in some.items()]
+                found.append(diagnostic(code, cameras=list(some), shifts=shifts))
         return tuple(found)
 
     def up_axis(self) -> str:

@@ -9,9 +9,12 @@ from PIL import Image, ImageDraw
 
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
+from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
 
 CELL = (170, 210)
 """Pixels of one pose."""
+SHOWN = 500
+"""Poses of each kind on the plane; the thesis shows 1,200 of both together."""
 _VIEW_M = 2.3
 _LIGHT = np.array([0.35, 0.45, 0.82])
 _SKIN = np.array([205.0, 175.0, 150.0])
@@ -30,20 +33,19 @@ def pose_grid(path: Path, body: Body, rows: dict[str, np.ndarray]) -> None:
 
 
 def embedding(path: Path, real: np.ndarray, generated: dict[str, np.ndarray]) -> None:
-    """Draw (N, d) features on the two principal axes of the real ones: a panel for every prior, real poses grey."""
-    mean = real.mean(axis=0)
-    axes = np.linalg.svd(real - mean, full_matrices=False)[2][:2].T
+    """Draw (N, d) features on a plane that keeps neighbours: a panel for every prior, real ones grey, its own red."""
     size = 320
-    low, high = np.percentile((real - mean) @ axes, (0.5, 99.5), axis=0)
-    low, high = low - 0.25 * (high - low), high + 0.25 * (high - low)
     sheet = Image.new("RGB", (size * len(generated), size + 20), "white")
     draw = ImageDraw.Draw(sheet)
     for number, (name, points) in enumerate(generated.items()):
         draw.text((size * number + 8, 4), name, fill="black")
-        for cloud, colour in ((real, (190, 190, 190)), (points, (200, 60, 40))):
-            for x, y in np.clip(((cloud - mean) @ axes - low) / (high - low), 0, 1) * (size - 4):
-                left, top = size * number + x, 18 + size - y
-                draw.rectangle((left, top, left + 1, top + 1), fill=colour)
+        places = neighbours_on_a_plane(np.concatenate([real[:SHOWN], points[:SHOWN]]))
+        low, high = places.min(axis=0), places.max(axis=0)
+        on_sheet = (places - low) / (high - low) * (size - 8) + 4
+        kinds = np.repeat([0, 1], [len(real[:SHOWN]), len(points[:SHOWN])])
+        for (x, y), kind in zip(on_sheet, kinds, strict=True):
+            left, top = size * number + x, 18 + size - y
+            draw.rectangle((left, top, left + 1, top + 1), fill=((170, 170, 170), (200, 60, 40))[kind])
     sheet.save(path)
 
 

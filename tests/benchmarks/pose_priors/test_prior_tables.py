@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+from PIL import Image
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.gmm import GaussianMixture
 from solver_backend.training.data.corpus import build_corpus
 from solver_backend.training.data.sources.clips import Clip
+from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
+from tests.benchmarks.pose_priors.prior_pictures import embedding
 from tests.benchmarks.pose_priors.prior_tables import (
     SCHEMES,
     code_synthesis,
@@ -71,3 +74,28 @@ def test_mixture_moves_noisy_poses_towards_its_mean() -> None:
 def test_tables_leave_out_what_was_not_measured() -> None:
     text = text_table("T", {"a": {"x": 1.0}, "b": {"x": 2.0, "y": 3.5}})
     assert text.splitlines()[2:] == ["| | x | y |", "|---|---|---|", "| a | 1.00 | – |", "| b | 2.00 | 3.50 |"]
+
+
+def test_on_the_plane_neighbours_stay_neighbours() -> None:
+    rng = np.random.default_rng(6)
+    turn = np.linspace(0.0, 1.5 * np.pi, 120)
+    # A ring that principal axes fold: its third and fourth dimensions tell the halves apart.
+    ring = np.stack([np.cos(turn), np.sin(turn), 3 * np.cos(2 * turn), 3 * np.sin(2 * turn)], axis=1)
+    places = neighbours_on_a_plane(ring + 0.01 * rng.standard_normal(ring.shape), perplexity=8)
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    np.fill_diagonal(apart, np.inf)
+    nearest = np.abs(np.argmin(apart, axis=1) - np.arange(120))
+    assert places.shape == (120, 2) and np.mean(nearest <= 2) > 0.9
+    far = np.concatenate([rng.standard_normal((40, 8)), rng.standard_normal((40, 8)) + 8.0])
+    one, other = np.split(neighbours_on_a_plane(far), 2)
+    gap = np.linalg.norm(one[:, None] - other[None], axis=-1).min()
+    within = np.linalg.norm(one[:, None] - one[None], axis=-1)
+    assert gap > np.median(within)
+
+
+def test_the_plane_is_drawn_with_both_kinds(tmp_path) -> None:
+    rng = np.random.default_rng(7)
+    embedding(tmp_path / "plane.png", rng.standard_normal((40, 6)), {"prior": rng.standard_normal((40, 6)) + 6.0})
+    picture = np.asarray(Image.open(tmp_path / "plane.png")).reshape(-1, 3)
+    assert all((np.abs(picture.astype(int) - colour).sum(axis=1) == 0).sum() > 60 for colour in
+               ((170, 170, 170), (200, 60, 40)))  # fmt: skip

@@ -33,6 +33,8 @@ class Result:
     """What the solve warned of."""
     refused: str = ""
     """Why it was refused, with what to do."""
+    tilt_deg: float = float("nan")
+    """Angle of its world's up with the truth's, NaN where it was refused."""
 
     @property
     def silent(self) -> bool:
@@ -68,7 +70,8 @@ def result_of_folder(path: Path, joints: np.ndarray, **options: Any) -> Result:
         found = refuse_errors(diagnose(read, motion), (), "")
     except MocapError as error:
         return Result(float("nan"), (), f"{error.message} [{error.hint}]")
-    return Result(error_mm(motion.joints, joints), tuple(sentence(item, motion.fps) for item in warnings_in(found)))
+    warnings = tuple(sentence(item, motion.fps) for item in warnings_in(found))
+    return Result(error_mm(motion.joints, joints), warnings, tilt_deg=tilt_deg(motion.joints, joints))
 
 
 def _write(path: Path, capture: Capture, recording: Recording) -> None:
@@ -92,18 +95,30 @@ def _write(path: Path, capture: Capture, recording: Recording) -> None:
 
 def error_mm(found: np.ndarray, joints: np.ndarray) -> float:
     """Return the mean distance of joints (N, 24, 3) from those of the best N of F frames (F, 24, 3), laid over them."""
-    few = np.unique(np.linspace(0, len(found) - 1, _COMPARED).astype(int))
-    shifts = range(len(joints) - len(found) + 1)
-    best = min(shifts, key=lambda shift: _off(found[few], joints[shift + few]), default=None)
-    return float("nan") if best is None else 1e3 * _off(found, joints[best : best + len(found)])
+    part = _shown_part(found, joints)
+    return float("nan") if part is None else 1e3 * _laid_over(found, part)[0]
+
+
+def tilt_deg(found: np.ndarray, joints: np.ndarray) -> float:
+    """Return the angle between the up axes of the two, degrees; of a result that nothing levels it is the world's."""
+    part = _shown_part(found, joints)
+    return float("nan") if part is None else float(np.degrees(np.arccos(np.clip(_laid_over(found, part)[1], -1, 1))))
 
 
 _COMPARED = 12
 """Frames by which the take is found in the film."""
 
 
-def _off(found: np.ndarray, joints: np.ndarray) -> float:
-    """Return the mean distance after the rigid motion that lays one over the other (Umeyama 1991)."""
+def _shown_part(found: np.ndarray, joints: np.ndarray) -> np.ndarray | None:
+    """Return the N of F frames that N frames fit best, None where there are fewer."""
+    few = np.unique(np.linspace(0, len(found) - 1, _COMPARED).astype(int))
+    shifts = range(len(joints) - len(found) + 1)
+    best = min(shifts, key=lambda shift: _laid_over(found[few], joints[shift + few])[0], default=None)
+    return None if best is None else joints[best : best + len(found)]
+
+
+def _laid_over(found: np.ndarray, joints: np.ndarray) -> tuple[float, float]:
+    """Return the mean distance after the rigid motion that lays one over the other (Umeyama 1991), and z of its up."""
     a, b = (points[:, :24].reshape(-1, 3) for points in (found, joints))
     _, R, t = umeyama(a, b)
-    return float(np.linalg.norm(a @ R.T + t - b, axis=-1).mean())
+    return float(np.linalg.norm(a @ R.T + t - b, axis=-1).mean()), float(R[2, 2])

@@ -13,6 +13,7 @@ from blender_addon.animation.curves import current_action
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.ui.operators.foreign_motion import remarks
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.body.body import load_body
 from tests.support.bvh_texts import known_motion, write_bvh
@@ -63,6 +64,12 @@ def test_a_character_of_another_program_arrives_as_a_body(mocap, scene, tmp_path
     assert bpy.ops.mocap.import_motion(filepath=str(clip), **options) == {"FINISHED"}
     assert distance_mm(joints_of(mocap.review.armature), joints_of_motion(motion)) < 2.0
     assert before < {obj.name for obj in scene.objects}, "the file was opened elsewhere"
+
+
+def test_warnings_of_a_clip_are_reported_before_its_notes_and_once() -> None:
+    """The solver's own result keeps them apart; that of the command that opens Blender's formats repeats them."""
+    assert remarks({"problems": ["no arms"], "notes": ["unit cm"]}) == ("no arms", "unit cm")
+    assert remarks({"problems": ["no arms"], "notes": ["no arms", "unit cm"]}) == ("no arms", "unit cm")
 
 
 def test_what_is_wrong_with_a_clip_stands_in_the_panel(mocap, tmp_path: Path) -> None:

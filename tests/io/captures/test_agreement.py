@@ -105,3 +105,20 @@ def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
     capture = load_capture(tmp_path, joint_set=JointSet.MPII_15)
     assert capture.num_frames == 40
     assert "camera_rates_differ" not in [item.code for item in capture.problems]
+
+
+@pytest.mark.parametrize(("places", "turned"), [(1, False), (2, False), (3, False), (1, True)])
+def test_names_of_a_ring_turned_on(tmp_path: Path, places: int, turned: bool) -> None:
+    """Every camera bears its neighbour's name: no size or shape of the pictures is an explanation."""
+    order = np.roll(np.arange(4), -places)
+    xy = KEYPOINTS.xy[order][:, 60:180]
+    if turned:
+        xy = np.stack([CAMERAS.image_size[order, None, None, 1] - 1 - xy[..., 1], xy[..., 0]], axis=-1)
+    people = [(xy, KEYPOINTS.confidence[order][:, 60:180])]
+    write_trial(tmp_path, cameras=CAMERAS, people=people, names=NAMES, calibrated=NAMES)
+    capture = load_capture(tmp_path)
+    (exchanged,) = [item for item in capture.problems if item.code == "camera_names_exchanged"]
+    assert f"{NAMES[0]} is the calibration's {NAMES[order[0]]}" in exchanged.values["pairs"]
+    corrections = [item.values["meanings"] for item in capture.problems if item.code == "calibration_corrected"]
+    assert corrections == (["the recorded pictures are turned by 90° clockwise from those calibrated"] * turned)
+    assert median_error_m(capture, 60) < 0.03

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
 from solver_backend.io.detections.column_table import is_table
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
@@ -156,3 +156,32 @@ def test_shares_from_the_centre_of_the_picture(tmp_path):
     found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
     in_px = in_pixels(found, np.tile(SIZE, (len(CAMERAS), 1)))
     np.testing.assert_allclose(in_px.xy[:, :, 0], POINTS[..., :2], rtol=1e-4, atol=0.1)
+
+
+def test_points_of_everybody_without_scores_are_sure(tmp_path: Path) -> None:
+    for name in CAMERAS:
+        for f in range(FRAMES):
+            people = [POINTS[0, f, :, :2].tolist(), POINTS[1, f, :, :2].tolist()]
+            write_lines(tmp_path / name / f"{f:06d}.json", {"keypoints": people})
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    np.testing.assert_allclose(found.xy[0], np.stack([POINTS[0], POINTS[1]], 1)[..., :2], rtol=1e-6)
+    assert (found.confidence == 1).all()
+
+
+def test_boxes_alone_are_named(tmp_path: Path) -> None:
+    for name in CAMERAS:
+        write_lines(
+            tmp_path / "preds" / name / "000000.json", {"labels": [0], "scores": [0.9], "bboxes": [[0, 0, 9, 9]]}
+        )
+    with pytest.raises(FileDamaged, match="boxes of a detector, as MMDetection") as found:
+        read_detections(camera_sources(tmp_path))
+    assert "MMPose" in found.value.hint
+
+
+def test_several_trials_of_opencap_are_named(tmp_path: Path) -> None:
+    for name in CAMERAS:
+        for trial in ("walk1", "squat2"):
+            folder = tmp_path / "Videos" / name / "OutputJsons_1x736" / trial
+            write_lines(folder / f"{trial}_000000000000_keypoints.json", {"people": []})
+    with pytest.raises(CaptureNotRecognised, match="several trials: OutputJsons_1x736/squat2, OutputJsons_1x736/walk1"):
+        read_detections(camera_sources(tmp_path))

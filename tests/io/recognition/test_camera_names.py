@@ -8,7 +8,7 @@ import pytest
 
 from solver_backend.exchange.errors import CalibrationMismatch, CaptureNotRecognised, JobInvalid
 from solver_backend.io.load import load_capture
-from solver_backend.io.recognition.camera_names import match_names
+from solver_backend.io.recognition.camera_names import match_names, takes_in_names
 from tests.support.trial_files import mp4_bytes, write_trial
 
 
@@ -64,3 +64,34 @@ def test_folders_of_videos_are_called_so(tmp_path: Path, places: tuple[str, ...]
         (tmp_path / place).write_bytes(mp4_bytes(30, 10, (640, 480)))
     with pytest.raises(CaptureNotRecognised, match=r"videos or pictures of 2 cameras.*from-videos"):
         load_capture(tmp_path)
+
+
+def test_chapters_of_an_action_camera_are_one_recording(tmp_path: Path) -> None:
+    for name in ("GX010101", "GX020101", "GX010102", "GX020102"):
+        (tmp_path / f"{name}.MP4").write_bytes(mp4_bytes(30, 10, (640, 480)))
+    with pytest.raises(CaptureNotRecognised, match="videos or pictures of 2 cameras"):
+        load_capture(tmp_path)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "calibrated", "takes"),
+    [
+        ("walk_cam01 walk_cam02 run_cam01 run_cam02", "cam01 cam02", "walk run"),
+        ("A_jump_1 B_jump_1 A_jump_2 B_jump_2", "A B", "jump_1 jump_2"),
+        ("cam01 cam02 walk_cam01 walk_cam02", "cam01 cam02", ""),
+        ("walk_cam01 walk_cam02 run_cam01", "cam01 cam02", ""),
+        ("walk_cam01 walk_cam02", "cam01 cam02", ""), ("front back", "cam01 cam02", ""),
+    ],
+)  # fmt: skip
+def test_two_takes_in_one_folder(recorded: str, calibrated: str, takes: str) -> None:
+    assert takes_in_names(recorded.split(), calibrated.split()) == tuple(takes.split())
+
+
+def test_two_takes_in_one_folder_are_named(tmp_path: Path) -> None:
+    names = [f"{take}_cam{c}" for take in ("walk", "run") for c in (1, 2)]
+    write_trial(tmp_path, frames=3, names=names, calibrated=["cam_1", "cam_2", "cam_3", "cam_4"])
+    calibration = tmp_path / "calibration" / "Calib.toml"
+    calibration.write_text(calibration.read_text().split('["cam_3"]')[0])
+    with pytest.raises(CalibrationMismatch, match="2 takes: run, walk") as found:
+        load_capture(tmp_path)
+    assert "folder of its own" in found.value.hint

@@ -1,1 +1,0 @@
-"""What papers do with Pose-NDF and the product does not."""

@@ -1,0 +1,82 @@
+"""Real clips of other programs, as skeletons that `motion` reads: BVH files, CMU's takes, and a CC0 library's GLB."""
+
+from __future__ import annotations
+
+import tarfile
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.kinematics import PosedSkeleton
+from solver_backend.exchange.skeleton_file import SkeletonFile, write_skeleton
+from solver_backend.geometry.rotations import exp_so3
+from tests.support.bvh_texts import Y_UP, KnownMotion, write_bvh
+
+_LIBRARY = "mesh2motion_cc0/app_fork_glb/static/animations/human-base-animations.glb"
+
+
+def cmu_take(path: Path) -> KnownMotion:
+    """Read a take of ``motion_cmu/asfamc``: its joints with their zero pose at rest, Z up."""
+    with np.load(path) as clip:
+        names, parents = tuple(str(name) for name in clip["names"]), tuple(int(p) for p in clip["parents"])
+        offsets, rotvec = clip["offsets"].astype(float), clip["rotvec"].astype(float)
+        rotvec[:, 0], root, fps = clip["root_rotvec"], clip["root"].astype(float), float(clip["fps"])
+    local = exp_so3(rotvec)
+    G, joints, rest = np.empty_like(local), np.empty((*local.shape[:2], 3)), np.zeros((len(names), 3))
+    for j, parent in enumerate(parents):
+        if parent < 0:
+            G[:, j], joints[:, j] = Y_UP.T @ local[:, j], root @ Y_UP
+        else:
+            G[:, j] = G[:, parent] @ local[:, j]
+            joints[:, j] = joints[:, parent] + G[:, parent] @ offsets[j]
+            rest[j] = rest[parent] + offsets[j]
+    return KnownMotion(PosedSkeleton(G, joints), rest, parents, names, fps)
+
+
+def write_cmu_skeleton(path: Path, take: KnownMotion) -> Path:
+    """Write a take as the file that Blender hands to ``motion``."""
+    posed = take.posed
+    write_skeleton(
+        path, SkeletonFile(path.stem, take.names, take.parents, take.rest, posed.joints, posed.G, take.fps, {})
+    )
+    return path
+
+
+def bvh_files(shared_data: Path, folder: Path, count: int) -> list[Path]:
+    """Return real BVH files: those of several frames, CMU's takes written as BVH, and poses of one frame.
+
+    Args:
+        shared_data: the folder of recordings.
+        folder: where takes are written.
+        count: how many files are wanted.
+    """
+    moving = [*sorted((shared_data / "bvh_samples").glob("*.bvh")),
+              *sorted((shared_data / "poses_makehuman_cc0").glob("*bvhs*.bvh"))]  # fmt: skip
+    takes = sorted((shared_data / "motion_cmu" / "asfamc").glob("*.npz"))[5::23]
+    written = [write_bvh(folder / f"{take.stem}.bvh", cmu_take(take), unit=0.0254) for take in takes]
+    poses = sorted((shared_data / "makehuman_assets_cc0" / "base" / "poses").glob("f*.bvh"))
+    return [*moving, *written, *poses][:count]
+
+
+def cmu_files(shared_data: Path, folder: Path, count: int) -> list[Path]:
+    """Return takes of as many subjects as there are, written as the skeletons that Blender hands on."""
+    takes = sorted((shared_data / "motion_cmu" / "asfamc").glob("*.npz"))[::11][:count]
+    return [write_cmu_skeleton(folder / take.name, cmu_take(take)) for take in takes]
+
+
+def library_files(shared_data: Path, folder: Path, count: int) -> Iterator[Path]:
+    """Write clips of the CC0 library by way of Blender, as ``motion`` of the add-on does it."""
+    from blender_addon.retarget.clips import chosen_actor, clips_of, play_action
+    from blender_addon.retarget.scene_files import open_scene
+    from blender_addon.retarget.skeleton_of_rig import skeleton_of_rig
+
+    with tarfile.open(shared_data / "mesh2motion_cc0.tar.xz") as archive:
+        archive.extract(_LIBRARY, folder, filter="data")
+    scene = open_scene(folder / _LIBRARY)
+    rig = chosen_actor(scene, "", _LIBRARY)
+    actions = [action.name for action in clips_of(rig)]
+    for name in actions[:: len(actions) // count][:count]:
+        play_action(rig, name)
+        write_skeleton(folder / f"{name}.npz", skeleton_of_rig(rig, scene))
+        yield folder / f"{name}.npz"
