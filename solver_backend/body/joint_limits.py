@@ -68,7 +68,7 @@ def posture_excess_deg(local: Array) -> Array:
     xp = array_namespace(local)
     if local.shape[0] > _POSES:
         parts = [local[start : start + _POSES] for start in range(0, local.shape[0], _POSES)]
-        return xp.concat([excess_deg(part) for part in parts])
+        return xp.concat([posture_excess_deg(part) for part in parts])
     angles = swing_and_twist(local) * (180.0 / np.pi)
     shin = -local[..., :, 1]  # the swing alone moves it: twists are about the bone
     flexion = xp.atan2(-shin[..., 2], -shin[..., 1]) * (180.0 / np.pi)

@@ -65,7 +65,7 @@ def run() -> list[Metric]:
             ]
         with TemporaryDirectory() as folder:
             for kind, character in CHARACTERS.items():
-                rig, limbs = character.open(Path(folder))
+                rig, limbs = character(Path(folder))
                 timing = TakeTiming(1, motion.fps)
                 retarget(actor_of_motion(motion, body), rig, bpy.context.scene, map_of_rig(rig), timing)
                 times = timing.scene_frames(motion.num_frames, motion.fps)

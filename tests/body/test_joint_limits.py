@@ -99,3 +99,10 @@ def test_sitting_cross_legged_is_anatomy_and_a_swapped_knee_is_not() -> None:
     others = [j for j in range(21) if j not in knees]
     turned = exp_so3(rng.normal(size=(50, 21, 3)))
     np.testing.assert_array_equal(posture_excess_deg(turned)[:, others], excess_deg(turned)[:, others])
+
+
+def test_a_long_take_is_looked_at_as_a_short_one() -> None:
+    bent = pose(left_knee=(134.2, 0, 77.5))
+    one = posture_excess_deg(bent)
+    assert np.abs(one - excess_deg(bent)).max() > 1.0
+    np.testing.assert_array_equal(posture_excess_deg(np.repeat(bent, 2001, axis=0)), np.repeat(one, 2001, axis=0))

@@ -63,6 +63,8 @@ def steps(user: Any) -> Any:
 def imported(character: Any) -> Made:
     """Import a character from its file into the scene, as its user would."""
     path, before = OUT / FIGURES / character.file, set(bpy.data.objects)
+    render = bpy.context.scene.render
+    rate = render.fps, render.fps_base
     if path.suffix == ".blend":
         with bpy.data.libraries.load(str(path)) as (theirs, ours):
             ours.objects = list(theirs.objects)
@@ -72,6 +74,7 @@ def imported(character: Any) -> Made:
         bpy.ops.import_scene.fbx(filepath=str(path))
     else:
         bpy.ops.import_scene.gltf(filepath=str(path))
+    render.fps, render.fps_base = rate  # which the importer of FBX takes from the file
     return next(o for o in set(bpy.data.objects) - before if o.type == "ARMATURE"), character.limbs
 
 
@@ -140,9 +143,7 @@ def brought_back(user: Any, rig_name: str) -> Any:
     yield 1.0
     yield from user.shot("brought_onto_the_body")
     assert off_mm < 20.0
-    bpy.data.objects[before].hide_set(False)
-    mocap().review.armature = bpy.data.objects[before]
-    yield from user.open_stage("DELIVER")
+    yield from user.open_stage("DELIVER")  # from now on the actor is the body that it was brought onto
 
 
 def measured(user: Any, name: str, rig: bpy.types.Object, limbs: Any) -> None:

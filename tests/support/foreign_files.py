@@ -42,7 +42,7 @@ class Character:
         """Write it; what was open is lost."""
         return write_character(folder / self.file, self.skeleton, unit=self.unit)
 
-    def open(self, folder: Path) -> Opened:
+    def __call__(self, folder: Path) -> Opened:
         """Write it, open it again in a scene of its own, and return its armature and limbs."""
         scene = open_scene(self.write(folder))
         return next(o for o in scene.objects if o.type == "ARMATURE"), self.limbs

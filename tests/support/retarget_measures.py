@@ -55,7 +55,7 @@ class Score:
     wrists_deg: float
     """Twist of the hand against its forearm."""
     hips_deg: float
-    """Twist of the thigh against the pelvis."""
+    """Twist of the thigh in the pelvis's axes."""
     pelvis_deg: float
     """Rotation of the pelvis in the world."""
     skating: float
@@ -110,7 +110,12 @@ def score(
             direction = seen.rest[b[part + 1]] - seen.rest[b[part]]
             hinge = _hinge_world(direction, limb.hinge, key)
             bone, other = (points[:, i + 1] - points[:, i] for points, i in ((own_points, part), (rig_points, part)))
-            twist.append(twist_deg(bone, turns[:, j[part]] @ own, other, seen.turns[b[part]] @ hinge))
+            hinges = turns[:, j[part]] @ own, seen.turns[b[part]] @ hinge
+            twist.append(twist_deg(bone, hinges[0], other, hinges[1]))
+            if part == 0 and key in BALLS:
+                # By directions and hinges of now: a twist since rest would count how much the thighs lean at rest.
+                in_own, in_rig = (np.swapaxes(R, -1, -2) for R in (turns[:, 0], seen.turns[pelvis]))
+                hips_twist.append(twist_deg(*_turned(in_own, bone, hinges[0]), *_turned(in_rig, other, hinges[1])))
         if key in BALLS:
             below, own_below = (p * [0, 0, -1] for p in (rest[BALLS[key]], seen.rest[b[3]]))
             sole = joints[:, BALLS[key]] + turns[:, j[2]] @ below
@@ -118,12 +123,6 @@ def score(
             feet.append(np.linalg.norm(own_sole - scale * sole, axis=1))
             toes.append(sole)
             own_toes.append(own_sole / scale)
-            own_way, way = rest[j[1]] - rest[j[0]], seen.rest[b[1]] - seen.rest[b[0]]
-            own_angle, angle = (
-                twist_about(turns[:, 0], turns[:, j[0]], own_way),
-                twist_about(seen.turns[pelvis], seen.turns[b[0]], way),
-            )
-            hips_twist.append(_apart_deg(own_angle, angle))
         else:
             ratio = _length(np.stack([seen.rest[n] for n in b])) / _length(rest[list(j)])
             way = seen.heads[b[2]] - seen.heads[b[0]] - ratio * (joints[:, j[2]] - joints[:, j[0]])
@@ -149,6 +148,10 @@ def twist_about(parent: np.ndarray, child: np.ndarray, way: np.ndarray) -> np.nd
     """
     q = quat_from_matrix(np.swapaxes(parent, -1, -2) @ child)
     return 2.0 * np.arctan2(q[..., 1:] @ (way / np.linalg.norm(way)), q[..., 0])
+
+
+def _turned(R: np.ndarray, *vectors: np.ndarray) -> tuple[np.ndarray, ...]:
+    return tuple((R @ v[..., None])[..., 0] for v in vectors)
 
 
 def _apart_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:

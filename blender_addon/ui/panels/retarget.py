@@ -89,9 +89,9 @@ class VIEW3D_PT_mocap_rig_table(StagePanel, bpy.types.Panel):
             line = column.row(align=True)
             for item in pair:
                 line.prop_search(item, "bone", bones, "bones", text="")
-        line = layout.row(align=True)
-        line.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
-        line.operator(MOCAP_OT_save_preset.bl_idname, icon="FILE_TICK")
+        column = layout.column(align=True)
+        column.operator(MOCAP_OT_set_map_pose.bl_idname, icon="POSE_HLT")
+        column.operator(MOCAP_OT_save_preset.bl_idname, icon="FILE_TICK")
 
 
 CLASSES = (VIEW3D_PT_mocap_retarget, VIEW3D_PT_mocap_rig_table)

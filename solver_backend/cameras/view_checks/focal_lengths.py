@@ -18,6 +18,8 @@ from solver_backend.types import Cameras, Keypoints2D
 
 FACTORS = np.geomspace(0.6, 1 / 0.6, 21)
 """Times the calibrated focal lengths, in steps of 5 %; neither end is a finding."""
+_LOOKED_AT = (0.72, 0.85, 1.18, 1.4)
+"""Factors of which one must be better than 1 for the others to be tried."""
 OFF, BETTER = 0.15, 1.08
 """Logarithm of a factor, and how many times nearer the views must come with it, that are a finding. Detections leave 1
 open by 0.1 at most, and gain 1.05 by that, in the demo, in simulated takes and in recorded ones; where all lenses are
@@ -57,7 +59,10 @@ def report_focal_lengths(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diag
 
 def _best(cameras: Cameras, xy: np.ndarray) -> tuple[float, float]:
     """Return the factor of the focal lengths by which views (C, F, J, 2) px agree best, and how many times nearer."""
-    off = np.array([_distance(cameras, xy, factor) for factor in (1.0, *FACTORS)])
+    as_calibrated = _distance(cameras, xy, 1.0)
+    if not any(_distance(cameras, xy, factor) < as_calibrated for factor in _LOOKED_AT):
+        return 1.0, 1.0
+    off = np.array([as_calibrated, *(_distance(cameras, xy, factor) for factor in FACTORS)])
     if not np.isfinite(off).all() or (best := int(off[1:].argmin())) in (0, len(FACTORS) - 1):
         return 1.0, 1.0
     return float(FACTORS[best]), float(off[0] / off[1 + best])

@@ -44,6 +44,6 @@ def _line(kind: str, rows: Sequence[dict[str, Any]]) -> str:
         return ""
     counts = [sum(row["state"] == state for row in rows) for state in _STATES]
     errors = [float(np.nanmedian([row[key] for row in rows])) for key in ("error_mm", "unspoiled_mm")]
-    tilts = [row["tilt_deg"] for row in rows if np.isfinite(row["tilt_deg"])]
-    figures = f"{errors[0]:.1f}, {errors[1]:.1f} | {max(tilts):.1f}" if tilts else " | "
-    return f"| {' | '.join([kind, str(len(rows)), *map(str, counts)])} | {figures} |"
+    tilts = [tilt for row in rows if np.isfinite(tilt := row.get("tilt_deg", float("nan")))]
+    cells = [kind, str(len(rows)), *map(str, counts), f"{errors[0]:.1f}, {errors[1]:.1f}"]
+    return f"| {' | '.join([*cells, f'{max(tilts):.1f}' if tilts else 'not measured'])} |"
