@@ -116,7 +116,7 @@ def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges:
     settings = context.scene.mocap
     is_next = settings.stage == "EDIT"
     if not ranges and is_next:
-        wrapped(layout, context, "Nothing to review", "CHECKMARK")
+        layout.label(text="Nothing to review", icon="CHECKMARK", text_ctxt=CONTEXT)
     button = layout.column()
     button.scale_y = TALLEST if is_next else 1.0
     if ranges:
