@@ -12,7 +12,7 @@ from typing import Any, Protocol
 import torch
 from torch import nn
 
-from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.training.engine.batches import batches, step_generator
@@ -83,6 +83,7 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
         JobInvalid, BackendMissing: the device is unknown or not here.
         TrainingMismatch: the checkpoint was made with other settings or for another network.
         FileDamaged: the checkpoint cannot be read.
+        NonFiniteData: the loss is no number; the checkpoint is of before.
     """
     check_device(settings.device)
     folder.mkdir(parents=True, exist_ok=True)
@@ -91,11 +92,14 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
     log = EventLog(folder, run.step)
     for batch in batches(task.draw, settings.seed, run.step, settings.steps, settings.workers):
         run.advance(batch)
+        due = run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s
+        if due or run.step % _CURVE_EVERY == 0:
+            run.check()
         if run.step % _CURVE_EVERY == 0:
             log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
         if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
             log.figures(run.step, {"loss": run.recent, **task.evaluate(run.kept)})
-        if run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s:
+        if due:
             run.save()
         progress("Training", run.step, settings.steps)
     log.close()
@@ -152,6 +156,18 @@ class _Run:
             for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
                 kept.copy_(fresh)
             self.smoothed.lerp_(loss, 0.02 if self.step > 1 else 1.0)
+
+    def check(self) -> None:
+        """Make sure that the loss is a number.
+
+        Raises:
+            NonFiniteData: it is none.
+        """
+        if not math.isfinite(self.recent):
+            raise NonFiniteData(
+                f"The loss is no number at step {self.step}.", where=self.checkpoint.name,
+                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+            )  # fmt: skip
 
     def save(self) -> None:
         """Write the checkpoint, whole or not at all."""

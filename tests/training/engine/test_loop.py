@@ -11,7 +11,7 @@ import pytest
 import torch
 from torch import nn
 
-from solver_backend.exchange.errors import FileDamaged, TrainingMismatch
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData, TrainingMismatch
 from solver_backend.training.engine.loop import run_training
 from tests.support.line_task import SETTINGS, LineTask
 
@@ -85,3 +85,15 @@ def test_losses_fall(tmp_path: Path) -> None:
     run_training(task, settings, tmp_path)
     losses = [line["loss"] for line in logged(tmp_path)]
     assert losses[-1] < 0.3 * losses[0]
+
+
+def test_a_loss_that_is_no_number_is_named_and_the_checkpoint_stays(tmp_path: Path) -> None:
+    run_training(LineTask(), replace(SETTINGS, steps=20), tmp_path / "sound")
+    task, before = LineTask(), (tmp_path / "sound" / "checkpoint.pt").read_bytes()
+    (tmp_path / "run").mkdir()
+    loss = task.loss
+    task.loss = lambda batch, generator: float("nan") * loss(batch, generator)  # type: ignore[method-assign]
+    with pytest.raises(NonFiniteData, match="no number at step"):
+        run_training(task, SETTINGS, tmp_path / "run")
+    assert not (tmp_path / "run" / "checkpoint.pt").exists()
+    assert (tmp_path / "sound" / "checkpoint.pt").read_bytes() == before
