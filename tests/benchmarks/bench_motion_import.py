@@ -92,7 +92,7 @@ def run() -> list[Metric]:
 
 def beginning(motion: Motion) -> Motion:
     """Return the first frames of a motion."""
-    fields = ("global_orient", "body_pose", "transl", "joints", "contacts")
+    fields = ("global_orient", "body_pose", "transl", "joints", "contacts", "joint_sigma")
     return replace(motion, **{name: getattr(motion, name)[:MOST_FRAMES] for name in fields})
 
 

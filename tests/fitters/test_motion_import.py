@@ -64,6 +64,22 @@ def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body:
     assert notes[0].values["unit"] == "mm" and notes[1].values["axis"] == "Z"
 
 
+def test_deviations_show_where_the_body_cannot_follow(tmp_path: Path, body: Body, known: KnownMotion) -> None:
+    """A joint that the skeleton has elsewhere deviates by its share of that, too; of a skeleton like ours none does."""
+    source, roles, _ = read_foreign_bvh(write_bvh(tmp_path / "clip.bvh", known))
+    near = import_motion(source, roles, body).motion
+    joints = source.joints.copy()
+    elbow = source.names.index(roles["left_forearm"])
+    joints[:, elbow] += [0.06, 0.0, 0.0]
+    far = import_motion(replace(source, joints=joints), roles, body, keep_height=True).motion
+    assert near.joint_sigma is not None and far.joint_sigma is not None and near.resting is None
+    assert 0.001 < near.joint_sigma[:, LIMBS].mean() < 0.006
+    off = np.linalg.norm(far.joints[:, 18] - joints[:, elbow], axis=-1)
+    assert off.min() > 0.005 and (far.joint_sigma[:, 18] > off / np.sqrt(3.0)).all()
+    assert far.joint_sigma[:, 18].mean() > 2.0 * near.joint_sigma[:, 18].max()
+    assert np.abs(far.joint_sigma[:, [4, 5, 7, 8]] - near.joint_sigma[:, [4, 5, 7, 8]]).max() < 0.003
+
+
 def test_limbs_twist_as_the_skeletons_do(tmp_path: Path, body: Body, known: KnownMotion) -> None:
     done = bring(write_bvh(tmp_path / "clip.bvh", known), body)
     G = exp_so3(done.motion.global_orient)
@@ -148,6 +164,8 @@ def test_limbs_that_are_missing_are_a_warning(tmp_path: Path, known: KnownMotion
     assert "left_upper_arm" not in result["roles"]
     lacking = next(item for item in result["diagnostics"] if item["code"] == "motion_limbs_missing")
     assert lacking["severity"] == "warning" and lacking["values"]["parts"] == ["left arm", "right arm"]
+    resting = read_motion(out).resting
+    assert resting is not None and resting[:, [18, 19, 20, 21, 22, 23]].all() and not resting[:, :18].any()
     assert any("not clear which bones are the arms" in note for note in result["notes"])
     assert any("No joints were found for" in problem for problem in result["problems"])
     assert (

@@ -11,10 +11,13 @@ from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.rigs.roles import JOINT_OF
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, measure
 from solver_backend.fitters.motion_import.floor import floor_height, standing_feet
-from solver_backend.fitters.motion_import.pose_fit import fit_poses
+from solver_backend.fitters.motion_import.pose_fit import deviations, fit_poses
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Motion, SkeletonMotion
+
+_ARMS = ((18, 20, 22), (19, 21, 23))
+"""Elbow, wrist and hand of each arm."""
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ def import_motion(
     rest = body.rest_joints(betas)[:NUM_JOINTS]
     G, joints = fit_poses(rest, measured)
     off = 1000.0 * np.sqrt(((joints - measured.places) ** 2).sum(-1).mean(0))
+    sigma, resting = deviations(joints, measured.places), _resting(measured.places)
     raised = 0.0 if keep_height else -floor_height(body, betas, joints)
     joints = joints + [0.0, 0.0, raised]
     parents = list(SMPL_PARENTS[1:NUM_TURNED])
@@ -57,8 +61,17 @@ def import_motion(
     motion = Motion(
         betas=betas, global_orient=log_so3(G[:, 0]), body_pose=pose.reshape(len(pose), -1),
         transl=joints[:, 0] - rest[0], fps=source.fps, body=body.id, joints=joints,
-        contacts=standing_feet(body, betas, joints, source.fps),
+        contacts=standing_feet(body, betas, joints, source.fps), joint_sigma=sigma, resting=resting,
         provenance={"source": source.name, "method": "motion import", "roles": roles},
     )  # fmt: skip
     distances = {role: float(off[joint]) for role, joint in JOINT_OF.items() if np.isfinite(off[joint])}
     return ImportedMotion(motion, distances, raised)
+
+
+def _resting(places: np.ndarray) -> np.ndarray | None:
+    """Return (F, 24) which joints nothing shows: elbows, wrists and hands of arms that the skeleton lacks; or None."""
+    unknown = np.isnan(places[0, :, 0])
+    resting = np.zeros(places.shape[:2], dtype=bool)
+    for elbow, wrist, hand in _ARMS:
+        resting[:, elbow], resting[:, [wrist, hand]] = unknown[elbow], unknown[wrist]
+    return resting if resting.any() else None

@@ -58,12 +58,10 @@ def fit_poses(rest: np.ndarray, measured: Measured) -> tuple[np.ndarray, np.ndar
 
 def _fit_block(rest: np.ndarray, places: np.ndarray, turns: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return ``fit_poses`` of some frames: Levenberg-Marquardt, each frame with a damping of its own."""
-    known = np.array([joint for joint in _PLACED if np.isfinite(places[0, joint, 0])])
+    known, prior = _known(places), _prior()
     G, root = turns.copy(), np.zeros((len(places), 3))
     root += (places[:, known] - posed(rest, G, root)[:, known]).mean(1)
     above = _ABOVE[:NUM_TURNED] / _TURN_SIGMA[:, None]
-    prior = np.zeros((3 * NUM_TURNED + 3, 3 * NUM_TURNED + 3))
-    prior[: 3 * NUM_TURNED, : 3 * NUM_TURNED] = np.kron(above.T @ above, np.eye(3))
     joints = posed(rest, G, root)
     r, turned, cost = _residuals(joints, G, places, turns, known)
     damping, moving = np.full(len(G), _DAMPING), np.arange(len(G))
@@ -99,6 +97,42 @@ def _residuals(
     r = (places[:, known] - joints[:, known]) / _PLACE_SIGMA_M
     turned = log_so3(turns @ np.swapaxes(G, -1, -2)) / _TURN_SIGMA[:, None]
     return r, turned, (r**2).sum((1, 2)) + (turned**2).sum((1, 2))
+
+
+def deviations(joints: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Return the (F, 24) deviations of joints in metres, the root mean square over the axes.
+
+    With the normal equations H of the fit and the slopes J of a joint, ``σ² = tr(J H⁻¹ J^T) / 3 + |p - p_there|² / 3``:
+    what the fit leaves open, and by how much the joint is not where the skeleton has it.
+
+    Args:
+        joints: (F, 24, 3) of the fit.
+        places: (F, 24, 3) of the skeleton, NaN where it has none.
+    """
+    known, prior = _known(places), _prior()
+    off = (joints - places)[:, known]
+    variance = np.empty(joints.shape[:2])
+    for at in range(0, len(joints), _BLOCK):
+        J = _slopes(joints[at : at + _BLOCK], np.arange(NUM_JOINTS))
+        shown = J.reshape(len(J), NUM_JOINTS, 3, -1)[:, known].reshape(len(J), 3 * len(known), -1) / _PLACE_SIGMA_M
+        L = np.linalg.cholesky(np.swapaxes(shown, -1, -2) @ shown + prior)
+        open_m = np.linalg.solve(L, np.swapaxes(J, -1, -2))
+        variance[at : at + _BLOCK] = (open_m**2).sum(1).reshape(len(J), NUM_JOINTS, 3).sum(-1) / 3.0
+    variance[:, known] += (off**2).sum(-1) / 3.0
+    return np.sqrt(variance)
+
+
+def _known(places: np.ndarray) -> np.ndarray:
+    """Return the joints of the limbs that the skeleton has."""
+    return np.array([joint for joint in _PLACED if np.isfinite(places[0, joint, 0])])
+
+
+def _prior() -> np.ndarray:
+    """Return the (69, 69) normal equations of the rotations alone."""
+    above = _ABOVE[:NUM_TURNED] / _TURN_SIGMA[:, None]
+    prior = np.zeros((3 * NUM_TURNED + 3, 3 * NUM_TURNED + 3))
+    prior[: 3 * NUM_TURNED, : 3 * NUM_TURNED] = np.kron(above.T @ above, np.eye(3))
+    return prior
 
 
 def posed(rest: np.ndarray, G: np.ndarray, root: np.ndarray) -> np.ndarray:

@@ -27,6 +27,8 @@ SAME_SHARE = 0.6
 """Pictures of two cameras are of one moment within this share of the time from one picture to the next."""
 STALL_S = 0.15
 """A camera whose pictures, or whose detector's answer, are later than this is not waited for while two others are."""
+BEHIND_S = 2.0
+"""A camera whose newest picture is older than this is reported, once."""
 READY_S = 120.0
 """Time that detectors have for starting."""
 AHEAD_S = 0.05
@@ -59,6 +61,7 @@ class LiveMoments:
         self.counts = MomentCounts()
         self._last_s = -np.inf
         self._named: set[str] = set()
+        self._behind: set[str] = set()
 
     @property
     def about(self) -> dict[str, Any]:
@@ -116,18 +119,24 @@ class LiveMoments:
         while True:
             asked = asked or self._ask(wait=True)
             yield from self._lost()
-            if asked is None:
+            yield from self._fallen_behind()
+            if asked is None and self._alive() < FEWEST:
                 return
+            if asked is None:
+                continue
             found = self._answered(*asked)
             asked = self._ask(wait=False)
             if found is not None:
                 yield found
 
     def _ask(self, *, wait: bool) -> tuple[dict[int, LivePicture], float] | None:
-        """Have the next moment detected; return its pictures by view, and when that was; None where there is none."""
+        """Have the next moment detected; return its pictures by view, and when that was.
+
+        None where there is none, and where a camera is to be reported first.
+        """
         with self._changed:
             while True:
-                if sum(not view.ended for view in self.views) < FEWEST:
+                if self._alive() < FEWEST or self._late(time.perf_counter()):
                     return None
                 chosen = self._chosen(time.perf_counter())
                 if chosen:
@@ -188,6 +197,20 @@ class LiveMoments:
         taken = [asked[c] for c in found]
         times = tuple(asked[c].time_s if c in found else np.nan for c in range(len(self.views)))
         return ViewMoment(float(np.mean([p.time_s for p in taken])), max(p.arrived for p in taken), people, times)
+
+    def _late(self, now: float) -> list[LiveView]:
+        """Return the cameras whose newest picture is old, and that were not reported."""
+        known = [view for view in self.views if view.newest and not view.ended and view.source.name not in self._behind]
+        return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
+
+    def _fallen_behind(self) -> Iterator[Event]:
+        """Yield an event for each camera whose pictures are late since."""
+        with self._changed:
+            late = self._late(time.perf_counter())
+            self._behind |= {view.source.name for view in late}
+        for view in late:
+            message = f"{view.source.name}: no picture was in time for {BEHIND_S:g} s. It stands still, or its pictures"
+            yield _event("camera_behind", f"{message} cannot be read as fast as they come.")
 
     def _lost(self) -> Iterator[Event]:
         """Yield an event for each camera that has failed since, and one where too few are left."""

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import threading
 import time
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pytest
@@ -12,6 +14,7 @@ from solver_backend.exchange.errors import TooFewViews
 from solver_backend.videos.detect.errors import DetectorFailed, DetectorMissing
 from solver_backend.videos.files.errors import VideoUnreadable
 from solver_backend.videos.streaming.moments import LiveMoments
+from solver_backend.videos.streaming.pictures import LivePicture
 from solver_backend.videos.streaming.view_budget import ViewBudget
 from tests.support.filmed_moments import FakeCamera, FakeDetector
 
@@ -90,6 +93,23 @@ def test_a_camera_that_is_unplugged_is_named_once_and_the_others_go_on():
     assert "b: The webcam went away." in events[0]["message"]
     assert len(found) > 25
     live.require_views()
+
+
+@dataclass
+class _Behind(FakeCamera):
+    """A camera whose pictures are read half as fast as they are due, as of a large video on a busy machine."""
+
+    def pictures(self, start: float) -> Iterator[LivePicture]:
+        for picture in super().pictures(start):
+            yield replace(picture, arrived=picture.arrived - (time.perf_counter() - start))
+
+
+def test_cameras_that_fall_behind_are_named_once(monkeypatch):
+    monkeypatch.setattr("solver_backend.videos.streaming.moments.BEHIND_S", 0.4)
+    found, _, _ = run([_Behind("a"), _Behind("b")], [FakeDetector(PEOPLE), FakeDetector(PEOPLE)])
+    events = [item for item in found if isinstance(item, dict)]
+    assert sorted(event["message"][:2] for event in events) == ["a:", "b:"]
+    assert {event["event"] for event in events} == {"camera_behind"}
 
 
 def test_too_few_cameras_are_the_end_and_named():
