@@ -103,7 +103,7 @@ class SolveSettings:
         "without, only sure delays from 0.3 frames on are corrected", group=RECORDING,
     )  # fmt: skip
     leave_out: tuple[str, ...] = setting(
-        "texts", (), "Left-out Views", "Camera that takes no part, in some frames (from 0) or in all; may be repeated",
+        "texts", (), "Left-out Views", "Camera that takes no part, in some frames (from 0) or in all",
         group=RECORDING, metavar="CAMERA[:FIRST-LAST]", in_panel=False,
     )  # fmt: skip
     accept: tuple[str, ...] = setting(

@@ -15,6 +15,7 @@ from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
 from ..conventions.file_paths import file_of, stored
+from ..conventions.kept_findings import findings_in
 from .curves import action_curves
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
@@ -96,11 +97,7 @@ def found_in(provenance: str) -> list[dict[str, Any]]:
 
 def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
     """Return the warnings that a take keeps; of takes of earlier versions their sentences alone are known."""
-    try:
-        found = json.loads(action[DIAGNOSTICS])
-    except (KeyError, TypeError, ValueError, RecursionError):
-        found = str(action.get(WARNINGS, "")).splitlines()
-    return warnings_in(read_diagnostics(found))
+    return warnings_in(findings_in(str(action.get(DIAGNOSTICS, "")), str(action.get(WARNINGS, ""))))
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 import argparse
 import math
+from collections.abc import Callable
+from itertools import groupby
 from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .exit_codes import EPILOG
+from .verb_table import VERBS
 
 _FORMATS = tuple(FORMATS)
 SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
@@ -17,7 +20,7 @@ SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
 
 
 def parser(program: str) -> argparse.ArgumentParser:
-    """Return the parser.
+    """Return the parser; its help lists the verbs by task, a verb's help ends in an example.
 
     Args:
         program: what the command is called.
@@ -25,30 +28,32 @@ def parser(program: str) -> argparse.ArgumentParser:
     whole = argparse.ArgumentParser(
         prog=program,
         description="Solve captures, and bake, export and render solved motions, without a window.",
-        epilog=EPILOG,
+        epilog=f"{_list_verbs()}\n\n{EPILOG}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    verbs, shared = whole.add_subparsers(dest="verb", required=True, metavar="VERB"), _shared_options()
-
-    def verb(name: str, options: str, text: str) -> argparse.ArgumentParser:
-        return verbs.add_parser(name, parents=[shared[option] for option in options.split()], help=text)
-
-    verb("solve", "python common", "solve a capture; takes the solver's options, such as --job JOB.json")
-    verb("calibrate", "python common", "learn a person's shape and marker positions; takes the solver's options")
-    verb("export-markers", "python common", "write a motion's markers; takes the solver's options")
-    taking = "motion body out writing common"
-    _add_bake_options(verb("bake", taking, "write an animated body, its preview video and a contact sheet"))
-    verb("render", taking, "write a preview video and a contact sheet")
-    _add_export_options(verb("export", "body out writing common", "write a take in the formats of other programs"))
-    retargeted = verb("retarget", "body writing common", "retarget a solved motion to another character's rig")
-    _add_retarget_options(retargeted)
-    _add_motion_options(verb("motion", "python common", "bring a clip of another program onto our body"))
-    _add_body_options(verb("body", "body common", "write the posable body as an asset"))
-    _add_batch_options(
-        verb("batch", "body out python common", "solve, bake and export every capture of a folder; resumes")
+    verbs = whole.add_subparsers(
+        dest="verb", required=True, metavar="VERB", help="what to do; VERB --help lists its options"
     )
-    _add_studio_options(verb("studio", "python common", "render synthetic captures with ground truth"))
+    shared = _shared_options()
+    for name, verb in VERBS.items():
+        own = verbs.add_parser(
+            name,
+            parents=[shared[option] for option in verb.shared.split()],
+            description=f"{verb.help[:1].upper()}{verb.help[1:]}.",
+            epilog=f"example:\n  {program} {verb.example}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+        )
+        if name in _OPTIONS:
+            _OPTIONS[name](own)
     return whole
+
+
+def _list_verbs() -> str:
+    """Return the verbs by task, one a line with its help."""
+    width, parts = max(map(len, VERBS)) + 2, list[str]()
+    for task, rows in groupby(VERBS.items(), key=lambda item: item[1].task):
+        parts.append("\n".join([f"{task}:", *(f"  {name:{width}}{verb.help}" for name, verb in rows)]))
+    return "\n\n".join(parts)
 
 
 def _shared_options() -> dict[str, argparse.ArgumentParser]:
@@ -197,6 +202,14 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add("--settings", type=Path, metavar="SETTINGS.json", help="of these solves, as a job file's 'settings' are")
     add("--colour-of", default="", metavar="SHOT", help="only the colour pictures of a shot that was filmed")
     _add_workers(studio, "shots")
+
+
+_OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
+    "bake": _add_bake_options, "export": _add_export_options, "retarget": _add_retarget_options,
+    "motion": _add_motion_options, "body": _add_body_options, "batch": _add_batch_options,
+    "studio": _add_studio_options,
+}  # fmt: skip
+"""What adds a verb's own options."""
 
 
 def _blend_file(text: str) -> Path:

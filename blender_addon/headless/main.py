@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 import signal
 import sys
 import traceback
@@ -237,7 +238,8 @@ def _lines_about(result: dict[str, Any]) -> list[str]:
         lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
     if "hands_and_feet_deviation_mm" in result:
         off_mm, scale = result["hands_and_feet_deviation_mm"], result["scale"]
-        lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet are right to {off_mm:.2f} mm")
+        within = max(0.1, math.ceil(10 * off_mm) / 10)
+        lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet match within {within:.1f} mm")
     lines += [f"note: {note}" for note in result["notes"]]
     return lines + ([result["table"]] if "table" in result else [])
 

@@ -4,17 +4,25 @@ from __future__ import annotations
 
 import bpy
 
+from .._exchange.diagnostics import Diagnostic
+from ..conventions.kept_findings import findings_in
 from .locations import RELATIVE
 from .marker_properties import NAME_ITEMS, MocapMarker, MocapPointLabel
 from .tags import TaggedObject, active_name, active_object, find_collection, give_tag, tag_of
 
 
 class MocapMessage(bpy.types.PropertyGroup):
-    """One sentence about a capture."""
+    """One thing that was found about a capture."""
 
     text: bpy.props.StringProperty(name="Text")
     is_problem: bpy.props.BoolProperty(name="Problem")
     cameras: bpy.props.StringProperty(name="Cameras", description="Names of the cameras it is about, a line each")
+    diagnostic: bpy.props.StringProperty(name="Finding", description="What was found, as text of JSON")
+
+    @property
+    def found(self) -> tuple[Diagnostic, ...]:
+        """What was found; of files of a former version the sentence alone."""
+        return findings_in(self.diagnostic, self.text)
 
 
 class MocapCamera(bpy.types.PropertyGroup):
@@ -161,7 +169,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     )  # fmt: skip
     left_out: bpy.props.CollectionProperty(type=MocapLeftOut)
     checked: bpy.props.StringProperty(name="Checked", description="Result of a check of the calibration, line by line")
-    doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, a sentence a line")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What that check found wrong, as text of JSON")
     doubted: bpy.props.StringProperty(name="Doubted", description="Names of the cameras it found wrong, a line each")
     original: bpy.props.StringProperty(
         name="Original", description="Capture file with the recording's own calibration, where it was refined",

@@ -18,10 +18,10 @@ from .setting_properties import (
     CHOSEN_BY_PRESETS,
     DEFAULTS,
     ROWS,
+    ReadingProperties,
     SettingProperties,
-    WorldProperties,
     panel_values,
-    world_options,
+    reading_options,
 )
 from .studio_properties import MocapStudio
 from .tags import active_name, active_object
@@ -80,7 +80,7 @@ _LIVE_ITEMS = (
 )
 
 
-class MocapReading(WorldProperties, bpy.types.PropertyGroup):
+class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
     """How a capture is read."""
 
     fps: bpy.props.FloatProperty(
@@ -96,14 +96,6 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
     )
     trim: bpy.props.BoolProperty(
         name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
-    )
-    by_order: bpy.props.BoolProperty(
-        name="Frames by Order", description="Count each camera's frames from its first, whatever their numbers are"
-    )
-    offset: bpy.props.StringProperty(
-        name="Start Offsets",
-        description="Frames by which cameras started later than the take, such as cam02=60, cam03=-4; nothing is then "
-        "estimated",
     )
     as_calibrated: bpy.props.BoolProperty(
         name="Calibration as Written",
@@ -128,9 +120,8 @@ class MocapReading(WorldProperties, bpy.types.PropertyGroup):
                 options.append(f"--{name.replace('_', '-')}={value}")  # one word, as -y is no option
         if self.subject_prefix:
             options.append(f"--subject-prefix={self.subject_prefix}")
-        options += [f"--offset={text.strip()}" for text in self.offset.split(",") if text.strip()]
-        switches = {"--trim": self.trim, "--by-order": self.by_order, "--as-calibrated": self.as_calibrated}
-        return [*options, *world_options(self), *(flag for flag, chosen in switches.items() if chosen)]
+        switches = {"--trim": self.trim, "--as-calibrated": self.as_calibrated}
+        return [*options, *reading_options(self), *(flag for flag, chosen in switches.items() if chosen)]
 
 
 class MocapSolve(SettingProperties, bpy.types.PropertyGroup):

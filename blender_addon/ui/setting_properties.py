@@ -9,6 +9,7 @@ import bpy
 
 from .._exchange.setting import Setting, defaults_of_class, settings_of_class
 from .._exchange.solve_settings import METHOD, SolveSettings
+from .._exchange.time_settings import TimeSettings
 from .._exchange.world_settings import WorldSettings
 from .locations import RELATIVE
 from .translation import CONTEXT
@@ -16,7 +17,9 @@ from .translation import CONTEXT
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
 """The settings that have a property; the others come from sliders, cameras and markers."""
-WORLD_DEFAULTS, WORLD_ROWS = defaults_of_class(WorldSettings), settings_of_class(WorldSettings)
+READING_DEFAULTS = defaults_of_class(TimeSettings) | defaults_of_class(WorldSettings)
+READING_ROWS = settings_of_class(TimeSettings) | settings_of_class(WorldSettings)
+"""How a capture is read."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
 """Settings that are the user's own with the preset Custom alone."""
 
@@ -27,7 +30,7 @@ def names_of(group: str) -> tuple[str, ...]:
 
 
 def make_property(row: Setting, default: Any) -> Any:
-    """Return the property of a setting; of text, empty stands for the default; several texts have spaces between."""
+    """Return the property of a setting; of text, empty stands for the default; several have commas between."""
     words = {"name": row.label, "description": row.description, "translation_context": CONTEXT}
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
@@ -36,7 +39,10 @@ def make_property(row: Setting, default: Any) -> Any:
         return bpy.props.EnumProperty(**words, items=items, default=default)
     if row.kind == "file":
         return bpy.props.StringProperty(**words, subtype="FILE_PATH", options=RELATIVE)
-    if row.kind in ("name_or_file", "texts"):
+    if row.kind in ("texts", "range"):
+        separated = f"; several with commas between: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
+        return bpy.props.StringProperty(**words | {"description": row.description + separated})
+    if row.kind == "name_or_file":
         return bpy.props.StringProperty(**words)
     number = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
     bounds = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
@@ -63,18 +69,28 @@ class SettingProperties:
     __annotations__ = {name: make_property(row, DEFAULTS[name]) for name, row in ROWS.items()}
 
 
-class WorldProperties:
-    """What a property group inherits to hold every setting of the calibration's world."""
+class ReadingProperties:
+    """What a property group inherits to hold every setting of how a capture is read."""
 
-    __annotations__ = {name: make_property(row, WORLD_DEFAULTS[name]) for name, row in WORLD_ROWS.items()}
+    __annotations__ = {name: make_property(row, READING_DEFAULTS[name]) for name, row in READING_ROWS.items()}
 
 
-def world_options(properties: Any) -> list[str]:
-    """Return the options of the solver's command line for settings of the world that are not at their defaults.
+def reading_options(properties: Any) -> list[str]:
+    """Return the options of the solver's command line for settings of reading that are not at their defaults.
 
     Args:
-        properties: a property group with ``WorldProperties``.
+        properties: a property group with ``ReadingProperties``.
     """
-    values = {name: getattr(properties, name) for name in WORLD_ROWS}
-    plain = {name: float(f"{value:.6g}") if isinstance(value, float) else value for name, value in values.items()}
-    return [f"--{name}={value}" for name, value in plain.items() if value != WORLD_DEFAULTS[name]]
+    return [word for name in READING_ROWS for word in _option(name, getattr(properties, name))]
+
+
+def _option(name: str, value: Any) -> list[str]:
+    row, option = READING_ROWS[name], f"--{name.replace('_', '-')}"
+    if row.kind == "texts":
+        return [f"{option}={text.strip()}" for text in value.split(",") if text.strip()]
+    if row.kind == "range":
+        return [option, *value.split()] if value.strip() else []
+    plain = float(f"{value:.6g}") if isinstance(value, float) else value
+    if plain == READING_DEFAULTS[name]:
+        return []
+    return [option] if row.kind == "switch" else [f"{option}={plain}"]

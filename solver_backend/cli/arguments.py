@@ -113,10 +113,6 @@ def _reading(options: argparse.ArgumentParser) -> None:
         "--subject-prefix", metavar="NAME[,NAME…]",
         help="label prefix of the person, when a file holds several; several prefixes are parts of one person",
     )  # fmt: skip
-    options.add_argument(
-        "--frames", type=int, nargs=2, metavar=("FIRST", "LAST"),
-        help="only these frames of the take, from 0; with --resolve the range that is solved again",
-    )  # fmt: skip
     add_settings(options, ("sync", *TIME_ROWS, *WORLD_ROWS))
 
 

@@ -37,7 +37,7 @@ def solve_arguments(verb: argparse.ArgumentParser) -> None:
         "--start", type=Path, metavar="MOTION.npz",
         help="earlier motion of these frames to start at, of one camera before others were added",
     )  # fmt: skip
-    verb.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve a range of an earlier motion again")
+    verb.add_argument("--resolve", type=Path, metavar="MOTION.npz", help="solve --frames of an earlier motion again")
     verb.add_argument("--scheduler", metavar="ADDRESS", help="spread a long solve over the workers of a Dask scheduler")
     verb.add_argument("--tls", type=Path, metavar="FOLDER", help="certificates of a scheduler on another host")
     verb.add_argument(

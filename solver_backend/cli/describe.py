@@ -25,6 +25,7 @@ def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
     }  # fmt: skip
     if capture.keypoints is not None:
         data["joint_set"] = capture.keypoints.joint_set.value
+        data["own_points"] = {point.name: point.bone for point in capture.keypoints.own}
         data["bridged_frames"] = frames_without_two_views(capture)
     marker_lines: list[str] = []
     if capture.markers is not None:
@@ -120,6 +121,9 @@ def _capture_text(data: dict[str, Any], marker_lines: list[str]) -> str:
     lines = [f"Capture {data['name']}", f"  frames      {data['frames']} at {data['fps']:g} fps{seconds}"]
     if data["joint_set"]:
         lines.append(f"  keypoints   {data['joint_set']}")
+    if data.get("own_points"):
+        own = ", ".join(f"{name} on {bone}" for name, bone in data["own_points"].items())
+        lines.append(f"  own points  {own}")
     lines += marker_lines + people_lines(data["people"])
     for camera in data["cameras"]:
         width, height = camera["image_size"]

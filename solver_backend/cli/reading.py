@@ -26,10 +26,10 @@ def reading(args: argparse.Namespace) -> dict[str, Any]:
         "up_axis": args.up_axis,
         "subject_prefix": args.subject_prefix,
         "person": args.person,
-        "frames": None if getattr(args, "resolve", None) or args.frames is None else tuple(args.frames),
         **given_time(args),
         **given_world(args),
         **({} if args.sync is None else {"sync": args.sync}),
+        **({"frames": None} if getattr(args, "resolve", None) else {}),  # then they are those to solve again
     }
 
 

@@ -74,7 +74,8 @@ def option(name: str) -> str:
 
 def _add_option(group: Any, name: str, row: Setting) -> None:
     bounds, default = describe_range(row), describe_default(name)
-    more = "; ".join([bounds] * bool(bounds) + [f"default {default}"] * bool(default))
+    repeated = ["may be repeated"] * (row.kind == "texts")
+    more = "; ".join([bounds] * bool(bounds) + [f"default {default}"] * bool(default) + repeated)
     text = f"{row.description[0].lower()}{row.description[1:]}{f' ({more})' if more else ''}"
     group.add_argument(option(name), dest=name, default=None, help=text.replace("%", "%%"), **_how(row))
 
@@ -90,6 +91,7 @@ def _how(row: Setting) -> dict[str, Any]:
         "name_or_file": {"metavar": row.metavar},
         "texts": {"metavar": row.metavar, "action": "append"},
         "numbers": {"metavar": row.metavar, "type": _numbers},
+        "range": {"metavar": tuple(row.metavar.split()), "type": int, "nargs": 2},
     }[row.kind]
 
 

@@ -122,6 +122,7 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     Raises:
         MotionInvalid: the capture knows no joints, or the motion has other frames or joints.
     """
+    capture = capture.named
     if "joints" not in capture.truth:
         raise MotionInvalid(
             "The capture knows no truth to compare with.", where=capture.name,

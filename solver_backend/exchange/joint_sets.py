@@ -136,8 +136,12 @@ class JointSet(StrEnum):
         """Numbers of columns that detectors write; those behind the first ``num_keypoints`` are not used."""
         return _WRITTEN.get(self.value, (self.num_keypoints,))
 
-    def mirrored(self) -> tuple[int, ...]:
-        """Return for each column the column of the same point on the other side."""
+    def mirrored(self, count: int = 0) -> tuple[int, ...]:
+        """Return for each column the column of the same point on the other side; columns behind the set's stay.
+
+        Args:
+            count: of all columns, if there are more than the set's.
+        """
         names = self.keypoints
 
         def swap(name: str) -> str:
@@ -149,7 +153,7 @@ class JointSet(StrEnum):
                 return "mouth_right" if name.endswith("left") else "mouth_left"
             return name
 
-        return tuple(names.index(swap(name)) for name in names)
+        return (*(names.index(swap(name)) for name in names), *range(len(names), count))
 
     @classmethod
     def fitting(cls, num_keypoints: int) -> tuple[JointSet, ...]:

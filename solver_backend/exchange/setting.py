@@ -10,8 +10,8 @@ from typing import Any, Literal
 
 from .errors import JobInvalid
 
-Kind = Literal["switch", "whole", "number", "choice", "file", "name_or_file", "texts", "numbers"]
-"""A "file" is a path as text; "texts" and "numbers" are lists."""
+Kind = Literal["switch", "whole", "number", "choice", "file", "name_or_file", "texts", "numbers", "range"]
+"""A "file" is a path as text; "texts" and "numbers" are lists; a "range" is the first and the last whole number."""
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class Setting:
             "switch": "true or false", "whole": f"a whole number {between}", "number": f"a number {between}",
             "choice": f"one of {', '.join(choice.value for choice in self.choices)}", "file": "the path of a file",
             "name_or_file": "a name or the path of a file", "texts": f"a list of {self.metavar}",
-            "numbers": f"{self.count} numbers or null",
+            "numbers": f"{self.count} numbers or null", "range": "the first and the last whole number, from 0",
         }[self.kind]  # fmt: skip
 
     def accepts(self, value: Any) -> bool:
@@ -77,6 +77,8 @@ class Setting:
             return value in [choice.value for choice in self.choices]
         if self.kind == "numbers":
             return value is None or (is_list(value) and len(value) == self.count and all(map(_is_finite, value)))
+        if self.kind == "range":
+            return value is None or (is_list(value) and len(value) == 2 and _is_range(*value))
         if self.kind == "texts":
             return is_list(value) and all(isinstance(item, str) for item in value)
         return isinstance(value, str) and (self.kind == "file" or bool(value.strip()))
@@ -135,6 +137,10 @@ def known_values(cls: Any, values: Mapping[str, Any]) -> dict[str, Any]:
 def is_list(value: Any) -> bool:
     """Return whether a value is a list of others; text is none."""
     return isinstance(value, Sequence) and not isinstance(value, str)
+
+
+def _is_range(first: Any, last: Any) -> bool:
+    return _is_number(first, int) and _is_number(last, int) and 0 <= first <= last
 
 
 def _is_finite(value: Any) -> bool:

@@ -23,30 +23,27 @@ class TimeSettings:
     """
 
     camera: tuple[str, ...] = setting(
-        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, if the names do not match; "
-        "may be repeated", group=TIME, metavar="RECORDED=CALIBRATED", in_panel=False,
+        "texts", (), "Camera Names", "Which camera of the calibration a recorded one is, if the names do not match",
+        group=TIME, metavar="RECORDED=CALIBRATED",
     )  # fmt: skip
     offset: tuple[str, ...] = setting(
-        "texts", (), "Start Offsets", "Frames by which a camera started later than the take, negative for earlier; may "
-        "be repeated, and nothing is then estimated", group=TIME, metavar="CAMERA=FRAMES", in_panel=False,
+        "texts", (), "Start Offsets", "Frames by which a camera started later than the take, negative for earlier; "
+        "nothing is then estimated", group=TIME, metavar="CAMERA=FRAMES",
     )  # fmt: skip
     by_order: bool = setting(
         "switch", False, "Frames by Order", "Count each camera's frames from its first, whatever their numbers are",
         group=TIME,
     )  # fmt: skip
-
-    frames: tuple[int, int] | None = None
-    """First and last frame of the take that are read, from 0; None for all."""
+    frames: tuple[int, int] | None = setting(
+        "range", None, "Frames", "First and last frame of the take that are read, from 0", group=TIME,
+        metavar="FIRST LAST",
+    )  # fmt: skip
+    """None for all."""
 
     def __post_init__(self) -> None:
         check_settings(self)
         calibrated_names(self.camera)
         offsets_by_camera(self.offset)
-        if self.frames is not None and not 0 <= self.frames[0] <= self.frames[1]:
-            raise JobInvalid(
-                f"The frames {self.frames[0]} to {self.frames[1]} are no range.", where="frames",
-                hint="First and last frame, from 0: --frames 100 399.",
-            )  # fmt: skip
 
 
 def offsets_by_camera(texts: Sequence[str]) -> dict[str, int]:

@@ -35,12 +35,13 @@ from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.output.wide_motion import with_fingers_of, with_hands, without_fingers
+from solver_backend.fitters.own_points import solve_with_points, without_points
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.props.solve_props import solve_props
 from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solution import Solution
+from solver_backend.fitters.solution import MethodResult, Solution
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -95,13 +96,21 @@ def solve_problem(
         provenance: what the motion records besides.
         each: solves the stretches of a long take; the global method's alone.
     """
-    subject, method = first_subject(problem, settings), METHODS[settings.method]
-    if not method.finds_shape:
-        subject = learn_subject(problem, subject, settings, progress)
-    give_back_freed_memory()
-    solved, convergence = method.recipe(problem, subject, settings, progress, each)
-    give_back_freed_memory()
-    solved = rest_parts(problem.measurements, solved)
+    method, named = METHODS[settings.method], problem.measurements
+
+    def by_method(problem: Problem) -> MethodResult:
+        subject = first_subject(problem, settings)
+        if not method.finds_shape:
+            subject = learn_subject(problem, subject, settings, progress)
+        give_back_freed_memory()
+        found = method.recipe(problem, subject, settings, progress, each)
+        give_back_freed_memory()
+        return found
+
+    origin = _origin(settings.backend)
+    problem, (solved, convergence) = solve_with_points(problem, by_method(problem), by_method, settings, origin)
+    solved = without_points(named, rest_parts(problem.measurements, solved))
+    problem = replace(problem, measurements=named)
     solved, hands = solve_hands(problem.measurements, solved, settings, progress)
     props, found = solve_props(problem.measurements, solved, progress)
     prior = method.prior_of(problem)

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.types import JointSet
+from solver_backend.types import JointSet, OwnPoint
 
 
 @dataclass(frozen=True)
@@ -30,6 +30,8 @@ class Detections:
     """The same of each camera, where each was read from its own first; () where all begin with ``first_frame``."""
     lengths: tuple[int, ...] = ()
     """Frames from each camera's first to its last, then; () where all have as many."""
+    own: tuple[OwnPoint, ...] = ()
+    """Keypoints behind those of the joint set."""
     notes: tuple[Diagnostic, ...] = ()
     """What was found and assumed."""
     problems: tuple[Diagnostic, ...] = ()

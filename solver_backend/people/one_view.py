@@ -41,7 +41,8 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
     Raises:
         NoDetections: nobody is detected.
     """
-    xy, confidence = detections.xy[0], detections.confidence[0]
+    count = detections.joint_set.num_keypoints
+    xy, confidence = detections.xy[0, :, :, :count], detections.confidence[0, :, :, :count]
     tracks = _followed(xy, confidence, max(1.0, GONE_S * fps))
     if not tracks:
         raise NoDetections(
@@ -58,7 +59,9 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         chosen[0, track.frames] = track.rows
         keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps)
         notes = () if selected else _notes(kept, len(tracks), len(xy))
-        selected.append(SelectedPerson(f"Person {number}", keypoints, chosen, notes))
+        own = [point.name for point in detections.own if not selected]
+        problems = (diagnostic("own_points_one_view", joints=own),) if own else ()
+        selected.append(SelectedPerson(f"Person {number}", keypoints, chosen, notes, problems))
     return tuple(selected)
 
 

@@ -73,7 +73,7 @@ def select_people(
     selected: list[SelectedPerson] = []
     for person in people:
         xy, confidence, hands, detection = _merged(detections, first if not selected else person.accepted, person.fit)
-        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands)
+        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands, detections.own)
         messages = ((), ()) if selected else (notes, problems)
         selected.append(SelectedPerson(person.name, keypoints, detection, *messages))
     return tuple(selected)

@@ -68,7 +68,7 @@ def flipped(detections: Detections, flip: PictureFlip, image_size: np.ndarray | 
             hands = hands.copy()
             hands[..., flip.axis] = far[..., None] - hands[..., flip.axis]
     if flip.sides:
-        order = list(detections.joint_set.mirrored())
+        order = list(detections.joint_set.mirrored(detections.xy.shape[-2]))
         xy, confidence = xy[..., order, :], confidence[..., order]
         hands = None if hands is None else hands[..., ::-1, :, :]
     return replace(detections, xy=xy, confidence=confidence, hands=hands)

@@ -34,6 +34,7 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
     Raises:
         MotionInvalid: the motion does not belong to the capture.
     """
+    capture = capture.named
     residuals = residuals or residuals_of(capture, motion)
     found = [*capture_diagnostics(capture), *recorded_diagnostics(motion), *check_motion(motion)]
     found += [*_flagged(motion, capture.is_one_view), *plausibility(capture, motion, residuals)]

@@ -54,6 +54,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
     Raises:
         MotionInvalid: the motion does not belong to the capture.
     """
+    capture = capture.named
     residuals = residuals_of(capture, motion)
     compared = _compared(capture, motion)
     shades = sections.shades_of(motion)

@@ -18,20 +18,17 @@ from solver_backend.exchange.motion_file import (
     MARKER_SWAPPED,
 )
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import (
-    UNSEEN_POINT,
-    Capture,
-    Keypoints2D,
-    PersonInViews,
-    stacked_hands,
-)
+from solver_backend.types.capture import Capture, Keypoints2D, PersonInViews
+from solver_backend.types.hands_in_views import UNSEEN_POINT, stacked_hands
 from solver_backend.types.limbs import FEET, LIMBS
 from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
+from solver_backend.types.own_point import BONES, OwnPoint
 from solver_backend.types.skeleton_motion import SkeletonMotion
 
 __all__ = [
+    "BONES",
     "FEET",
     "FLAG_RESTING",
     "FLAG_UNSEEN",
@@ -54,6 +51,7 @@ __all__ = [
     "MarkerCloud",
     "MarkerSubject",
     "Motion",
+    "OwnPoint",
     "PersonInViews",
     "SkeletonMotion",
     "stacked_hands",

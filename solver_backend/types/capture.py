@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -18,19 +17,17 @@ from solver_backend.exchange.errors import (
     PersonUnknown,
     TooFewViews,
 )
-from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.types.cameras import Cameras
+from solver_backend.types.hands_in_views import checked_hands
 from solver_backend.types.marker_cloud import MarkerCloud
+from solver_backend.types.own_point import OwnPoint
 from solver_backend.types.shapes import Float
-
-UNSEEN_POINT = (np.nan, np.nan, 0.0)
-"""x, y and confidence of a point that was not seen."""
 
 
 @dataclass(frozen=True)
 class Keypoints2D:
-    """Detections of one person in every view; missing = NaN with confidence 0."""
+    """Detections of one person in every view; missing = NaN with confidence 0. Own points stand behind the others."""
 
     xy: Float[np.ndarray, "views frames keypoints 2"]
     """(views, frames, keypoints, 2) pixels."""
@@ -42,6 +39,8 @@ class Keypoints2D:
     """Frames per second."""
     hands: Float[np.ndarray, "views frames 2 21 3"] | None = None
     """(views, frames, 2, 21, 3) x, y in pixels and confidence of the hands' points, left first; NaN, 0 where unseen."""
+    own: tuple[OwnPoint, ...] = ()
+    """Keypoints behind those of the joint set."""
 
     def __post_init__(self) -> None:
         xy = np.array(self.xy, dtype=np.float64)
@@ -51,7 +50,7 @@ class Keypoints2D:
                 f"xy {xy.shape} and confidence {confidence.shape} must be (views, frames, keypoints, 2) and the same "
                 "without the last."
             )
-        if xy.shape[2] != self.joint_set.num_keypoints:
+        if xy.shape[2] != self.joint_set.num_keypoints + len(self.own):
             fits = ", ".join(s.value for s in JointSet.fitting(xy.shape[2])) or "none"
             raise KeypointCountMismatch(
                 f"{xy.shape[2]} keypoints do not fit {self.joint_set.value}, which has {self.joint_set.num_keypoints}.",
@@ -72,7 +71,7 @@ class Keypoints2D:
         object.__setattr__(self, "xy", xy)
         object.__setattr__(self, "confidence", confidence)
         if self.hands is not None:
-            object.__setattr__(self, "hands", _checked_hands(self.hands, xy.shape[:2]))
+            object.__setattr__(self, "hands", checked_hands(self.hands, xy.shape[:2]))
 
     @property
     def num_views(self) -> int:
@@ -83,6 +82,12 @@ class Keypoints2D:
     def num_frames(self) -> int:
         """Number of frames."""
         return self.xy.shape[1]
+
+    @property
+    def named(self) -> Keypoints2D:
+        """The keypoints of the joint set alone."""
+        count = self.joint_set.num_keypoints
+        return replace(self, xy=self.xy[:, :, :count], confidence=self.confidence[:, :, :count], own=())
 
     def frames(self, start: int, stop: int) -> Keypoints2D:
         """Return the frames start..stop-1."""
@@ -97,36 +102,6 @@ class Keypoints2D:
         """Return the views at these indices."""
         hands = None if self.hands is None else self.hands[indices]
         return replace(self, xy=self.xy[indices], confidence=self.confidence[indices], hands=hands)
-
-
-def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
-    """Return the hands of several people side by side, NaN of people without; None where nobody has any."""
-    like = next((hand for hand in hands if hand is not None), None)
-    if like is None:
-        return None
-    return np.stack([np.full_like(like, np.nan) if hand is None else hand for hand in hands], axis=axis)
-
-
-def _checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
-    """Return hands whose unseen points are NaN with confidence 0.
-
-    Raises:
-        KeypointCountMismatch: they are of other views or frames, or of another number of points.
-        NonFiniteData: one is infinite.
-    """
-    hands = np.array(hands, dtype=np.float64)
-    expected = (*shape, 2, NUM_HAND_POINTS, 3)
-    if hands.shape != expected:
-        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
-    if np.isinf(hands).any():
-        view, frame, hand, point = np.argwhere(np.isinf(hands).any(-1))[0]
-        raise NonFiniteData(
-            "A point of a hand is infinite.",
-            where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
-            hint="Write NaN (or 0 0 0) for a point that was not seen.",
-        )
-    hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
-    return hands
 
 
 @dataclass(frozen=True)
@@ -200,6 +175,14 @@ class Capture:
                 raise CaptureInvalid(
                     f"{person.name} is seen in other views or frames than the capture.", where=self.name
                 )
+
+    @property
+    def named(self) -> Capture:
+        """The capture without own points of the user, as a motion of it is compared with it."""
+        if self.keypoints is None or not self.keypoints.own:
+            return self
+        people = tuple(replace(person, keypoints=person.keypoints.named) for person in self.people)
+        return replace(self, keypoints=self.keypoints.named, people=people)
 
     @property
     def num_frames(self) -> int:

@@ -56,6 +56,23 @@ def test_a_page_is_read_in_one_sitting_and_its_tables_fit(page: Path) -> None:
     assert not wide
 
 
+MOST_WORDS = 35
+"""Of a sentence; a piece of code counts as one."""
+
+
+def sentences(text: str) -> list[str]:
+    """Return the sentences of paragraphs and items of lists, pieces of code as one word."""
+    kept = re.sub(r"```.*?```", "\n\n", text, flags=re.DOTALL)
+    parts = paragraphs(re.sub(r"`[^`]*`", "Code", kept))
+    return [part for whole in parts for part in re.split(r"(?<=[.!?])\s+(?=[A-Z*\[])", " ".join(whole.split()))]
+
+
+@pytest.mark.parametrize("page", sorted({README, *PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
+def test_a_sentence_is_read_in_one_breath(page: Path) -> None:
+    long = [part for part in sentences(page.read_text(encoding="utf-8")) if len(part.split()) > MOST_WORDS]
+    assert not long, f"more than {MOST_WORDS} words: {long}"
+
+
 @pytest.mark.parametrize("page", sorted({README, *PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
 def test_a_paragraph_has_three_figures_at_most(page: Path) -> None:
     crowded = [

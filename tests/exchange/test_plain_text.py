@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import pytest
 
 from solver_backend.cli.outcome import ForPeople, Outcome
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress
@@ -44,6 +45,8 @@ def test_a_message_of_a_capture_is_plain_in_the_panel() -> None:
 
     message = SimpleNamespace(text="", is_problem=False)
     import_results._add_message(
-        SimpleNamespace(messages=SimpleNamespace(add=lambda: message)), HOSTILE, is_problem=True
+        SimpleNamespace(messages=SimpleNamespace(add=lambda: message)),
+        diagnostic("earlier_warning", text=HOSTILE),
+        is_problem=True,
     )
     assert "\x1b" not in message.text and message.is_problem

@@ -71,13 +71,14 @@ WORLD: dict[str, DiagnosticEntry] = {
         "To keep Z: --up-axis z.",
     ),
     "world_levelled": warning(
-        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°) and its floor moved by {floor:.2f} m, as {witnesses} "
-        "show",
+        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°), and its floor, at z = {floor:+.3f} m, is laid at 0, as "
+        "{witnesses} show",
         "The calibration's world is tilted: a board did not lie on the floor, or there was none.",
         "To keep it as calibrated: --level off.",
     ),
     "world_levelled_as_asked": note(
-        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°) and its floor moved by {floor:.2f} m, as asked for",
+        "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°), and its floor, at z = {floor:+.3f} m, is laid at 0, as "
+        "asked for",
         "The world was to be levelled by the person.",
     ),
     "floor_by_feet": warning(

@@ -10,6 +10,7 @@ import bpy
 from ..._exchange.diagnostics import read_diagnostics
 from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
+from ...conventions.kept_findings import findings_text
 from ...conventions.numbered import next_path
 from .base import MocapOperator
 from .solver_operator import SolverOperator
@@ -80,8 +81,8 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
             f"Up is {result['tilt_deg']:.1f}° from the person's upright direction (± {result['tilt_sigma_deg']:.1f}°).",
         ]
         capture.checked = "\n".join(plain(word) for word in words)
-        capture.doubts = "\n".join(plain(word) for word in result["findings"])
         found = read_diagnostics(result.get("diagnostics"))
+        capture.doubts = findings_text(found) if found else ""
         capture.doubted = "\n".join(dict.fromkeys(name for item in found for name in item.where.cameras))
         self.report({"WARNING"} if result["findings"] else {"INFO"}, words[0])
         return {"FINISHED"}

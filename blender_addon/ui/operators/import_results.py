@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
@@ -22,6 +21,7 @@ from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...body.sliders import body_mesh
 from ...conventions.file_paths import file_of, stored
+from ...conventions.kept_findings import findings_text
 from ...conventions.skeleton import JOINTS
 from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, keep_edits, plays_body
@@ -76,12 +76,10 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     capture.messages.clear()
     capture.checked = capture.doubts = capture.doubted = ""
     found = found_in_reading(result)
-    for item in warnings_in(found):
-        _add_message(capture, sentence(item), is_problem=True, cameras=item.where.cameras)
-    for text in (*stage.notes, *refused):
-        _add_message(capture, text, is_problem=True)
+    for item in (*warnings_in(found), *read_diagnostics([*stage.notes, *refused])):
+        _add_message(capture, item, is_problem=True)
     for item in notes_in(found):
-        _add_message(capture, sentence(item), is_problem=False, cameras=item.where.cameras)
+        _add_message(capture, item, is_problem=False)
     unused = {item.name for item in capture.cameras if not item.use}
     capture.cameras.clear()
     views = {overlay.parent: overlay for overlay in stage.overlays if overlay.parent is not None}
@@ -206,7 +204,7 @@ def take_motion(
         action[PERSON] = whom
     if result is not None:
         action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_of(result)))
-        action[DIAGNOSTICS] = json.dumps([item.as_dict() for item in read_diagnostics(result.get("diagnostics"))])
+        action[DIAGNOSTICS] = findings_text(read_diagnostics(result.get("diagnostics")))
     review.armature = armature
     settings.stage = "EDIT"
     if needs_body:
@@ -284,6 +282,7 @@ def set_up_said(scene: bpy.types.Scene, *, take_over: bool) -> str:
     return f"laid by time into the scene's {rate}"
 
 
-def _add_message(capture: bpy.types.PropertyGroup, text: str, *, is_problem: bool, cameras: Sequence[str] = ()) -> None:
+def _add_message(capture: bpy.types.PropertyGroup, found: Diagnostic, *, is_problem: bool) -> None:
     message = capture.messages.add()
-    message.text, message.cameras, message.is_problem = plain(text), "\n".join(cameras), is_problem
+    message.text, message.is_problem = plain(sentence(found)), is_problem
+    message.cameras, message.diagnostic = "\n".join(found.where.cameras), findings_text([found])

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ...conventions.kept_findings import findings_in
 from ..operators.cameras import (
     MOCAP_OT_check_cameras,
     MOCAP_OT_leave_out_range,
@@ -13,6 +14,7 @@ from ..operators.cameras import (
 )
 from ..operators.views import MOCAP_OT_leave_camera, MOCAP_OT_view_camera, in_camera_view
 from ..settings_layout import is_narrow
+from .findings import draw_finding
 from .parts import StagePanel, draw_next, draw_progress, wrapped
 
 _FEW_PERCENT = 60
@@ -75,8 +77,8 @@ def _draw_refinement(layout: bpy.types.UILayout, context: bpy.types.Context) -> 
         return
     capture = context.scene.mocap.capture
     layout.operator(MOCAP_OT_check_cameras.bl_idname, icon="CHECKMARK")
-    for doubt in capture.doubts.splitlines():
-        wrapped(layout, context, doubt, "ERROR", alert=True)
+    for found in findings_in(capture.doubts, capture.doubts):
+        draw_finding(layout, context, found)
     for word in capture.checked.splitlines():
         wrapped(layout, context, word, "DOT")
     row = layout.row(align=True)

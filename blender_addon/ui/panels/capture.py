@@ -12,8 +12,9 @@ from ..operators.videos import MOCAP_OT_capture_from_videos
 from ..operators.views import MOCAP_OT_show_capture
 from ..preferences import draw_acquisition
 from ..properties import MocapCapture, MocapSettings
-from ..setting_properties import WORLD_ROWS
+from ..setting_properties import READING_ROWS
 from ..settings_layout import draw_setting, settings_layout
+from .findings import draw_finding
 from .parts import StagePanel, draw_next, draw_progress, wrapped
 
 _VERBS = ("convert", "demo-capture")
@@ -71,10 +72,8 @@ class VIEW3D_PT_mocap_reading(StagePanel, bpy.types.Panel):
             "unit",
             "up_axis",
             "trim",
-            "by_order",
-            "offset",
             "as_calibrated",
-            *WORLD_ROWS,
+            *READING_ROWS,
             "footage_anywhere",
             "subject_prefix",
         ):
@@ -105,10 +104,10 @@ class VIEW3D_PT_mocap_problems(StagePanel, bpy.types.Panel):
         self.layout.label(icon="ERROR")
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the problems."""
+        """Draw the problems, each with the button that remedies it."""
         for message in context.scene.mocap.capture.messages:
-            if message.is_problem:
-                wrapped(self.layout, context, message.text, "DOT")
+            for found in message.found if message.is_problem else ():
+                draw_finding(self.layout, context, found)
 
 
 class VIEW3D_PT_mocap_notes(StagePanel, bpy.types.Panel):

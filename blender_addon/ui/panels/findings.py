@@ -20,5 +20,5 @@ def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: 
     """
     is_warning = bool(warnings_in([found]))
     wrapped(layout, context, whose + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
-    if is_warning and (fix := fix_of(found.code, found.where.cameras)) is not None:
+    if is_warning and (fix := fix_of(found)) is not None:
         draw_fix(layout, fix)

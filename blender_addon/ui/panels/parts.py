@@ -18,6 +18,8 @@ from ..translation import CONTEXT
 
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
 """Size of panel text, what stands beside it in a box, and an icon, at an interface scale of 1."""
+TALLEST = 1.6
+"""Height of the button that is the next step, in usual ones."""
 _FEWEST = 8
 """Letters of a line, however narrow the sidebar is."""
 
@@ -110,7 +112,7 @@ def _lines(context: bpy.types.Context, text: str, *, with_icon: bool) -> list[st
 def draw_solve(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
     """Draw the button that solves, with the person's name where there are several."""
     button = layout.column()
-    button.scale_y = 1.6
+    button.scale_y = TALLEST
     person = context.scene.mocap.capture.person
     label = {} if person is None else {"text": f"Solve {person.name}", "translate": False}
     button.operator(MOCAP_OT_solve.bl_idname, icon="PLAY", **label)
@@ -152,11 +154,11 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
     box.operator(MOCAP_OT_dismiss.bl_idname, icon="X")
 
 
-def draw_fix(layout: bpy.types.UILayout, fix: Fix) -> None:
-    """Draw the button of a remedy."""
+def draw_fix(layout: bpy.types.UILayout, fix: Fix, text: str = "", icon: str = "MODIFIER") -> None:
+    """Draw the button of a remedy, with its own text if none is given."""
     row = layout.row()
     row.enabled = not current.busy
-    button = row.operator(fix.operator, text=fix.text, icon="MODIFIER", translate=False)
+    button = row.operator(fix.operator, text=text or fix.text, icon=icon, text_ctxt=CONTEXT)
     for name, value in fix.values:
         setattr(button, name, value)
 

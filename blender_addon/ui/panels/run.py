@@ -5,6 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...conventions.counting import counted
+from ..operators.fixes import fix_of
 from ..operators.review import MOCAP_OT_next_bad_range
 from ..operators.solver_operator import MOCAP_OT_cancel, current
 from ..project_files import following
@@ -12,7 +13,7 @@ from ..properties import STAGES, MocapSettings
 from ..settings_layout import is_narrow, is_slim
 from ..translation import CONTEXT
 from .frame_rate import draw_rate
-from .parts import AcquisitionPanel, MocapPanel, draw_failure, draw_next, draw_solve, fits, wrapped
+from .parts import TALLEST, AcquisitionPanel, MocapPanel, draw_failure, draw_fix, draw_next, draw_solve, fits, wrapped
 
 VERBS = (
     "convert", "demo-capture", "from-videos", "solve", "calibrate", "refine-cameras", "check-cameras", "export-markers",
@@ -85,8 +86,8 @@ def _draw_run(layout: bpy.types.UILayout, context: bpy.types.Context) -> None:
 
 
 def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
-    """Draw the take with its error, how many ranges deserve a look, and how many problems and warnings there are."""
-    from ...animation.takes import ERROR, WARNINGS
+    """Draw the take with its error, how many ranges to review, how many problems and warnings, and a remedy."""
+    from ...animation.takes import ERROR, warnings_of_take
     from ...review.ranges import doubtful_ranges
 
     capture, take = settings.capture, settings.review.take
@@ -94,19 +95,33 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
     if take is not None:
         error = f", {take[ERROR]}" if take.get(ERROR) else ""
         wrapped(column, context, f"{take.name}{error}", "ACTION")
-        if ranges := doubtful_ranges(take, settings.review.below):
-            column.operator(
-                MOCAP_OT_next_bad_range.bl_idname,
-                text=f"{counted(len(ranges), 'range')} to review",
-                icon="TRIA_RIGHT",
-                translate=False,
-            ).backwards = False
-    problems = sum(message.is_problem for message in capture.messages)
-    warnings = len(str(take.get(WARNINGS, "")).splitlines()) if take is not None else 0
-    for count, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
-        if count:
+        _draw_review(column, context, len(doubtful_ranges(take, settings.review.below)))
+    problems = [found for message in capture.messages if message.is_problem for found in message.found]
+    warnings = () if take is None else warnings_of_take(take)
+    for found, word, stage in ((problems, "problem", "CAPTURE"), (warnings, "warning", "EDIT")):
+        if found:
             row = column.column(align=True) if is_slim(context) else column.row(align=True)
             row.alert = True
-            row.label(text=counted(count, word), icon="ERROR", translate=False)
+            row.label(text=counted(len(found), word), icon="ERROR", translate=False)
+            remedies = [fix for fix in map(fix_of, found) if fix is not None and not fix.is_choice]
+            if remedies:
+                draw_fix(row, remedies[0], "Fix", "NONE")
             if settings.stage != stage:
-                row.prop_enum(settings, "stage", stage, text="Show", text_ctxt=CONTEXT)
+                show = {"text": "", "icon": "VIEWZOOM"} if remedies else {"text": "Show", "text_ctxt": CONTEXT}
+                row.prop_enum(settings, "stage", stage, **show)
+
+
+def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:
+    """Draw the way to the doubtful ranges or, where there are none, on from Edit: the next step is the tallest."""
+    settings = context.scene.mocap
+    is_next = settings.stage == "EDIT"
+    if not ranges and is_next:
+        layout.label(text="Nothing to review", icon="CHECKMARK", text_ctxt=CONTEXT)
+    button = layout.column()
+    button.scale_y = TALLEST if is_next else 1.0
+    if ranges:
+        text = f"{counted(ranges, 'range')} to review"
+        operator = MOCAP_OT_next_bad_range.bl_idname
+        button.operator(operator, text=text, icon="TRIA_RIGHT", translate=False).backwards = False
+    elif is_next:
+        button.prop_enum(settings, "stage", "DELIVER", text="Go On to Deliver", text_ctxt=CONTEXT, icon="FORWARD")

@@ -35,7 +35,7 @@ class Mirrored:
         if self.image:
             part = np.stack([width - 1 - part[..., 0], part[..., 1]], axis=-1)
         if self.labels:
-            mirrored = list(keypoints.joint_set.mirrored())
+            mirrored = list(keypoints.joint_set.mirrored(keypoints.xy.shape[2]))
             part, sure = part[:, mirrored], sure[:, mirrored]
         xy[at.view, at.frames], confidence[at.view, at.frames] = part, sure
         hands = None if keypoints.hands is None else keypoints.hands.copy()

@@ -53,6 +53,11 @@ DETECTIONS: dict[str, DiagnosticEntry] = {
         "The cameras' files were written by different models, or columns were deleted.",
         "Export all cameras with one model, in one format.",
     ),
+    "own_points_absent": warning(
+        "The files name no {joints}, which keypoints.json puts on bones",
+        "A name in keypoints.json is spelled otherwise, or the model has another version.",
+        "Correct the names under points in keypoints.json.",
+    ),
     "keypoints_nan": warning(
         "{count} keypoints are NaN with a confidence; they are taken as not seen",
         "The program that wrote the files keeps the confidence of keypoints that it removed.",

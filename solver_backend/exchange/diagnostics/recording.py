@@ -42,6 +42,27 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The detector found somebody else's hand, or a thing that looks like one.",
         "Look at its footage there if fingers are at rest that the camera sees.",
     ),
+    "own_point_placed": note(
+        "{joint} is on {bone}, at {offset_mm} mm from its joint in the rest pose; the body is {size:.1f} px from its "
+        "detections",
+        "keypoints.json puts the point on a bone, and the take shows where.",
+    ),
+    "own_point_loose": warning(
+        "{joint} does not stay with {bone}: it moves by {size:.0f} cm about a place {reach:.0f} cm from the joint. It "
+        "is not used",
+        "The point is on another bone, or its detections change between places.",
+        "Correct its bone in keypoints.json, or leave it out.",
+    ),
+    "own_point_unseen": warning(
+        "{joint} is located in {count} frames, which is too few to place it on {bone}. It is not used",
+        "Fewer than two cameras see the point at a time, or the body has no such bone.",
+        "Leave it out in keypoints.json, or detect it in more views.",
+    ),
+    "own_points_one_view": warning(
+        "A single camera does not show where {joints} are. They are not used",
+        "The place of an own point on its bone is found from two cameras or more.",
+        "Give the detections of a second camera.",
+    ),
     "hands_without_fingers": warning(
         "Hands were detected, and the body has no finger joints",
         "The body file is SMPL's, or one of its own layout.",

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.fitters.measurements.own_views import OwnViews
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm, PointTerm
@@ -93,6 +94,8 @@ class Measurements:
     """What one camera leaves open, where there is but one."""
     hands: HandViews | HandClouds | None = None
     """The hands that views or markers show beside the points; None where none does."""
+    own: OwnViews | None = None
+    """The own points of the user that views show beside the keypoints; None where there are none."""
     loose: MarkerCloud | None = None
     """Markers of the recording that are no known places of the person."""
     others: MarkerCloud | None = None

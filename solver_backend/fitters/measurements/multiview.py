@@ -16,6 +16,7 @@ from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.model_error import fit_sigma_px
+from solver_backend.fitters.measurements.own_views import OwnViews
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.geometry.arrays import Array
 from solver_backend.metrics.image import reprojection_px
@@ -72,7 +73,10 @@ def measurements_of(
         NoDetections: in no frame enough points are known to place a body.
     """
     cameras, keypoints = capture.require_multiview()
-    if not seen_frames(np.asarray(triangulation.points)).any():
+    named = keypoints.named
+    count = named.joint_set.num_keypoints
+    points, covariance = triangulation.points[:, :count], triangulation.covariance[:, :count]
+    if not seen_frames(np.asarray(points)).any():
         raise NoDetections(
             "In no frame do two cameras agree on enough keypoints to place a body.", where=capture.name,
             hint="Check that the calibration belongs to this recording and that the cameras are synchronised.",
@@ -80,17 +84,18 @@ def measurements_of(
     sigma_px = triangulation.sigma_px
     fit_px = fit_sigma_px(cameras, triangulation.points, sigma_px) if model_error else sigma_px
     return Measurements(
-        landmarks=keypoint_landmarks(body, keypoints.joint_set),
-        points=triangulation.points,
-        covariance=triangulation.covariance,
-        term=ReprojectionTerm.of(cameras, keypoints, fit_px, like),
-        fps=keypoints.fps,
-        report=ReprojectionReport(cameras, keypoints),
-        joint_set=keypoints.joint_set,
+        landmarks=keypoint_landmarks(body, named.joint_set),
+        points=points,
+        covariance=covariance,
+        term=ReprojectionTerm.of(cameras, named, fit_px[..., :count], like),
+        fps=named.fps,
+        report=ReprojectionReport(cameras, named),
+        joint_set=named.joint_set,
         hands=HandViews.of(cameras, keypoints),
+        own=OwnViews.of(cameras, keypoints, triangulation, fit_px),
         provenance={
             "diagnostics": [item.as_dict() for item in found],
-            "sigma_px": [round(float(s), 3) for s in sigma_px],
+            "sigma_px": [round(float(s), 3) for s in sigma_px[:count]],
         },
     )
 

@@ -52,11 +52,14 @@ def measure_one_view(
     Raises:
         NoDetections: in no frame enough keypoints are detected to place a body.
     """
-    cameras, keypoints = capture.require_views()
+    cameras, whole = capture.require_views()
+    keypoints = whole.named
     view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
     camera = cameras.subset([view])
     detected, found = bridge_repeats(cameras.names[view], keypoints.views([view]))
     found += diagnose_cuts(cameras.names[view], detected)
+    if whole.own:
+        found.append(diagnostic("own_points_one_view", joints=[point.name for point in whole.own]))
     detected, exchanged = restore_sides(cameras.names[view], detected)
     found += exchanged
     keypoints = _with_view(keypoints, view, detected)

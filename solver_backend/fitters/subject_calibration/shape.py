@@ -29,8 +29,8 @@ class ShapePrior:
 
     betas_sigma: float = 1.0
     """The shape space has unit variance."""
-    offset_sigma_m: float = 0.02
-    """How far a detector's idea of a point may lie from ours."""
+    offset_sigma_m: float | np.ndarray = 0.02
+    """How far a detector's idea of a point may lie from ours; (L,), or one for all."""
     evidence: float = 0.2
     """Share of each frame's information that is new: detector noise is correlated in time."""
     free_betas: bool = True
@@ -157,8 +157,8 @@ def _prior_mean(subject: Subject, shape_prior: ShapePrior) -> Array:
 def _prior_precision(subject: Subject, shape_prior: ShapePrior) -> Array:
     """Return the (10 + 3 L,) precision of the shared unknowns; what is kept has ``FIXED``."""
     betas = np.full(10, 1.0 / shape_prior.betas_sigma**2 if shape_prior.free_betas else FIXED)
-    loose = 1.0 / shape_prior.offset_sigma_m**2 if shape_prior.free_offsets else FIXED
-    offsets = np.full(3 * len(subject.landmarks), loose)
+    loose = np.asarray(shape_prior.offset_sigma_m) ** -2.0 if shape_prior.free_offsets else np.array(FIXED)
+    offsets = np.repeat(np.broadcast_to(loose, len(subject.landmarks)), 3)
     return constant(np.concatenate([betas, offsets]), subject.betas)
 
 

@@ -33,6 +33,8 @@ class NamedKeypoints:
     """(K,) column of each of its keypoints, -1 where the file has none."""
     unknown: tuple[str, ...]
     """Names that the set lacks."""
+    own: tuple[int, ...] = ()
+    """(N,) column of each point of the user's own, -1 where the file has none."""
 
     @property
     def found(self) -> frozenset[str]:
@@ -40,19 +42,20 @@ class NamedKeypoints:
         return frozenset(n for n, c in zip(self.joint_set.keypoints, self.columns, strict=True) if c >= 0)
 
     def ordered(self, person: np.ndarray) -> np.ndarray:
-        """Return (K, 3) in the set's order from the file's (N, 3); what the file lacks is NaN with confidence 0."""
+        """Return (K + N, 3) in the set's order, own points last; what the file lacks is NaN with confidence 0."""
         padded = np.concatenate([person, [[np.nan, np.nan, 0.0]]])
-        return padded[list(self.columns)]
+        return padded[[*self.columns, *self.own]]
 
 
 def match_cameras(
-    names: Sequence[tuple[str, ...]], given: JointSet | None = None, *, where: str = ""
+    names: Sequence[tuple[str, ...]], given: JointSet | None = None, own: Sequence[str] = (), *, where: str = ""
 ) -> list[NamedKeypoints]:
     """Return how each camera's names map to the joint set that has most of all names; [] where no file names any.
 
     Args:
         names: of C cameras, as their files write them; cameras may have different keypoints.
         given, where: see ``match_keypoints``.
+        own: names of points that are on bones and no keypoints of a set.
 
     Raises:
         KeypointCountMismatch: only some cameras' files name theirs, or see ``match_keypoints``.
@@ -64,10 +67,9 @@ def match_cameras(
             "Only some of the cameras' files name their keypoints.", where=where,
             hint="Export all cameras in one format.",
         )  # fmt: skip
-    joint_set = match_keypoints(
-        tuple(dict.fromkeys(n for camera in names for n in camera)), given, where=where
-    ).joint_set
-    return [_in_set(camera, joint_set) for camera in names]
+    everywhere = dict.fromkeys(n for camera in names for n in camera if n not in own)
+    joint_set = match_keypoints(tuple(everywhere), given, where=where).joint_set
+    return [_in_set(camera, joint_set, own) for camera in names]
 
 
 def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, where: str = "") -> NamedKeypoints:
@@ -97,11 +99,11 @@ def match_keypoints(names: tuple[str, ...], given: JointSet | None = None, *, wh
     return _in_set(names, best)
 
 
-def _in_set(names: Sequence[str], joint_set: JointSet) -> NamedKeypoints:
-    plain = [plain_name(name) for name in names]
+def _in_set(names: Sequence[str], joint_set: JointSet, own: Sequence[str] = ()) -> NamedKeypoints:
+    plain = ["" if name in own else plain_name(name) for name in names]
     columns = tuple(plain.index(name) if name in plain else -1 for name in joint_set.keypoints)
-    unknown = tuple(n for n, p in zip(names, plain, strict=True) if p not in joint_set.keypoints)
-    return NamedKeypoints(joint_set, columns, unknown)
+    unknown = tuple(n for n, p in zip(names, plain, strict=True) if p not in joint_set.keypoints and n not in own)
+    return NamedKeypoints(joint_set, columns, unknown, tuple(names.index(n) if n in names else -1 for n in own))
 
 
 def plain_name(name: str) -> str:

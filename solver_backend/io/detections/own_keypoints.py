@@ -1,4 +1,4 @@
-"""``keypoints.json``: what a user's own keypoint names mean on the body, beside the recording or in its session."""
+"""``keypoints.json``: what a user's own keypoints are on the body, beside the recording or in its session."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.files import read_json
-from solver_backend.types import JointSet
+from solver_backend.types import BONES, JointSet, OwnPoint
 
 FILE = "keypoints.json"
 
@@ -27,6 +27,8 @@ class OwnKeypoints:
     """Names of the columns, where the files name none."""
     where: str = ""
     """The file, for errors."""
+    points: tuple[OwnPoint, ...] = ()
+    """Those that are no landmark, but at a constant place on a bone."""
 
     def apply(self, frames: CameraFrames) -> CameraFrames:
         """Return a camera's frames with landmarks for own points; several points that mean one become their mean.
@@ -60,7 +62,7 @@ def find_own_keypoints(levels: Sequence[Path]) -> OwnKeypoints | None:
     """Return the nearest ``keypoints.json``, None where there is none.
 
     Raises:
-        FileDamaged: it is no JSON, or names a landmark that no body has.
+        FileDamaged: it is no JSON, or names a landmark or a bone that no body has.
     """
     path = next((level / FILE for level in levels if (level / FILE).is_file()), None)
     return None if path is None else read_own_keypoints(path)
@@ -73,12 +75,14 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
         FileDamaged: see ``find_own_keypoints``.
     """
     content = read_json(path)
-    landmarks = content.get("landmarks", {}) if isinstance(content, dict) else None
-    order = content.get("order", []) if isinstance(content, dict) else None
-    if not isinstance(landmarks, dict) or not _are_texts(order) or not (landmarks or order):
+    values: dict[str, Any] = content if isinstance(content, dict) else {}
+    landmarks, order, points = values.get("landmarks", {}), values.get("order", []), values.get("points", {})
+    well_formed = isinstance(landmarks, dict) and isinstance(points, dict) and _are_texts(order)
+    if not well_formed or not (landmarks or order or points):
         raise FileDamaged(
             "The file does not define the keypoints.", where=str(path),
-            hint='Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}}; "order" lists column names.',
+            hint='Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}, "points": {"watch": {"bone": '
+            '"left_forearm"}}}; "order" lists column names.',
         )  # fmt: skip
     known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints})
     unknown = [f"'{name}' is '{m}'" for name, m in landmarks.items() if m is not None and m not in known]
@@ -87,7 +91,24 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
             f"There is no such landmark: {', '.join(unknown[:6])}.", where=str(path),
             hint=f"Landmarks are {', '.join(known)}; null leaves a point out.",
         )  # fmt: skip
-    return OwnKeypoints(landmarks, tuple(order or ()), str(path))
+    return OwnKeypoints(landmarks, tuple(order or ()), str(path), _own_points(points, landmarks, str(path)))
+
+
+def _own_points(points: Mapping[str, Any], landmarks: Mapping[str, Any], where: str) -> tuple[OwnPoint, ...]:
+    """Return the points on bones.
+
+    Raises:
+        FileDamaged: one names no bone, or is a landmark as well.
+    """
+    bones = {name: value.get("bone") if isinstance(value, dict) else None for name, value in points.items()}
+    unknown = [f"'{name}' is on '{bone}'" for name, bone in bones.items() if bone not in BONES]
+    if unknown:
+        raise FileDamaged(
+            f"There is no such bone: {', '.join(unknown[:6])}.", where=where, hint=f"Bones are {', '.join(BONES)}."
+        )
+    if both := sorted(set(bones) & set(landmarks)):
+        raise FileDamaged(f"Both a landmark and a point on a bone: {', '.join(both)}.", where=where)
+    return tuple(OwnPoint(name, str(bone)) for name, bone in bones.items())
 
 
 def _means(person: np.ndarray, columns: Sequence[Sequence[int]]) -> np.ndarray:

@@ -21,7 +21,7 @@ from solver_backend.io.recognition.frame_numbers import shared_range
 from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
 from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.people.detections import Detections
-from solver_backend.types import JointSet
+from solver_backend.types import JointSet, OwnPoint
 
 MAX_PEOPLE = 12
 """People kept in a frame of a view: those with the most keypoints."""
@@ -80,29 +80,34 @@ def read_detections(
     lengths = tuple(last - first + 1 for first, last in spans.values())
     where = str(next(iter(sources.values())).path.parent)
     pictures = _pictures(list(listed.values()), list(spans.values()), progress)
-    named = match_cameras([frames.keypoints for frames in listed.values()], joint_set, where=where)
+    columns_named = [frames.keypoints for frames in listed.values()]
+    points = () if own is None or not all(columns_named) else own.points
+    named = match_cameras(columns_named, joint_set, [point.name for point in points], where=where)
     if named:
         _require_counts(pictures, [len(frames.keypoints) for frames in listed.values()])
         pictures = [replace(p, people=[named[p.camera].ordered(person) for person in p.people]) for p in pictures]
         joint_set = named[0].joint_set
-    count = _keypoint_count(pictures)
-    if count == 0:
+    written = _keypoint_count(pictures)
+    if written == 0:
         raise NoDetections(
             "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
         )
+    count = written - len(points)
     require_known_count(count, joint_set, where=where)
     _require_finite(pictures)
-    xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), count))
-    chosen, found, doubts = choose_joint_set(xy, confidence, joint_set, configured, where=where)
+    xy, confidence, notes, problems = _arrays(len(sources), pictures, (max(lengths), written))
+    body, sure = xy[..., :count, :], confidence[..., :count]
+    chosen, found, doubts = choose_joint_set(body, sure, joint_set, configured, where=where)
     if named:
         code, file = ("keypoints_named_by_file", own.where) if own else ("keypoints_named", "")
         found = (diagnostic(code, file=file, joint_set=chosen.value),)
         if unknown := dict.fromkeys(name for camera in named for name in camera.unknown):
             found += (diagnostic("keypoints_unknown", joints=list(unknown), joint_set=chosen.value),)
         doubts += _lacking(tuple(sources), named)
-    hands = hands_of(xy, confidence, chosen)
+        doubts += _absent(points, columns_named)
+    hands = hands_of(body, sure, chosen)
     hands = _written_hands(len(sources), pictures, max(lengths)) if hands is None else hands
-    columns = slice(0, chosen.num_keypoints)
+    columns = np.r_[: chosen.num_keypoints, count:written]
     missing = sum(lengths) - len(pictures)
     if missing:
         doubts += (diagnostic("frame_files_missing", count=missing),)
@@ -115,6 +120,7 @@ def read_detections(
         min(first for first, _ in spans.values()),
         tuple(first for first, _ in spans.values()) if apart else (),
         lengths if apart else (),
+        points,
         (*notes, *found),
         (*problems, *doubts),
     )
@@ -136,6 +142,12 @@ def _pictures(cameras: list[CameraFrames], spans: list[tuple[int, int]], progres
             progress("Reading the detections", done, len(used))
     progress("Reading the detections", len(used), len(used))
     return pictures
+
+
+def _absent(points: Sequence[OwnPoint], named: Sequence[Sequence[str]]) -> tuple[Diagnostic, ...]:
+    """Return what is reported of own points that no camera's files name."""
+    absent = [point.name for point in points if not any(point.name in camera for camera in named)]
+    return (diagnostic("own_points_absent", joints=absent),) if absent else ()
 
 
 def _lacking(cameras: Sequence[str], named: Sequence[NamedKeypoints]) -> tuple[Diagnostic, ...]:

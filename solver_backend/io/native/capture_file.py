@@ -25,6 +25,7 @@ from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
 from solver_backend.io.native.earlier_sentences import as_today
+from solver_backend.io.native.own_columns import STORED, own_arrays, own_points, with_own
 from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews, stacked_hands
 
 _TRUTH = "truth_"
@@ -37,6 +38,7 @@ _STORED = (
     "joint_set", "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
     "other_positions", "other_labels",
     "people", "people_xy", "people_confidence", "person", "hands", "people_hands",
+    *STORED,
     *_OF_ONE_CAMERA,
 )  # fmt: skip
 
@@ -72,7 +74,7 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
     if capture.footage_first:
         arrays["footage_first"] = np.array(capture.footage_first)
     if capture.keypoints is not None:
-        keypoints = capture.keypoints
+        keypoints = capture.keypoints.named
         arrays |= {
             "fps": np.array(float(keypoints.fps)),
             "xy": keypoints.xy.astype(np.float32),
@@ -81,13 +83,13 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         }
         if keypoints.hands is not None:
             arrays["hands"] = keypoints.hands.astype(np.float32)
+        arrays |= own_arrays(capture)
     if capture.people:
+        seen = [person.keypoints.named for person in capture.people]
         arrays |= {
             "people": _strings(tuple(person.name for person in capture.people)),
-            "people_xy": np.stack([person.keypoints.xy.astype(np.float32) for person in capture.people]),
-            "people_confidence": np.stack(
-                [person.keypoints.confidence.astype(np.float32) for person in capture.people]
-            ),
+            "people_xy": np.stack([keypoints.xy.astype(np.float32) for keypoints in seen]),
+            "people_confidence": np.stack([keypoints.confidence.astype(np.float32) for keypoints in seen]),
             "person": np.array(capture.person),
         }
         hands = stacked_hands([person.keypoints.hands for person in capture.people], axis=0)
@@ -141,6 +143,15 @@ def _capture(fields: Fields, path: Path) -> Capture:
     cameras = _cameras(fields) if "K" in fields else None
     keypoints = _keypoints(fields) if "xy" in fields else None
     people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
+    if keypoints is not None and "own" in fields:
+        points = own_points(fields)
+        shape = (*keypoints.xy.shape[:2], len(points), 3)
+        keypoints = with_own(keypoints, points, fields.numbers("own", shape))
+        of_people = fields.numbers("people_own", (len(people), *shape)) if people else ()
+        people = tuple(
+            replace(person, keypoints=with_own(person.keypoints, points, values))
+            for person, values in zip(people, of_people, strict=True)
+        )
     return Capture(
         name=fields.text("name", path.stem),
         cameras=cameras,

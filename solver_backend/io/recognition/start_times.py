@@ -108,6 +108,7 @@ def bring_capture_to_one_time(capture: Capture, options: ReadOptions) -> Capture
         np.stack([person.confidence for person in everybody], axis=2),
         capture.keypoints.joint_set,
         stacked_hands([person.hands for person in everybody], axis=2),
+        own=capture.keypoints.own,
     )
     found = bring_to_one_time(capture.cameras, detections, capture.fps, options)
     capture = replace(capture, notes=(*capture.notes, *found.notes), problems=(*capture.problems, *found.problems))

@@ -159,7 +159,7 @@ def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:
 
 def _levelled(level: Level, how: str) -> Diagnostic:
     figures = {
-        "tilt": np.degrees(level.tilt), "sigma": np.degrees(level.sigma), "floor": abs(level.floor_upright_m),
+        "tilt": np.degrees(level.tilt), "sigma": np.degrees(level.sigma), "floor": level.floor_upright_m,
     }  # fmt: skip
     if how != AUTO:
         return diagnostic("world_levelled_as_asked", **figures)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import shlex
 import subprocess
 import sys
 from contextlib import suppress
@@ -16,6 +17,9 @@ import pytest
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import OutputExists, OutputNotWritable
 from blender_addon._exchange.outputs import atomic_outputs
+from blender_addon.headless.arguments import SOLVERS_VERBS, parser
+from blender_addon.headless.verb_table import VERBS
+from solver_backend.cli.arguments import parse
 
 ROOT = Path(__file__).resolve().parents[3]
 
@@ -101,6 +105,21 @@ def test_wrong_usage_and_help() -> None:
     assert _run("bake").returncode == 2
     shown = _run("--help")
     assert shown.returncode == 0 and "130  cancelled" in shown.stdout
+    assert "Many takes:\n  batch " in shown.stdout, "verbs are listed by task"
+
+
+@pytest.mark.parametrize("name", list(VERBS))
+def test_the_help_of_a_verb_ends_in_an_example_that_it_takes(name: str, capsys: pytest.CaptureFixture[str]) -> None:
+    whole = parser("python -m blender_addon")
+    with pytest.raises(SystemExit) as ended:
+        whole.parse_args([name, "--help"])
+    example = capsys.readouterr().out.strip().splitlines()[-1].strip()
+    assert ended.value.code == 0 and example == f"python -m blender_addon {VERBS[name].example}"
+    words = shlex.split(VERBS[name].example)
+    if name in SOLVERS_VERBS and name != "motion":
+        parse(words)
+    else:
+        whole.parse_args(words)
 
 
 def test_outputs_are_all_or_none(tmp_path: Path) -> None:

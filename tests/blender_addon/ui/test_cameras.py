@@ -19,6 +19,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
+from tests.support.narrow_layout import draw_panel
 
 
 def job_settings() -> dict:
@@ -65,7 +66,8 @@ def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: P
         assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
         assert mocap.capture.checked[0].isupper()
         assert "m tall" in mocap.capture.checked and "px at best" in mocap.capture.checked
-        assert ("squares do not have the stated size" in mocap.capture.doubts) == wrong
+        shown = " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_cameras, 400).drawn)
+        assert ("squares do not have the stated size" in shown) == wrong
         assert mocap.capture.doubted == doubted and (mocap.capture.doubts != "") == (wrong or doubted != "")
         assert [item.object.matrix_world for item in mocap.capture.cameras] == before
 

@@ -12,7 +12,7 @@ import pytest
 from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
-from tests.support.narrow_layout import draw_panel
+from tests.support.narrow_layout import NarrowLayout, draw_panel
 from tests.support.shown_panels import shown_panels
 from tests.support.trial_files import write_trial
 
@@ -89,7 +89,7 @@ def test_problems_of_the_capture_are_one_line_with_a_way_there(mocap, solved_tak
 
 def test_ranges_to_review_are_a_button_on_top(mocap, solved_take) -> None:
     mocap.review.below = 0.0
-    assert "to review" not in on_top()
+    assert "range" not in on_top()
     mocap.review.below = 1.0
     assert "1 range to review" in on_top()
 
@@ -186,3 +186,38 @@ def test_a_stage_that_has_nothing_yet_says_what_comes_first(mocap, solved, scene
     assert "Solve the capture first." in on_top()
     take_motion(bpy.context, solved.files)
     assert "first." not in on_top()
+
+
+def heights(panel: type) -> dict[str, float]:
+    """Return how tall each text of a panel stands, in usual lines."""
+
+    def below(layout: NarrowLayout, factor: float) -> dict[str, float]:
+        here = factor * (layout.given.get("scale_y") or 1.0)
+        found = {item.text: here for item in layout.held if not isinstance(item, NarrowLayout)}
+        for item in layout.held:
+            found |= below(item, factor) if isinstance(item, NarrowLayout) else {}
+        return found
+
+    return below(draw_panel(panel, WIDE), 1.0)
+
+
+def test_the_next_step_of_edit_is_the_tallest_button(mocap, solved_take, monkeypatch) -> None:
+    """A take with doubtful ranges asks for a look at them; one without goes on to Deliver."""
+    from blender_addon.review import ranges
+
+    assert mocap.stage == "EDIT"
+    for found, said in (([(3, 9), (20, 25)], "2 ranges to review"), ([], "Go On to Deliver")):
+        monkeypatch.setattr(ranges, "doubtful_ranges", lambda take, below, found=found: found)
+        ours = [cls for cls in shown_panels() if cls.bl_category == "MoCap"]
+        tall = {text: height for cls in ours for text, height in heights(cls).items()}
+        assert tall[said] == max(tall.values()) == pytest.approx(1.6)
+        assert [text for text, height in tall.items() if height == tall[said]] == [said]
+    mocap.stage = "DELIVER"
+    assert "Go On to Deliver" not in on_top()
+
+
+def test_the_result_says_that_nothing_is_left_to_review(mocap, solved_take, monkeypatch) -> None:
+    from blender_addon.review import ranges
+
+    monkeypatch.setattr(ranges, "doubtful_ranges", lambda take, below: [])
+    assert "Nothing to review" in on_top()

@@ -85,6 +85,19 @@ def test_cameras_in_step_stay_in_step() -> None:
     assert (told.offset_s == 0).all() and (told.rate == 0).all() and "in step" in told.method
 
 
+@pytest.mark.parametrize(
+    ("offset_s", "rate", "sigma_s", "in_sync"),
+    [(0.0, 0.0, 0.0, True), (2e-4, 1e-6, 2e-4, True), (9e-4, 0.0, 2e-4, False), (2e-3, 0.0, 5e-3, False)],
+)
+def test_a_clock_within_its_small_uncertainty_is_in_sync(
+    offset_s: float, rate: float, sigma_s: float, in_sync: bool
+) -> None:
+    covariance = np.array([np.zeros((2, 2)), np.diag([sigma_s**2, 1e-6**2])])
+    found = Clocks(("cam01", "cam02"), np.array([0.0, offset_s]), np.array([0.0, rate]), covariance, 0.0, "speeds")
+    assert [item.code == "clock_in_sync" for item in found.notes()] == [True, in_sync]
+    assert [row.endswith("in sync, by speeds") for row in found.lines()] == [True, in_sync]
+
+
 def test_nobody_moves() -> None:
     take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=4.0)
     still = [np.broadcast_to(track[:1], track.shape) for track in take.tracks]

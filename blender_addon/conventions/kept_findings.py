@@ -1,0 +1,30 @@
+"""Diagnostics as texts that a .blend file keeps."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+
+from .._exchange.diagnostics import Diagnostic, read_diagnostics
+
+
+def findings_text(found: Iterable[Diagnostic]) -> str:
+    """Return diagnostics as JSON text, which ``findings_in`` reads back."""
+    import json  # a bare Blender has not loaded it when add-ons are registered
+
+    return json.dumps([item.as_dict() for item in found])
+
+
+def findings_in(text: str, sentences: str = "") -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a text.
+
+    Args:
+        text: of ``findings_text``; one of another version, or of nobody's, holds none.
+        sentences: what they are then, a sentence a line.
+    """
+    import json
+
+    try:
+        found = json.loads(text)
+    except (ValueError, RecursionError):
+        found = sentences.splitlines()
+    return read_diagnostics(found)

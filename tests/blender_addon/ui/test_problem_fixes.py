@@ -1,0 +1,166 @@
+"""Problems of a reading with the button that remedies each, and the reading options that the buttons set."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon._exchange.diagnostics.diagnostic import Diagnostic
+from blender_addon.ui.operators.fixes import fix_of
+from blender_addon.ui.operators.import_results import take_capture
+from blender_addon.ui.setting_properties import READING_ROWS
+from blender_addon.ui.translation import german
+from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.support.narrow_layout import draw_panel
+from tests.support.trial_files import write_trial
+
+WIDE = 400
+
+
+def drawn(panel: str) -> list[str]:
+    return draw_panel(getattr(bpy.types, f"VIEW3D_PT_mocap_{panel}"), WIDE).drawn
+
+
+@pytest.fixture
+def half_size(tmp_path: Path) -> Path:
+    """Return a trial whose detections were made in pictures of half the calibration's size."""
+    cameras, keypoints = demo_capture().require_multiview()
+    some = keypoints.frames(0, 40)
+    people = [((some.xy + 0.5) * 0.5 - 0.5, some.confidence)]
+    write_trial(tmp_path / "half", cameras=cameras, people=people, names=cameras.names, calibrated=cameras.names)
+    return tmp_path / "half"
+
+
+def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> None:
+    assert bpy.ops.mocap.import_capture(filepath=str(half_size)) == {"FINISHED"}
+    [found] = [item for message in mocap.capture.messages for item in message.found if "corrected" in item.code]
+    fix = fix_of(found)
+    assert fix is not None and fix.text in drawn("problems")
+    assert "Show" in drawn("run") and "Fix" not in drawn("run"), "to take a correction back is no remedy"
+    assert not mocap.reading.as_calibrated
+    module, name = fix.operator.split(".")
+    assert getattr(getattr(bpy.ops, module), name)(**dict(fix.values)) == {"FINISHED"}
+    assert mocap.reading.as_calibrated and len(mocap.captures) == 1
+    assert not any("corrected" in item.code for message in mocap.capture.messages for item in message.found)
+
+
+@pytest.mark.parametrize(
+    ("found", "option", "value"),
+    [
+        (diagnostic("world_levelled", tilt=9.0, sigma=0.5, floor=0.2, witnesses="the feet"), "level", "off"),
+        (diagnostic("floor_by_feet", depth=0.4), "level", "off"),
+        (diagnostic("floor_off", lowest=0.6), "level", "on"),
+        (diagnostic("person_tilted", size=12.0, sigma=1.0), "level", "on"),
+        (diagnostic("starts_apart", reference="a", starts="b 40"), "sync", "off"),
+        (diagnostic("unit_by_person", unit="mm", stature=1.7, read=17.0, guessed="cm"), "unit", "cm"),
+        (diagnostic("marker_unit_not_as_stated", stated="mm", spread=0.002, unit="m"), "unit", "mm"),
+        (diagnostic("up_by_person", axis="Y"), "up_axis", "z"),
+        (diagnostic("person_along_axis", axis="-Y"), "up_axis", "-y"),
+        (diagnostic("frame_rate_contradicts", rate=30.0, video=59.94), "fps", "59.94"),
+        (diagnostic("takes_joined", cuts=[200], first_end=199, last_start=200, end=400), "frames", "0 199"),
+        (diagnostic("camera_names_exchanged", pairs="a b"), "as_calibrated", "on"),
+        (diagnostic("detections_corrected", found="v"), "as_calibrated", "on"),
+    ],
+)
+def test_each_option_that_a_sentence_names_is_set_by_its_button(
+    mocap, solved, scene, monkeypatch, found: Diagnostic, option: str, value: str
+) -> None:
+    take_capture(scene, solved.read | {"diagnostics": [found.as_dict()]})
+    read: list[list[str]] = []
+    monkeypatch.setattr(
+        "blender_addon.ui.operators.import_capture.MOCAP_OT_import_capture.launch",
+        lambda self, context, verb, arguments, folder: read.append(arguments) or {"FINISHED"},
+    )
+    mocap.capture.source = str(solved.folder / "capture.npz")
+    fix = fix_of(found)
+    assert fix is not None and fix.text in drawn("problems")
+    assert dict(fix.values) == {"option": option, "value": value}
+    assert bpy.ops.mocap.read_again(option=option, value=value) == {"FINISHED"}
+    kept = getattr(mocap.solve if option == "sync" else mocap.reading, option)
+    assert kept == {"on": True, "59.94": pytest.approx(59.94)}.get(value, value) or (option, kept) == ("level", value)
+    flag = f"--{option.replace('_', '-')}"
+    assert any(word.partition("=")[0] == flag for word in read[0]), read[0]
+
+
+def test_the_remedy_of_the_first_problem_stands_beside_their_count(mocap, solved, scene) -> None:
+    name = solved.read["cameras"][1]["name"]
+    found = [
+        diagnostic("starts_apart", reference="a", starts="b 40"),
+        diagnostic("camera_sees_elsewhere", cameras=[name]),
+        diagnostic("cameras_shifted", cameras=[name], shifts=["a by 3 px"]),
+    ]
+    take_capture(scene, solved.read | {"diagnostics": [item.as_dict() for item in found]})
+    assert {"3 problems", "Fix"} <= set(drawn("run"))
+    assert {f"Leave Out {name}", "Refine Calibration"} <= set(drawn("problems"))
+
+
+def test_what_the_check_of_cameras_finds_has_its_button(mocap, solved, scene, monkeypatch) -> None:
+    take_capture(scene, solved.read)
+    found = diagnostic("camera_moved_since", cameras=["cam_02"], size=16.7, best=7.3)
+    words = {"verdict": "does not fit", "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 0.1, "findings": ["x"]}
+    operator = bpy.types.MOCAP_OT_check_cameras
+    monkeypatch.setattr(
+        operator, "launch", lambda self, context, *_: self.received(context, words | {"diagnostics": [found.as_dict()]})
+    )
+    assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
+    shown = drawn("cameras")
+    assert "seems to have moved" in " ".join(shown) and shown.count("Refine Calibration") == 2
+    mocap.capture.doubts = "A sentence of a former version."
+    assert "former version" in " ".join(drawn("cameras"))
+
+
+def test_a_value_that_no_option_has_is_refused(mocap, solved, scene) -> None:
+    """A capture's file may state anything."""
+    take_capture(scene, solved.read)
+    for option, value in (("unit", "parsec"), ("fps", "fast"), ("no_option", "on"), ("bl_rna", "on")):
+        with pytest.raises(RuntimeError, match="Reading Options"):
+            bpy.ops.mocap.read_again(option=option, value=value)
+
+
+def test_messages_of_a_former_version_are_sentences(mocap, solved, scene) -> None:
+    take_capture(scene, solved.read)
+    message = mocap.capture.messages.add()
+    message.text, message.is_problem = "The image is mirrored.", True
+    message = mocap.capture.messages.add()
+    message.text, message.is_problem, message.diagnostic = "The floor is off.", True, "{no JSON"
+    shown = " ".join(drawn("problems"))
+    assert "mirrored" in shown and "floor is off" in shown
+
+
+def test_words_of_buttons_are_german_too(mocap) -> None:
+    assert {"Fix", "As Written", "Keep Its Level", "As Recorded", "Keep Z Up", "Level by the Person"} <= set(german())
+
+
+def test_every_setting_of_time_and_world_has_its_row_and_its_option(mocap) -> None:
+    reading = mocap.reading
+    assert not {f"--{name.replace('_', '-')}" for name in READING_ROWS} & set(reading.arguments())
+    assert {row.label for row in READING_ROWS.values()} <= set(drawn("reading"))
+    reading.camera, reading.offset = "hall left=cam02, door=cam03", "cam02=60,cam03=-4"
+    reading.by_order, reading.frames, reading.level = True, "100 399", "on"
+    assert reading.arguments() == [
+        "--camera=hall left=cam02", "--camera=door=cam03", "--offset=cam02=60", "--offset=cam03=-4", "--by-order",
+        "--frames", "100", "399", "--level=on",
+    ]  # fmt: skip
+
+
+def test_cameras_by_other_names_and_a_range_are_read_from_the_panel(mocap, tmp_path: Path) -> None:
+    write_trial(tmp_path / "trial", names=("one", "two", "three", "four"), frames=30)
+    mocap.reading.camera = "one=cam_1, two=cam_2, three=cam_3, four=cam_4"
+    mocap.reading.frames = "5 24"
+    assert bpy.ops.mocap.import_capture(filepath=str(tmp_path / "trial")) == {"FINISHED"}
+    assert mocap.capture.frames == 20
+    assert not any(item.code == "cameras_assigned_by_views" for m in mocap.capture.messages for item in m.found)
+    mocap.reading.frames = "24 5"
+    with pytest.raises(RuntimeError, match="frames"):
+        bpy.ops.mocap.import_capture(filepath=str(tmp_path / "trial"))
+
+
+def test_json_of_messages_is_plain(mocap, solved, scene) -> None:
+    take_capture(scene, solved.read | {"diagnostics": [diagnostic("floor_off", lowest=np.float64(0.6)).as_dict()]})
+    [message] = [m for m in mocap.capture.messages if m.is_problem]
+    assert json.loads(message.diagnostic)[0]["code"] == "floor_off" and [i.code for i in message.found] == ["floor_off"]

@@ -1,0 +1,79 @@
+"""Commands in the pages are such that the program takes: verb, options, and the whole line if nothing is open."""
+
+from __future__ import annotations
+
+import argparse
+import re
+import shlex
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import pytest
+
+from blender_addon.headless.arguments import SOLVERS_VERBS
+from blender_addon.headless.arguments import parser as blender_parser
+from solver_backend.cli.arguments import build_parser, parse
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
+HISTORY = ("research-log", "decisions")
+"""Folders of what was run once: their commands are those of their day."""
+COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|]*)")
+OPEN = re.compile(r"…|\.\.\.|[A-Z]{2,}|[\[<]|\bVERB\b")
+"""What stands for something else: a placeholder, or what is left out."""
+
+
+def commands(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield program and words of each command of a page."""
+    for match in COMMAND.finditer(re.sub(r"\\\n\s*", " ", text)):
+        line = match[2].split("\n")[0].split(" #")[0].split(" && ")[0].split(" > ")[0]
+        yield match[1], shlex.split(line.rstrip(" .,;:)"), comments=True)
+
+
+LISTED = [
+    (path.relative_to(ROOT).as_posix(), program, words)
+    for path in PAGES
+    if not set(HISTORY) & set(path.parts)
+    for program, words in commands(path.read_text(encoding="utf-8"))
+]
+
+
+@cache
+def verbs(program: str) -> dict[str, argparse.ArgumentParser]:
+    whole = build_parser() if program == "solver_backend" else blender_parser("python -m blender_addon")
+    [found] = [a for a in whole._actions if isinstance(a, argparse._SubParsersAction)]
+    return dict(found.choices)
+
+
+def wrong_options(program: str, words: list[str]) -> list[str]:
+    """Return the options of a command that its verb has not; of verbs that hand theirs on, the solver's count, too."""
+    verb = words[0]
+    known = {option for action in verbs(program)[verb]._actions for option in action.option_strings}
+    if program == "blender_addon" and verb in SOLVERS_VERBS and verb in verbs("solver_backend"):
+        known |= {o for action in verbs("solver_backend")[verb]._actions for o in action.option_strings}
+    named = [word.split("=")[0].rstrip("…]") for word in words if re.match(r"\[?--?[a-z]", word)]
+    return [option for option in (word.lstrip("[") for word in named) if option not in known]
+
+
+def test_the_pages_hold_commands_of_both_programs() -> None:
+    assert len(LISTED) > 60
+    assert {program for _, program, _ in LISTED} == {"solver_backend", "blender_addon"}
+
+
+@pytest.mark.parametrize(("page", "program", "words"), LISTED, ids=[f"{p}: {' '.join(w)[:60]}" for p, _, w in LISTED])
+def test_a_command_is_one_that_the_program_takes(page: str, program: str, words: list[str]) -> None:
+    assert words[0] in verbs(program), f"{page}: {program} has no verb {words[0]}"
+    assert not wrong_options(program, words), f"{page}: {' '.join(words)}"
+    if len(words) == 1 or OPEN.search(" ".join(words)):
+        return
+    if program == "solver_backend":
+        parse(words)
+    else:
+        blender_parser("x").parse_known_args(words)
+
+
+def test_a_wrong_command_is_found() -> None:
+    [(program, words)] = commands("Run `.venv/bin/python -m solver_backend solve capture \\\n  --speed 3`.")
+    assert (program, words) == ("solver_backend", ["solve", "capture", "--speed", "3"])
+    assert wrong_options(program, words) == ["--speed"]
