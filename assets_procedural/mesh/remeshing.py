@@ -121,7 +121,8 @@ def _collapse_short(mesh: HalfMesh, size_at: SizeAt) -> None:
         position = p if border_a and not border_b else middle(p, q)
         if math.dist(p, q) >= _TOO_SHORT * 0.5 * (size[a] + size[b]):
             continue
-        if max(math.dist(mesh.vertices[v], position) for v in mesh.neighbours(b)) <= _TOO_LONG * size[a]:
+        longest, vertices = _TOO_LONG * size[a], mesh.vertices
+        if all(math.dist(vertices[v], position) <= longest for v in mesh.neighbours(b)):
             mesh.collapse(a, b, position)
 
 

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.rigs.roles import JOINT_OF
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, measure
@@ -16,7 +17,7 @@ from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_l
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Motion, SkeletonMotion
 
-_ARMS = ((18, 20, 22), (19, 21, 23))
+_ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))
 """Elbow, wrist and hand of each arm."""
 
 
