@@ -159,7 +159,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     lines += [f"  problem     {sentence(item)}" for item in capture.problems]
     data = found.as_dict()
     data["problems"] = [sentence(item) for item in capture.problems]
-    data["diagnostics"] += [item.as_dict() for item in capture.problems]
+    data["capture_diagnostics"] = [item.as_dict() for item in capture.problems]
     return Outcome("\n".join(lines), data)
 
 

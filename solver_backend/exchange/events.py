@@ -101,7 +101,7 @@ def _takes_of_videos(value: Any) -> bool:
 
 _RESULTS["check-cameras"] = {
     "verdict": _text, "findings": _texts, "problems": _or_none(_texts), "stature_m": _number, "tilt_deg": _number,
-    "tilt_sigma_deg": _number, "diagnostics": _or_none(_diagnostics),
+    "tilt_sigma_deg": _number, "diagnostics": _or_none(_diagnostics), "capture_diagnostics": _or_none(_diagnostics),
 }  # fmt: skip
 _RESULTS["fit-cameras"] = {
     "calibration": _text, "format": _text, "cameras": _texts, "residual_px": _or_none(_number),

@@ -73,7 +73,7 @@ def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None
     checked = said(capsys)
     assert what_is_wrong(checked, "check-cameras") == ""
     assert any("0.5 times" in problem for problem in checked["problems"])
-    assert {"calibration_corrected", "unit_by_person"} <= {item["code"] for item in checked["diagnostics"]}
+    assert {"calibration_corrected", "unit_by_person"} <= {item["code"] for item in checked["capture_diagnostics"]}
     assert main(["check-cameras", str(trial)]) == 0
     assert "0.5 times" in capsys.readouterr().out
     # Read again with what was written, nothing is left to correct.
