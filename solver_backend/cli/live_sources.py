@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid, NoDetections
+from solver_backend.exchange.errors import CommandLineInvalid, NoDetections
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, PORTS, is_address, read_address
@@ -22,7 +22,10 @@ if TYPE_CHECKING:
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import Proportions
     from solver_backend.live.session import LiveSession
-    from solver_backend.types import MarkerCloud
+    from solver_backend.types import MarkerCloud, Motion
+
+FOREIGN_CLIPS = (".bvh", ".mvnx")
+"""Motions of other skeletons, which are brought onto our body before they are replayed."""
 
 
 @dataclass(frozen=True)
@@ -51,25 +54,38 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
         return _face(args) if read_address(args.source, tuple(PORTS)).scheme in FACES else _poses(args)
     if args.source == "-" and args.repeat:
         raise CommandLineInvalid("--repeat replays a file, and the source is standard input.", where="--repeat")
-    if args.source != "-" and Path(args.source).suffix.lower() == ".bvh":
-        hint = "Bring it onto our body first: motion CLIP.bvh --out MOTION.npz."
-        raise MotionInvalid("Not supported: a live run replays motions of our bodies.", where=args.source, hint=hint)
-    if args.source != "-" and is_motion(Path(args.source)):
-        return _motion(args)
+    if args.source != "-" and (Path(args.source).suffix.lower() in FOREIGN_CLIPS or is_motion(Path(args.source))):
+        return _motion(args, progress)
     return _points(args, progress)
 
 
-def _motion(args: argparse.Namespace) -> LiveSource:
+def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
     if args.record is not None or args.subject is not None:
         option = "--record" if args.record is not None else "--subject"
         raise CommandLineInvalid(f"{option} goes with points, and {args.source} is a motion.", where=option)
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.live.motion_replay import replayed_poses, rest_joints
 
-    motion = any_motion(Path(args.source), "neutral")
+    path = Path(args.source)
+    foreign = path.suffix.lower() in FOREIGN_CLIPS
+    motion = _on_our_body(path, progress) if foreign else any_motion(path, "neutral")
     rest = rest_joints(motion)
     lines = replayed_poses(motion, paced=not args.fast, repeat=args.repeat)
     return LiveSource(lines, lambda: (motion.body_layout, rest))
+
+
+def _on_our_body(path: Path, progress: Progress) -> Motion:
+    """Return the motion of another program's skeleton on our body; what is doubtful goes to standard error."""
+    from solver_backend.body.body import load_body
+    from solver_backend.exchange.diagnostics import sentence
+    from solver_backend.fitters.motion_import.import_motion import import_motion
+    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+
+    progress("Fitting the body", 0, 1)
+    source, roles, found = read_foreign_clip(path, "", "")
+    for item in found:
+        print(f"{item.severity}: {sentence(item)}", file=sys.stderr)
+    return import_motion(source, roles, load_body()).motion
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:

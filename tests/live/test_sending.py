@@ -17,6 +17,7 @@ from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.sending import PoseSender
+from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver
 
@@ -44,6 +45,22 @@ def test_a_replayed_motion_arrives_frame_by_frame_where_its_joints_are(tmp_path:
             if name in BONE_OF:
                 x, y, z = motion.joints[number, j]
                 assert np.abs(avatar.world(BONE_OF[name])[1] - (-x, z, -y)).max() < 1e-4
+
+
+def test_another_programs_clip_is_sent_on_our_body(tmp_path: Path, receiver):
+    known = known_motion(load_body(), np.zeros(10), frames=12)
+    clip = write_bvh(tmp_path / "clip.bvh", known)
+    arguments = ["live", str(clip), "--send", receiver.address, "--lines", str(tmp_path / "poses.jsonl")]
+    assert main(arguments) == 0
+    packets = receiver.close()
+    assert len(packets) == 12
+    pose = [json.loads(line) for line in (tmp_path / "poses.jsonl").read_text(encoding="utf-8").splitlines()]
+    assert pose[-1]["t"] == pytest.approx(11 / known.fps, abs=1e-3)
+    wrists = [Avatar().receive(packet).world(BONE_OF["left_wrist"])[1] for packet in packets]
+    hips = [Avatar().receive(packet).world(BONE_OF["pelvis"])[1] for packet in packets]
+    own = np.asarray(known.posed.joints)[:, SMPL_HANDS.numbers("left_wrist", "pelvis")]
+    reached = np.linalg.norm(np.array(wrists) - np.array(hips), axis=1)
+    assert np.abs(reached - np.linalg.norm(own[:, 0] - own[:, 1], axis=1)).max() < 0.01
 
 
 def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):
