@@ -117,7 +117,8 @@ def _from(recording: Recording, first: int) -> Recording:
 def main(argv: list[str]) -> int:
     """Print what became of every seed, one line of JSON each; those that the record holds already are left out."""
     parser = argparse.ArgumentParser(prog="bench_spoiled", description=__doc__)
-    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {', '.join(KINDS | LIES)}; all if left out")
+    kinds = ", ".join(KINDS | LIES).replace("%", "%%")
+    parser.add_argument("kinds", nargs="*", metavar="KIND", help=f"of {kinds}; all if left out")
     parser.add_argument("--seeds", type=int, nargs=2, metavar=("FIRST", "END"), default=(0, SEEDS))
     parser.add_argument("--record", type=Path, help="file to which lines are added")
     parser.add_argument("--page", type=Path, help="page that is written of the record, instead of solving")
