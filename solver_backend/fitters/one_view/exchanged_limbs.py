@@ -43,8 +43,8 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
         if len(pairs) < LEAST_PAIRS:
             continue
         left, right = np.array(pairs).T
-        sure, faint = (side_jumps(keypoints.xy[0], seen, pairs, keypoints.fps, least) for least in (LEAST_PAIRS, 1))
-        exchanged, others = exchanged_stretches(sure, faint, keypoints.num_frames, LONGEST_S * keypoints.fps)
+        jumped = side_jumps(keypoints.xy[0], seen, pairs, keypoints.fps)
+        exchanged, others = exchanged_stretches(jumped, LONGEST_S * keypoints.fps)
         rows = np.flatnonzero(exchanged)[:, None]
         for values in (xy, confidence):
             values[rows, left], values[rows, right] = values[rows, right], values[rows, left]
@@ -59,10 +59,8 @@ def restore_sides(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, lis
     return replace(keypoints, xy=xy[None], confidence=confidence[None]), found
 
 
-def side_jumps(
-    xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float, least: int
-) -> np.ndarray:  # fmt: skip
-    """Return the frames at which the left and right keypoints of limbs jump to one another's places.
+def side_jumps(xy: np.ndarray, seen: np.ndarray, pairs: Sequence[tuple[int, int]], fps: float) -> np.ndarray:
+    """Return (F,) how many pairs of left and right keypoints of a limb jump to one another's places in each frame.
 
     What is left of a step ``x_t - x_{t-1}`` after the mean of the steps before and after it is compared between each
     keypoint's own track and that of its counterpart: limbs that merely pass each other go on as they went.
@@ -72,7 +70,6 @@ def side_jumps(
         seen: (F, K) bool.
         pairs: left and right keypoint of each pair.
         fps: frames per second.
-        least: pairs that must be seen to jump.
     """
     columns = np.array(pairs)
     both = seen[:, columns].all(axis=-1)
@@ -98,18 +95,21 @@ def side_jumps(
         seen_pairs[rows] += 1
         jumped[rows] += (theirs < CROSSED_SHARE * mine) & (mine - theirs > JUMP_SHARE * size[rows])
     gained = own - other > 2.0 * JUMP_SHARE * size * np.maximum(seen_pairs, 1)
-    return np.flatnonzero(gained & (other < CROSSED_SHARE * own) & (jumped >= least))
+    return np.where(gained & (other < CROSSED_SHARE * own), jumped, 0)
 
 
-def exchanged_stretches(
-    sure: np.ndarray, faint: np.ndarray, frames: int, longest: float
-) -> tuple[np.ndarray, list[int]]:  # fmt: skip
+def exchanged_stretches(jumped: np.ndarray, longest: float) -> tuple[np.ndarray, list[int]]:
     """Return (F,) bool, the stretches from one jump to the next that are exchanged, shortest first; and other jumps.
 
-    A jump that no other ends within ``longest`` frames leaves open which of its sides is right; a faint one ends it
-    where it is the only one.
+    A jump that no other ends within ``longest`` frames leaves open which of its sides is right; one of fewer than
+    ``LEAST_PAIRS`` ends it where it is the only one.
+
+    Args:
+        jumped: (F,) pairs of keypoints that jump.
+        longest: frames.
     """
-    edges, exchanged = [int(jump) for jump in sure], np.zeros(frames, dtype=bool)
+    edges, exchanged = np.flatnonzero(jumped >= LEAST_PAIRS).tolist(), np.zeros(len(jumped), dtype=bool)
+    faint = np.flatnonzero((jumped > 0) & (jumped < LEAST_PAIRS))
     while len(edges) > 1:
         lengths = np.diff(edges)
         part = int(np.argmin(lengths))
@@ -118,7 +118,7 @@ def exchanged_stretches(
         exchanged[edges[part] : edges[part + 1]] ^= True
         del edges[part : part + 2]
     for edge in tuple(edges):
-        ends = faint[(np.abs(faint - edge) <= longest) & ~np.isin(faint, sure)]
+        ends = faint[np.abs(faint - edge) <= longest]
         if len(ends) == 1:
             exchanged[min(edge, ends[0]) : max(edge, ends[0])] ^= True
             edges.remove(edge)
