@@ -14,6 +14,10 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "The camera was panned or held by hand. The background beside the person shows by how much.",
         "Footage behind the body fits in the first picture alone.",
     ),
+    "camera_turn_unknown": note(
+        "Camera {camera}: too little background is seen to show whether it turns; it is taken to stand still",
+        "The wall is plain, people fill the picture, or the camera turned too fast for its pictures.",
+    ),
     "camera_moves": warning(
         "Camera {camera}: its background moves by {moved:.0f} pixels, and turns leave {left:.1f} of them",
         "The camera was carried or zoomed, or something large moves behind the person.",

@@ -81,7 +81,9 @@ def as_if_still(
         progress: called as pictures are looked at.
     """
     turns = camera_turns(found, camera, pictures, progress)
-    if turns is None or (turns.largest_deg < STILL_DEG and turns.explain):
+    if turns is None:
+        return found, [diagnostic("camera_turn_unknown", cameras=[found.name])]
+    if turns.largest_deg < STILL_DEG and turns.explain:
         return found, []
     if not turns.explain:
         return found, [diagnostic("camera_moves", cameras=[found.name], moved=turns.moved_px, left=turns.left_px)]

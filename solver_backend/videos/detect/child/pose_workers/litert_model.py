@@ -1,4 +1,4 @@
-"""Google's models run by LiteRT: known files alone, told apart by their SHA-256."""
+"""Google's models run by LiteRT: known files alone, each by its SHA-256."""
 
 from __future__ import annotations
 
