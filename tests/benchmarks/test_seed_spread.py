@@ -20,5 +20,7 @@ def test_what_seeds_share_does_not_count_and_the_rest_is_the_medians_error():
 
 def test_one_seed_has_no_spread():
     assert ratio_spread({"base": [1.0], "row": [0.9]}, [("row", "base")]) is None
-    found = ratio_spread({"base": [1.0, 1.0], "row": [0.9, 1.0], "single": [2.0]}, [("row", "base"), ("single", "base")])
+    found = ratio_spread(
+        {"base": [1.0, 1.0], "row": [0.9, 1.0], "single": [2.0]}, [("row", "base"), ("single", "base")]
+    )
     assert found is not None and found > 0.1
