@@ -28,6 +28,7 @@ def times_transposed(x: Array, weight: Array) -> Array:
 @cache
 def has_fast_blas() -> bool:
     """Return whether NumPy was built with a fast library for products of matrices."""
-    built: Any = np.show_config(mode="dicts")
+    show: Any = np.show_config
+    built = show(mode="dicts")
     name = str(built.get("Build Dependencies", {}).get("blas", {}).get("name", "")).lower()
     return any(library in name for library in _FAST)
