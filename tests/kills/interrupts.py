@@ -21,7 +21,8 @@ from tests.support.verb_inputs import COMMANDS, PLAYED_OAK, write_inputs
 
 ROOT = Path(__file__).resolve().parents[2]
 EARLIEST_S, LATEST_S = 0.05, 12.0
-"""CPU time after which the signal comes, by the logarithm: from the first imports, behind Python's own start, to the longest work."""
+"""CPU time after which the signal comes, by the logarithm: from the first imports to the longest work.
+Before that Python itself starts, and its own traceback names the signal."""
 ENDS = (0, 3, 130)
 """Exit codes: it had done its work already, or had refused its input by name, or was cancelled."""
 

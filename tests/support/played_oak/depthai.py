@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import time
 from functools import cache
+from importlib import import_module
 from typing import Any
 
 import numpy as np
@@ -37,7 +38,7 @@ class _Endless(Queue):
 
 @cache
 def _jpeg() -> bytes:
-    import av
+    av: Any = import_module("av")
 
     out = io.BytesIO()
     with av.open(out, "w", format="mjpeg") as container:
