@@ -14,10 +14,10 @@ from blender_addon.errors import TargetUnsuitable
 from blender_addon.retarget.motion.figures import Actor, actor_of_motion
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import retarget
-from tests.blender_addon.retarget.test_fingers import grasping
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
+from tests.support.grasping_hand import grasping
 
 
 def actor() -> Actor:
