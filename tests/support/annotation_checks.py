@@ -92,6 +92,6 @@ def _signature(value: Any) -> Hashable:
     if kind is tuple:
         parts = tuple(map(_signature, value))
         return _UNKNOWN if _UNKNOWN in parts else parts
-    if isinstance(shape := getattr(value, "shape", None), tuple):  # of a NumPy scalar, of a tensor
+    if hasattr(value, "dtype") and isinstance(shape := getattr(value, "shape", None), tuple):  # a scalar, a tensor
         return kind, str(value.dtype), tuple(shape)
     return _UNKNOWN if issubclass(kind, Collection) else kind
