@@ -41,9 +41,7 @@ hypothesis.settings.load_profile("mocap")
 
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option of the whole suite."""
-    parser.addoption(
-        "--all", action="store_true", help="run what is marked slow, too; a named file runs whole"
-    )
+    parser.addoption("--all", action="store_true", help="run what is marked slow, too; a named file runs whole")
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
