@@ -45,7 +45,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Leave out what is slow, where it is not asked for."""
+    """Leave out what no user runs and what is slow, where it is not asked for."""
     if slow := set(left_out(config, items)):
         config.hook.pytest_deselected(items=list(slow))
         items[:] = [item for item in items if item not in slow]
