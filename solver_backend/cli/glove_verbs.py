@@ -26,7 +26,7 @@ def add_hands_arguments(verb: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     verb.add_argument(
         "--side", choices=("left", "right"), default="",
-        help="hand of a file of one hand, where neither its names nor the file's say it",
+        help="which hand a file of one hand is of, where names do not show it",
     )  # fmt: skip
     verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_angles import ANGLES, KNUCKLES
 from solver_backend.body.skeleton_fingers import finger_angles
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.types.shapes import Float
@@ -31,8 +31,8 @@ def angles_of_points(
     Raises:
         MotionInvalid: the points of the palm are one, or missing.
     """
-    palm = np.linalg.norm(points[:, [5, 9, 17]] - points[:, :1], axis=-1)
-    if not (palm > _LEAST_PALM).all(axis=1).any():
+    palm = np.linalg.norm(points[:, KNUCKLES[1:]] - points[:, :1], axis=-1)
+    if not (palm[:, [0, 1, -1]] > _LEAST_PALM).all(axis=1).any():
         raise MotionInvalid("The points of the palm are missing.", where=where, hint="Export positions of all joints.")
     angles, palms = finger_angles(points, side)
     if np.nansum(angles[:, _BENDS]) < 0:

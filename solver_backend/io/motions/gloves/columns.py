@@ -15,6 +15,7 @@ from solver_backend.io.markers.text_table import decimal_comma, header_cells, nu
 _LARGEST = 512_000_000
 """Bytes of a table."""
 _LEAST_FRAMES = 2
+"""Without two no frame rate is known."""
 
 
 def headings(path: Path) -> tuple[list[str], str]:
