@@ -18,7 +18,7 @@ from blender_addon.retarget.retarget import retarget
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
-from tests.support.retarget_rigs import map_of_rig, rigify
+from tests.support.rigify_rig import rigify_rig
 
 FRAMES = 5
 FINGERS = ("index", "middle", "ring", "pinky", "thumb")
@@ -69,9 +69,9 @@ def test_fingers_of_a_generated_rigify_rig_bend_as_the_bodys(scene: bpy.types.Sc
     motion = grasping(0.9)
     body = read_body(default_body_path(), motion.body_layout)
     _, joints = pose_joints(body.rest_joints(np.zeros(10)), rotvec_on(motion, body.layout), motion.transl)
-    rig, _ = rigify()
+    rig = rigify_rig(fingers=True)
     scene.render.fps = 30
-    retarget(actor_of_motion(motion, body), rig, scene, map_of_rig(rig), TakeTiming(1, 30.0))
+    retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, 30.0))
     for f in (0, FRAMES - 1):
         scene.frame_set(1 + f)
         bones = rig.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
