@@ -49,7 +49,7 @@ HANDS: dict[str, Degrees] = {
 }
 """Angles in degrees by name; what is left out is as at rest."""
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
-"""Yaw and pitch of the views: back, palm, thumb's side, from the fingertips, little finger's side."""
+"""Yaw and pitch of the views of a left hand: back, palm, thumb's side, from the fingertips, little finger's side."""
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
@@ -84,7 +84,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:
-            view = RasterView(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
+            view = RasterView(yaw=yaw if side == "left" else -yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
             pictures.append(render(skin, faces, colours, view))
     return tile(pictures, len(_SIDES))
 
@@ -94,9 +94,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--plain", action="store_true", help="without correctives")
+    parser.add_argument("--side", choices=("left", "right", "both"), default="both", help="whose hand; both, left first")
     arguments = parser.parse_args()
-    sheet = draw_hands(load_body_with_hands(), read_baked().material, correctives=not arguments.plain)
-    write_png(arguments.out, sheet)
+    body, material = load_body_with_hands(), read_baked().material
+    sides = ("left", "right") if arguments.side == "both" else (arguments.side,)
+    drawn = [draw_hands(body, material, correctives=not arguments.plain, side=side) for side in sides]
+    write_png(arguments.out, np.concatenate(drawn, axis=1))
 
 
 if __name__ == "__main__":
