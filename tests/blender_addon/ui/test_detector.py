@@ -55,6 +55,7 @@ def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
     assert preferences.detector_python(bpy.context) == python
 
 
+@pytest.mark.slow
 def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels ü"
     wheels.mkdir()
@@ -102,6 +103,7 @@ def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Pat
     assert preferences.litert_python(bpy.context) == find_python.made_litert_python()
 
 
+@pytest.mark.slow
 def test_no_message_names_a_file_that_is_not_in_the_zip() -> None:
     found = []
     for path in SHIPPED:
