@@ -40,6 +40,7 @@ MOST_CAMERAS, FRAMES = 8, 24
 SEEN = 0.3
 """Confidence from which a keypoint counts."""
 _STEP = 1e-4
+"""Of the finite differences, a logarithm or rad."""
 
 
 def report_focal_lengths(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
