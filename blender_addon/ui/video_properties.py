@@ -64,6 +64,10 @@ class MocapVideos(bpy.types.PropertyGroup):
     model: bpy.props.StringProperty(
         name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
     )
+    hands: bpy.props.StringProperty(
+        name="Hand Model", subtype="FILE_PATH", options=RELATIVE,
+        description="MediaPipe's hand_landmark_full.tflite, to find hands and solve fingers; empty for the body alone",
+    )  # fmt: skip
     people: made("people")
     sync: made("clocks")
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
@@ -83,6 +87,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
         options += ["--focal", self.focal] if self.focal else []
+        options += ["--hand-model", str(file_of(self.hands))] if self.hands else []
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:

@@ -40,6 +40,13 @@ def from_videos_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--board", metavar="BOARD", help=f"{help_of(VIDEO_ROWS['board'])}; see the verb board")
     verb.add_argument("--lenses", type=Path, metavar="FILE", help=help_of(VIDEO_ROWS["lenses"]))
     verb.add_argument("--focal", default="", metavar="26mm|1450px", help=help_of(VIDEO_ROWS["focal"]))
+    verb.add_argument(
+        "--hand-model", type=Path, metavar="MODEL.tflite",
+        help="also find hands where the body has its wrists, by hand_landmark_full.tflite, and solve the fingers",
+    )  # fmt: skip
+    verb.add_argument(
+        "--hand-python", type=Path, metavar="PATH", help="Python that has ai-edge-litert; that of --python if left out"
+    )
     add_settings(verb, [*WORLD_ROWS, *(name for name in ROWS if name not in ("layout", "sync"))])
 
 
