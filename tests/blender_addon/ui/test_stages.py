@@ -10,6 +10,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon.body.looks import bodies_of, look_of
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import NarrowLayout, draw_panel
@@ -221,3 +222,20 @@ def test_the_result_says_that_nothing_is_left_to_review(mocap, solved_take, monk
 
     monkeypatch.setattr(ranges, "doubtful_ranges", lambda take, below: [])
     assert "Nothing to review" in on_top()
+
+
+def test_the_look_is_that_of_all_bodies_and_of_new_ones(mocap, solved) -> None:
+    scene = bpy.context.scene
+    take_capture(scene, solved.read)
+    take_motion(bpy.context, solved.files)
+    assert {"Person", "Mannequin"} <= set(draw_panel(bpy.types.VIEW3D_PT_mocap_shape, WIDE).drawn)
+    mocap.look = "mannequin"
+    [first] = bodies_of(scene)
+    assert look_of(first) == "mannequin"
+    bpy.data.objects.remove(mocap.review.armature)
+    bpy.data.objects.remove(first)
+    take_motion(bpy.context, solved.files)
+    [second] = bodies_of(scene)
+    assert look_of(second) == "mannequin"
+    mocap.look = "person"
+    assert look_of(second) == "person"
