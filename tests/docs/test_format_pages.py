@@ -13,9 +13,9 @@ import pytest
 from blender_addon.export.formats import FORMATS
 from solver_backend.body.marker_layouts import DEFAULT as LAYOUTS_FILE
 from solver_backend.camera_calibration.formats.write import FORMATS as CALIBRATIONS
-from solver_backend.cli.setting_options import TIME_ROWS, WORLD_ROWS
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.io.native import capture_file, own_columns, subject_file
 from solver_backend.job import Job
 
@@ -134,7 +134,7 @@ def test_the_job_page_has_each_key_that_a_job_takes() -> None:
         Job.from_dict({"version": 1, "no such key": 1})
     known = set(refused.value.hint.removeprefix("Known keys: ").rstrip(".").split(", "))
     whole, resolve, pin = page.split("\n## ")
-    assert keys(whole) | {*TIME_ROWS} | {*WORLD_ROWS} == known
+    assert keys(whole) | {*READING_ROWS} == known
     example = json.loads(page.split("```json\n")[1].split("```")[0])
     assert Job.from_dict(example).settings.window == 12
     assert keys(resolve) == {"motion", "first", "last", "pins"} and len(keys(pin)) == 4
