@@ -29,7 +29,7 @@ _FACING = 0.45
 
 
 @dataclass(frozen=True)
-class Place:
+class NailPlace:
     """Where one nail of the left side is."""
 
     centre: Array
@@ -74,16 +74,16 @@ def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
     return half
 
 
-def _places(joints: Array) -> list[Place]:
+def _places(joints: Array) -> list[NailPlace]:
     found, hand = [], joints[JOINT["left_hand"]]
     for name, (share, roll, radii, height) in _FINGERS.items():
         knuckle, end = (hand + np.array(knot) for knot in DIGITS[name].knots[-2:])
         along = (end - knuckle) / np.linalg.norm(end - knuckle)
         up = _turned(_upright(along), along, np.deg2rad(roll))
-        found.append(Place(knuckle + share * (end - knuckle) + height * up, along, up, np.array(radii)))
+        found.append(NailPlace(knuckle + share * (end - knuckle) + height * up, along, up, np.array(radii)))
     offset, way, radii = (np.array(numbers) for numbers in _BIG_TOE)
     along = way / np.linalg.norm(way)
-    return [*found, Place(joints[JOINT["left_foot"]] + offset, along, _upright(along), radii)]
+    return [*found, NailPlace(joints[JOINT["left_foot"]] + offset, along, _upright(along), radii)]
 
 
 def _upright(along: Array) -> Array:
@@ -97,7 +97,7 @@ def _turned(vector: Array, axis: Array, angle: float) -> Array:
     return np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
 
 
-def _with_nail(half: HalfBody, place: Place) -> HalfBody:
+def _with_nail(half: HalfBody, place: NailPlace) -> HalfBody:
     local = (half.vertices - place.centre) @ place.axes.T
     away = np.linalg.norm(local[:, :2] / place.radii, axis=1)
     hole = (away < _HOLE) & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
@@ -105,7 +105,7 @@ def _with_nail(half: HalfBody, place: Place) -> HalfBody:
     return replace(half, lambda _: hole, patch)
 
 
-def _skin(half: HalfBody, local: Array, place: Place) -> RBFInterpolator:
+def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
     """Return the height of the skin over (across, along), metres."""
     beside = np.linalg.norm(local[:, :2], axis=1) < _BESIDE_M
     near = beside & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
@@ -121,7 +121,7 @@ def _faces_up(half: HalfBody, up: Array) -> Array:
     return total @ up > _FACING * np.linalg.norm(total, axis=1)
 
 
-def _nail(place: Place, skin: RBFInterpolator) -> Patch:
+def _nail(place: NailPlace, skin: RBFInterpolator) -> Patch:
     angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
     cosine, sine = np.cos(angle), np.sin(angle)
     outline = np.stack([np.sign(cosine) * np.abs(cosine) ** 0.75, sine], axis=1) * place.radii

@@ -1,4 +1,4 @@
-"""Undo after each step of the path: import, solve, limbs, retarget, export; everything is found again, back and forth."""
+"""Undo after each step of the path: import, solve, limbs, retarget, export; everything is found again."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ def step(message: str) -> None:
 
 
 def state() -> tuple[int, bool, bool, bool, bool]:
-    """Return captures, and whether there are body, take, limbs in IK and a motion on the character; draw every panel."""
+    """Return captures, and whether body, take, limbs in IK and a retargeted motion are there; draw every panel."""
     for cls in panels_of_all_stages():
         draw_panel(cls, 300)
     mocap, body = bpy.context.scene.mocap, bpy.context.scene.mocap.review.armature
