@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
@@ -40,6 +41,7 @@ def test_a_pin_decides_whether_an_arm_points_towards_the_camera_or_away_and_its_
     assert ways[0] * ways[1] < 0.0, "either decision holds"
 
 
+@pytest.mark.slow
 def test_without_floor_and_feet_in_sight_the_result_is_finite_and_says_so() -> None:
     capture = replace(without(filmed_walk(60), LEGS), floor_from_person=True)
     motion = solve(capture).motion
