@@ -38,10 +38,11 @@ def texts() -> Iterator[tuple[Path, int, str]]:
         for path in sorted((ROOT / package).rglob("*.py")) or [ROOT / package]:
             if _COPIED in path.parents:
                 continue
-            for line, text in sorted(shown_strings(path)):
+            for line, found in sorted(shown_strings(path)):
+                text = " ".join(found.split())
                 if text not in known and _SENTENCE.search(text):
                     known.add(text)
-                    yield path.relative_to(ROOT), line, " ".join(text.split())
+                    yield path.relative_to(ROOT), line, text
 
 
 def main() -> int:
