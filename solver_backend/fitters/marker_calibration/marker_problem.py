@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import read_label_places
+from solver_backend.body.label_segments import named_bone
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
@@ -226,7 +227,7 @@ def with_attached(
     props = {columns[m] for group in loose_groups(some, BonePoses(joints, rotations)) for m in group.columns}
     for column, label in enumerate(cloud.labels or ()):
         if column in columns and column not in props:
-            attachment = attach(cloud.positions[found.frames, column], joints, rotations)
+            attachment = attach(cloud.positions[found.frames, column], joints, rotations, named_bone(label))
             added |= {} if attachment is None else {label: attachment}
     if not added:
         return person
