@@ -26,6 +26,8 @@ class LabelWords:
 
     vocabulary: dict[str, str]
     """Word by each way to write it, in capitals; empty for words without meaning."""
+    alone: dict[str, str]
+    """Words that mean another where they are all that is named: a front alone is a forehead."""
     sides: Sides
     """Words and letters for sides."""
     phrases: dict[tuple[str, ...], tuple[str, ...]]
@@ -49,6 +51,8 @@ class LabelWords:
         found = [side_of[token] for token in tokens if token in side_of]
         rest = [token for token in tokens if token not in side_of]
         parts = [self._split(token) for token in rest]
+        if found and len(rest) == 1 and rest[0] in self.alone:
+            return (found[0], [self.alone[rest[0]]]) if len(set(found)) == 1 else ("", [])
         if rest and not found and parts[0] is None and rest[0][0] in dict(letters):
             found, parts[0] = [dict(letters)[rest[0][0]]], self._split(rest[0][1:])
         known = [part for part in parts if part is not None]
@@ -110,7 +114,7 @@ class LabelWords:
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a file's sections ``words``, ``phrases`` and of sides; the midline's begin with ``-``.
+    """Return the words of a file's sections of words, ``phrases`` and sides; the midline's begin with ``-``.
 
     Raises:
         KeyError: a phrase holds a word that is not in the vocabulary.
@@ -121,7 +125,7 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
         for text in texts:
             key = tuple(sorted({vocabulary[word.upper()] for word in text.split()}))
             phrases[key] = (*phrases.get(key, ()), "-" + place if place in midline else place)
-    return LabelWords(vocabulary, sides_of_file(values), phrases)
+    return LabelWords(vocabulary, values["alone"], sides_of_file(values), phrases)
 
 
 def spelt(label: str) -> str:

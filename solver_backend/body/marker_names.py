@@ -22,6 +22,8 @@ _UNNAMED = re.compile(
 )
 LEAST_MARKERS = 8
 """Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
+LEAST_NETWORK_PLACES = 20
+"""Places that the labelling network names at least where it knows a layout; fewer points are not worth a try."""
 
 
 @dataclass(frozen=True)

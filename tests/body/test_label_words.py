@@ -67,7 +67,19 @@ def test_of_two_places_the_one_is_taken_that_other_labels_leave():
 
 @pytest.mark.parametrize(
     "label",
-    ["L_Sternum", "heel", "r_thigh3", "Left Right Knee", "Tete.H", "R.MAIN", "KneeBrace_L", "L_sh2", "RightLeg"],
+    [
+        "L_Sternum",
+        "avant_gauche",
+        "anterior L",
+        "heel",
+        "r_thigh3",
+        "Left Right Knee",
+        "Tete.H",
+        "R.MAIN",
+        "KneeBrace_L",
+        "L_sh2",
+        "RightLeg",
+    ],
 )
 def test_what_no_phrase_fits_wholly_is_not_guessed(label):
     assert known(label) == {}

@@ -23,6 +23,7 @@ from solver_backend.fitters.marker_calibration.exchanged_sides import check_side
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
+from solver_backend.fitters.marker_calibration.one_body import check_one_body
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
@@ -73,6 +74,7 @@ def marker_problem(
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
 
+    check_one_body(worn.positions, subject.landmarks, body)
     check_handedness(worn.positions, subject.landmarks)
     check_sides(worn.positions, subject.landmarks)
 
@@ -184,6 +186,7 @@ def calibrated(
     # The chosen labels alone may identify less than all together: their places go with them.
     own = {**names.known, **own}
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+    check_one_body(problem.measurements.points, problem.measurements.landmarks, body)
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
     check_sides(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names

@@ -141,6 +141,15 @@ def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
         solve(capture)
 
 
+def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
+    numbered = replace(cloud, labels=tuple(f"traj_{number:03d}" for number in range(39)))
+    capture = load_capture(write_c3d(tmp_path / "numbered.c3d", numbered))
+    assert not capture.problems
+    text = " ".join(words(capture.notes))
+    assert "The labels name too few places on a body (0 of 39): the solve names the markers" in text
+    assert "Labels of no layout" not in text
+
+
 def test_one_frame_is_a_pose(tmp_path, cloud):
     capture = load_capture(write_c3d(tmp_path / "static.c3d", replace(cloud, positions=cloud.positions[:1])))
     assert any("a single frame" in problem for problem in words(capture.problems))
