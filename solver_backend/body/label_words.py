@@ -102,6 +102,12 @@ class LabelWords:
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
+    def lacks_side(self, label: str) -> bool:
+        """Return whether a label's words name a place that is there on both sides, and no side."""
+        side, words = self.of(label)
+        parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
+        return not side and any(part[0] != "-" for part in parts) and not any(part[0] == "-" for part in parts)
+
     def _split(self, token: str) -> list[str] | None:
         """Return the known words that a token is made of, the longest first; None where it is not made of any."""
         if token in self.vocabulary or token in self.sides.words:
