@@ -10,6 +10,8 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.diagnostics import sentence
+from solver_backend.fitters.marker_calibration.person_doubts import doubts_of
 from solver_backend.fitters.partial_body.informed_parts import parts_without
 from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
@@ -102,7 +104,9 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         f"  farthest    {far} from the places of their names",
         f"  loosest     {loose} around where the body has them",
     ]
-    return "\n".join(lines), data
+    doubts = doubts_of(person)
+    data["diagnostics"] = [item.as_dict() for item in doubts]
+    return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
 
 
 def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:

@@ -17,6 +17,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "moves with, or leaves it out.",
         "Write how labels are read with `layout`, correct the places, and solve with `--layout`.",
     ),
+    "marker_in_two_places": warning(
+        "Markers sit elsewhere in one take than in another: {places}. They are left out of the person",
+        "Two different markers have one name in different takes, or a marker came off and was put back elsewhere.",
+        "Give the marker its own name in each take, or calibrate from the takes that agree.",
+    ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
         "The detector took left for right for a while, often when the person turns away from the camera.",

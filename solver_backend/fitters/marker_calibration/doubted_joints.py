@@ -35,8 +35,8 @@ def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
     wide, shape = _width(cloud, person), float(np.abs(person.betas).max())
     if wide <= WIDEST and 2 * len(far) < len(chain) and shape <= STRANGE:
         return []
-    values = {"size": 100 * wide, "off": 1000 * float(off.max(initial=0.0)), "shape": shape}
-    return [diagnostic("joints_doubted", markers=far, **values)]
+    most = 1000 * float(off.max(initial=0.0))
+    return [diagnostic("joints_doubted", markers=far, size=100 * wide, off=most, shape=shape)]
 
 
 def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
