@@ -24,6 +24,7 @@ from tests.support.recordings import recordings_folder
 
 RATE, FRAMES = 25.0, 100
 """Frames a second and frames at most of each take."""
+QUARTER_TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
 UI_PRMD = ("m01_s03_e05", "m03_s05_e02", "m05_s07_e08", "m06_s04_e05", "m08_s02_e05", "m10_s06_e02")
 NIMBLE = ("Subject4/MarkerData/walkingTO1.trc", "Subject4/MarkerData/static1.trc", "c3d/squat.c3d")
 
@@ -94,7 +95,9 @@ def _ratio(whole: Motion, part: Motion) -> float:
         for name, places in reference.items():
             j = SMPL_JOINTS.index(name)
             if not part.resting[:, j].any():
-                off = motion.joints[:, j] - places[::step][: motion.num_frames]
+                # The skeleton's file has its axes a quarter turn about the vertical.
+                own = motion.joints[:, j] @ QUARTER_TURN.T
+                off = own - places[::step][: motion.num_frames]
                 found.append(np.linalg.norm(off - off.mean(axis=0), axis=-1).mean())
         errors.append(float(np.mean(found)))
     return errors[1] / errors[0]

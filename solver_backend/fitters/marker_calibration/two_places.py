@@ -10,8 +10,8 @@ from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
 
 APART_M = 0.09
-"""Metres between a marker's places on its bone in two takes, at least. In four takes each of UI-PRMD's subjects 2, 3, 5,
-7 and 8 they differ by 11 to 20 mm (medians), shoulders by up to 85 as arms rise; between two of subject 5 both thighs'
+"""Metres between a marker's places on its bone in two takes, at least. In four takes each of five of UI-PRMD's people
+they differ by 11 to 20 mm (medians), shoulders by up to 85 as arms rise; between two of subject 5's both thighs'
 markers were moved, by 90 and 111 mm (120 nearer to the knee in the file too)."""
 STEADY = 0.25
 """Of that distance, the median one around each take's own place at most: what wanders is no question of its name."""
