@@ -19,7 +19,7 @@ RECORDING: dict[str, DiagnosticEntry] = {
     ),
     "marker_in_two_places": warning(
         "Markers sit elsewhere in one take than in another: {places}. They are left out of the person",
-        "Two different markers have one name in different takes, or a marker came off and was put back elsewhere.",
+        "Two different markers have one name in different takes, or a marker fell off and was attached elsewhere.",
         "Give the marker its own name in each take, or calibrate from the takes that agree.",
     ),
     "limbs_exchanged": note(
