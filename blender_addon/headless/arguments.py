@@ -15,7 +15,7 @@ from .exit_codes import EPILOG
 from .verb_table import VERBS
 
 _FORMATS = tuple(FORMATS)
-SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion", "add-hands")
 """Verbs whose options are the solver's own."""
 
 
@@ -142,6 +142,16 @@ def _add_motion_options(motion: argparse.ArgumentParser) -> None:
     add("--action", default="", metavar="NAME", help="which of its actions; the one that it shows")
 
 
+def _add_hands_options(hands: argparse.ArgumentParser) -> None:
+    add = hands.add_argument
+    add("hands_of", type=Path, metavar="MOTION.npz", help="motion whose body stays")
+    add(
+        "gloves", type=Path, nargs="+", metavar="GLOVES", help="FBX, glTF, Blender file, BVH, or CSV of MANUS or Rokoko"
+    )
+    add("--out", type=Path, required=True, metavar="OUT.npz", help="motion file to write")
+    add("--armature", default="", metavar="NAME", help="which armature of the recording, where several move")
+
+
 def _add_body_options(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--out", type=_blend_file, required=True, metavar="FILE.blend",
@@ -206,8 +216,8 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
 
 _OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "bake": _add_bake_options, "export": _add_export_options, "retarget": _add_retarget_options,
-    "motion": _add_motion_options, "body": _add_body_options, "batch": _add_batch_options,
-    "studio": _add_studio_options,
+    "motion": _add_motion_options, "add-hands": _add_hands_options, "body": _add_body_options,
+    "batch": _add_batch_options, "studio": _add_studio_options,
 }  # fmt: skip
 """What adds a verb's own options."""
 

@@ -28,7 +28,7 @@ from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
-from .motion import MotionRequest, run_motion
+from .motion import HandsRequest, MotionRequest, run_add_hands, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import run_retarget
@@ -182,6 +182,15 @@ def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
 
 
+def _add_hands(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    request = HandsRequest(
+        options.hands_of, tuple(options.gloves), options.out, options.armature, tuple(options.rest), options.python
+    )
+    result = run_add_hands(request, progress)
+    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
+
+
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     return run_body(BodyRequest(options.out, options.body, options.betas, options.fingers), progress)
@@ -225,7 +234,8 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "motion": _motion, "body": _body, "batch": _batch, "studio": _studio,
+    "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
+    "batch": _batch, "studio": _studio,
 }  # fmt: skip
 
 

@@ -56,6 +56,10 @@ VERBS = {
         _CHARACTERS, "python common", "bring a clip of another program onto our body",
         "motion clip.fbx --out motion.npz",
     ),
+    "add-hands": BlenderVerb(
+        _CHARACTERS, "python common", "add the fingers of gloves, or of another program, to a motion",
+        "add-hands motion.npz gloves.fbx --out hands.npz",
+    ),
     "batch": BlenderVerb(
         _MANY, "body out python common", "solve, bake and export every capture of a folder; resumes",
         "batch captures --out takes --job job.json --bake --export fbx",
