@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
+from ..conventions.looks import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .exit_codes import EPILOG
@@ -58,13 +59,14 @@ def _list_verbs() -> str:
 
 def _shared_options() -> dict[str, argparse.ArgumentParser]:
     """Return the options that several verbs take, by what they are about."""
-    names = ("common", "body", "out", "writing", "python", "motion")
+    names = ("common", "body", "look", "out", "writing", "python", "motion")
     shared = {name: argparse.ArgumentParser(add_help=False) for name in names}
     add = {name: options.add_argument for name, options in shared.items()}
     add["common"]("--json", action="store_true", help="progress and result as JSON lines on standard output")
     add["common"]("--parent-pipe", action="store_true", help=argparse.SUPPRESS)
     add["common"]("--verbose", action="store_true", help="show what Blender prints, on standard error")
     add["body"]("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
+    add["look"]("--look", choices=LOOKS, default="", help="a person, or a mannequin: one colour and no face")
     add["out"]("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     add["writing"]("--overwrite", action="store_true", help="replace files that are there")
     add["python"]("--python", type=Path, help="Python to solve with, one with torch perhaps")

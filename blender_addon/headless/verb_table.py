@@ -20,7 +20,7 @@ class BlenderVerb:
 
 
 _SOLVE, _SHOW, _CHARACTERS, _MANY = "Solving", "Baking, rendering, exporting", "Characters and clips", "Many takes"
-_MOTION = "motion body out writing common"
+_MOTION = "motion body look out writing common"
 VERBS = {
     "solve": BlenderVerb(
         _SOLVE, "python common", "solve a capture; takes the solver's options, such as --job JOB.json",
@@ -42,11 +42,11 @@ VERBS = {
         _SHOW, _MOTION, "write a preview video and a contact sheet", "render motion.npz --out preview"
     ),
     "export": BlenderVerb(
-        _SHOW, "body out writing common", "write a take in the formats of other programs",
+        _SHOW, "body look out writing common", "write a take in the formats of other programs",
         "export motion.npz --format fbx gltf --out files",
     ),
     "body": BlenderVerb(
-        _SHOW, "body common", "write the posable body as an asset", "body --out assets/body.blend --fingers"
+        _SHOW, "body look common", "write the posable body as an asset", "body --out assets/body.blend --fingers"
     ),
     "retarget": BlenderVerb(
         _CHARACTERS, "body writing common", "retarget a solved motion to another character's rig",

@@ -101,6 +101,13 @@ def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     )
 
 
+def test_rigid_bodies_named_by_bones_are_of_the_only_body(tmp_path, cloud):
+    labels = (*("Box:a", "Box:b", "ForearmL:1", "ForearmL:2"), *(f"Anna:{label}" for label in LABELS[4:]))
+    capture = load_capture(write_c3d(tmp_path / "bones.c3d", replace(cloud, labels=labels)))
+    assert capture.markers is not None and capture.markers.labels == labels[2:]
+    assert capture.others is not None and capture.others.labels == labels[:2]
+
+
 def test_several_prefixes_are_one_person_where_they_are_named(tmp_path, cloud):
     parts = {label: part for part, count in (("Upper", 7), ("Lower", 39)) for label in LABELS[:count][::-1]}
     parts |= dict.fromkeys(LABELS[:7], "Upper")
