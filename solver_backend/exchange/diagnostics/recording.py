@@ -63,6 +63,16 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The place of an own point on its bone is found from two cameras or more.",
         "Give the detections of a second camera.",
     ),
+    "hands_one_view": warning(
+        "A single camera does not show how fingers bend in depth. Hands are not solved",
+        "A palm and its mirror image in depth look alike in one view.",
+        "Give the detections of a second camera.",
+    ),
+    "fingers_through_fingers": warning(
+        "Fingers of the {joint} run through one another, by up to {size_mm:.1f} mm",
+        "Views disagree on which finger is which, or fingers are crossed.",
+        "Compare with the footage there, and set the fingers by hand.",
+    ),
     "hands_without_fingers": warning(
         "Hands were detected, and the body has no finger joints",
         "The body file is SMPL's, or one of its own layout.",
