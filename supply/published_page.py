@@ -22,9 +22,9 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/published_tabl
 Every table of the work that this program implements, one comparison a row. *Published* is the ratio of the two
 published figures, *here* the ratio of ours, by the benchmark of the row, on the day that stands there: data and weights
 differ, so only ratios can be compared. A row is *reproduced* where both ratios lie on the same side of 1, and
-*contradicted* where they do not, with the reason. It is *undecided* where ours is nearer to 1 than two standard
-deviations of the ratio of two trainings that differ in the seed alone. What the work proposes without a figure stands
-as *no published figure*.
+*contradicted* where they do not, with the reason. Where training is involved, ours are medians of three seeds, and a
+row is *undecided* where ours is nearer to 1 than two standard errors of the ratio over seeds. What is proposed without
+a figure stands as *no published figure*.
 `python3 dev.py bench seeds` counts them; `python3 dev.py bench NAME --update` measures a row anew.
 [Results](../results.md) has what this program itself reaches."""
 
@@ -48,7 +48,7 @@ class PublishedRow:
     recorded: str = ""
     """Day of ours."""
     spread: float = 0.0
-    """Two standard deviations of the ratio of trainings that differ in the seed: nearer to 1 ours says nothing."""
+    """Two standard errors of the ratio over seeds of the trainings: nearer to 1 ours is undecided."""
 
     @property
     def verdict(self) -> str:
@@ -80,7 +80,7 @@ def _row(value: Mapping[str, Any], baseline: Mapping[str, Any]) -> PublishedRow:
     published = value["published"][0] / value["published"][1] if "published" in value else None
     return PublishedRow(
         *shared, published, over / under, value["bench"], value.get("reason", ""), value.get("log", ""),
-        measured["recorded"], value.get("spread", 0.0),
+        measured["recorded"], measured["figures"][value["spread"]]["value"] if "spread" in value else 0.0,
     )  # fmt: skip
 
 

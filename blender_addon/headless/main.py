@@ -81,16 +81,25 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
 
 def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Do the verb; interruptions and what nobody foresaw become named errors."""
-    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    asked: list[int] = []
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    cancelled = Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.")
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         return _VERBS[options.verb](options, progress)
     except KeyboardInterrupt as stop:
-        raise Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.") from stop
+        raise cancelled from stop
     except MocapError:
         raise
     except Exception as error:
         if (named := full_disk(error)) is not None:
             raise named from error
+        if asked:  # a library, stopped in its midst, made an error of its own of it
+            raise cancelled from error
         traceback.print_exc()
         kind = type(error).__name__
         hint = "Please report this with the log above."
@@ -242,7 +251,3 @@ def _lines_about(result: dict[str, Any]) -> list[str]:
         lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet match within {within:.1f} mm")
     lines += [f"note: {note}" for note in result["notes"]]
     return lines + ([result["table"]] if "table" in result else [])
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

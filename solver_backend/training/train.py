@@ -28,6 +28,7 @@ from solver_backend.training.engine.loop import TrainingSettings
 from solver_backend.training.engine.recipe import Finished, TrainingJob
 from solver_backend.training.gmm.train import train_gmm
 from solver_backend.training.lifter.train import train_lifter
+from solver_backend.training.pose_ndf.network import PoseNdfSettings
 from solver_backend.training.pose_ndf.train import train_pose_ndf
 from solver_backend.training.sposer.train import train_sposer
 from solver_backend.training.vae.latents import LATENTS
@@ -38,6 +39,7 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "gmm": train_gmm,
     "sposer": train_sposer,
     "pose_ndf": train_pose_ndf,
+    "pose_ndf_von_mises": partial(train_pose_ndf, settings=PoseNdfSettings(noise="von Mises")),
     **{kind: partial(train_vae, kind) for kind in LATENTS},
     "lifter": train_lifter,
     "view_lifter": train_view_lifter,

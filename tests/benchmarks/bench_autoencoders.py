@@ -3,12 +3,16 @@
 1,052 poses of each prior against 1,052 of CMU's held-out subjects: FID and DIV by VPoser's codes in 526 pairs, as the
 thesis has them, which favours VPoser itself, and by positions of joints (dm), which favours none. Reconstruction of the
 held-out poses; fits of 150 of them to 53 exact markers with shape, root and place known, the code pulled towards zero.
-Samples: medians of three seeds; the weights are of one training each. Needs the validation motions
-(MOCAP_SHARED_DATA); the table goes to build/bench_autoencoders.
+Samples: medians of three seeds. Weights: the ones that ship, and those of other seeds under build/autoencoder_rows
+(`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken; ``spread`` of a figure is two
+standard errors of the ratio of a row's median to VPoser's. Needs the validation motions (MOCAP_SHARED_DATA); the table
+goes to build/bench_autoencoders.
 """
 
 from __future__ import annotations
 
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +22,7 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.metrics import angle_mae_deg, pck_percent
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
 from solver_backend.training.data.points import rotation_points
@@ -25,6 +30,8 @@ from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_priors import prior_tables as tables
 from tests.benchmarks.pose_priors.latent_chain import LatentChain
+from tests.benchmarks.pose_priors.train_autoencoders import ROOT, trained
+from tests.benchmarks.seed_spread import ratio_spread
 
 OUT = Path(__file__).resolve().parents[2] / "build" / "bench_autoencoders"
 SAMPLES, FITTED = 1052, 150
@@ -35,25 +42,57 @@ PULL = 1e-5
 FIT_ITERATIONS = 60
 
 
+BASE = "vposer"
+"""Row that the others are compared with."""
+KEPT = {
+    "FID codes": ("fid_codes", "lower"), "DIV codes": ("div_codes", "higher"),
+    "FID / DIV codes": ("indicator", "lower"), "FID": ("fid", "lower"),
+    "DIV": ("div", "higher"), "MPJPE mm": ("mpjpe_mm", "lower"), "PCK3 %": ("pck3_percent", "higher"),
+    "PCK7 %": ("pck7_percent", "higher"), "fit MAE °": ("fit_mae_deg", "lower"),
+    "fit PCK1 %": ("fit_pck1_percent", "higher"), "fit PCK3 %": ("fit_pck3_percent", "higher"),
+    "fit PCK7 %": ("fit_pck7_percent", "higher"),
+}  # fmt: skip
+"""What the tables of the thesis hold: key and which way is better, by column."""
+
+
 def run() -> list[Metric]:
     """Sample, reconstruct, fit, and write the table."""
     poses = held_out_poses()
     encoder = load_prior("vposer")
     codes, real = np.asarray(encoder.encode(poses)), tables.features(poses)
-    rows: tables.Table = {}
-    for prior in (load_prior(name) for name in shipped_priors() if name not in tables.POSE_ITSELF):
-        drawn = [np.asarray(prior.sample(SAMPLES, seed)) for seed in SEEDS]
-        found = [
-            tables.code_synthesis(d, codes, encoder, seed) | tables.synthesis(d, real, seed)
-            for seed, d in zip(SEEDS, drawn, strict=True)
-        ]
-        rows[prior.name] = {column: float(np.median([row[column] for row in found])) for column in found[0]}
-        rows[prior.name] |= tables.reconstruction(prior, poses)
-        if isinstance(prior, GaussianVAE):
-            rows[prior.name] |= marker_fit(prior, poses[:FITTED])
+    found: dict[str, list[dict[str, float]]] = defaultdict(list)
+    for name, priors in autoencoders().items():
+        for prior in priors:
+            drawn = [np.asarray(prior.sample(SAMPLES, seed)) for seed in SEEDS]
+            sampled = [
+                tables.code_synthesis(d, codes, encoder, seed) | tables.synthesis(d, real, seed)
+                for seed, d in zip(SEEDS, drawn, strict=True)
+            ]
+            row = {column: float(np.median([sample[column] for sample in sampled])) for column in sampled[0]}
+            row |= tables.reconstruction(prior, poses)
+            found[name].append(row | (marker_fit(prior, poses[:FITTED]) if isinstance(prior, GaussianVAE) else {}))
+    rows = {
+        name: {column: float(np.median([row[column] for row in trainings])) for column in trainings[0]}
+        for name, trainings in found.items()
+    }
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / "tables.md").write_text(tables.text_table("Thesis tables 4.5 and 6.5", rows), encoding="utf-8")
-    return metrics_of(rows)
+    return [*metrics_of(rows), *spreads(found), Metric("seeds", min(map(len, found.values())), "", "higher")]
+
+
+def autoencoders() -> dict[str, list[AutoencodingPrior]]:
+    """Return the trainings of every autoencoder: the one that ships, then those of other seeds."""
+    shipped = [name for name in shipped_priors() if name not in tables.POSE_ITSELF]
+    found: dict[str, list[AutoencodingPrior]] = {name: [_autoencoder(name)] for name in shipped}
+    for (name, _), path in trained(ROOT).items():
+        found.setdefault(name, []).append(_autoencoder(name, path))
+    return found
+
+
+def _autoencoder(name: str, path: Path | None = None) -> AutoencodingPrior:
+    prior = load_prior(name, path)
+    assert isinstance(prior, AutoencodingPrior)
+    return prior
 
 
 def held_out_poses() -> np.ndarray:
@@ -80,18 +119,20 @@ def marker_fit(prior: GaussianVAE, truth: np.ndarray) -> dict[str, float]:
 
 def metrics_of(rows: tables.Table) -> list[Metric]:
     """Return what the tables of the thesis hold, by prior."""
-    kept = {
-        "FID codes": ("fid_codes", "lower"), "DIV codes": ("div_codes", "higher"),
-        "FID / DIV codes": ("indicator", "lower"), "FID": ("fid", "lower"),
-        "DIV": ("div", "higher"), "MPJPE mm": ("mpjpe_mm", "lower"), "PCK3 %": ("pck3_percent", "higher"),
-        "PCK7 %": ("pck7_percent", "higher"), "fit MAE °": ("fit_mae_deg", "lower"),
-        "fit PCK1 %": ("fit_pck1_percent", "higher"), "fit PCK3 %": ("fit_pck3_percent", "higher"),
-        "fit PCK7 %": ("fit_pck7_percent", "higher"),
-    }  # fmt: skip
     units = {"mm": "mm", "deg": "°", "percent": "%"}
     return [
         Metric(f"{name}_{key}", row[column], units.get(key.rpartition("_")[2], ""), direction)
         for name, row in rows.items()
-        for column, (key, direction) in kept.items()
+        for column, (key, direction) in KEPT.items()
         if column in row
     ]
+
+
+def spreads(found: Mapping[str, Sequence[dict[str, float]]]) -> list[Metric]:
+    """Return how far ratios of medians to VPoser's lie apart by chance, by column."""
+    metrics = []
+    for column, (key, _) in KEPT.items():
+        values = {name: [row[column] for row in rows] for name, rows in found.items() if column in rows[0]}
+        spread = ratio_spread(values, [(name, BASE) for name in values if name != BASE])
+        metrics += [] if spread is None else [Metric(f"spread_{key}", spread, "")]
+    return metrics

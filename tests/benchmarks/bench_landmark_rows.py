@@ -1,9 +1,10 @@
 """Thesis tables 4.1 to 4.4 and 4.6: landmark networks trained under every balance, by what each training left.
 
 Reads ``figures.json`` of the trainings under build/landmark_rows, one folder ROW_SEED each, that `python -m
-tests.benchmarks.landmark_rows.train_rows` makes (an hour of a GPU for three seeds at width 8 and 48 x 48 pixels).
-RMSE and MPJPE of 53 markers and the joints, in our clouds of 53 markers, on poses of people that no row was trained on:
-ordinary ones (for the thesis' THuman), its tail groups, and lying on the floor (for GeneBody). Medians over seeds.
+tests.benchmarks.landmark_rows.train_rows` makes (a quarter of an hour of an H200 for three seeds at width 8 and 48 x 48
+pixels). RMSE and MPJPE of 53 markers and the joints, in our clouds of 53 markers, on poses of people that no row was
+trained on: ordinary ones (for the thesis' THuman), its tail groups, and lying on the floor (for GeneBody). Medians over
+seeds; ``spread`` is two standard errors of the ratio of a row's median to its base's, pooled over rows.
 """
 
 from __future__ import annotations
@@ -17,10 +18,13 @@ import numpy as np
 from tests.benchmarks.landmark_rows.row_folders import ROOT, SETS, trained
 from tests.benchmarks.landmark_rows.row_tables import read_figures
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
+from tests.benchmarks.seed_spread import ratio_spread
 
 KIND = "fixed"
 """Clouds that the rows were trained on, and are compared on."""
 COLUMNS = {"rmse_mm": "mm", "mpjpe_mm": "mm"}
+BASES = {"democap bmse": "democap", "democap ortho": "democap"}
+"""Rows that are compared with another network than ``base``."""
 
 
 def run(root: Path = ROOT) -> list[Metric]:
@@ -36,10 +40,11 @@ def run(root: Path = ROOT) -> list[Metric]:
             hint="python -m tests.benchmarks.landmark_rows.train_rows --data DATA --device cuda",
         )  # fmt: skip
     by_row: dict[str, list[dict[str, Any]]] = defaultdict(list)
-    for (row, _), figures in read_figures(folders).items():
+    for (row, _), figures in sorted(read_figures(folders).items()):
         by_row[row].append(figures["chosen"])
     least = min(len(seeds) for seeds in by_row.values())
     return [
+        *spreads(by_row),
         Metric("seeds", least, "", "higher", rel_tol=0.0),
         *(
             Metric(f"{key_of(row)}_{where}_{column}", median(seeds, where, column), unit)
@@ -53,3 +58,21 @@ def run(root: Path = ROOT) -> list[Metric]:
 def median(seeds: list[dict[str, Any]], where: str, column: str) -> float:
     """Return the median over seeds of a figure on a set of poses."""
     return float(np.median([seed[f"{KIND} {where}"][column] for seed in seeds]))
+
+
+def spreads(by_row: dict[str, list[dict[str, Any]]]) -> list[Metric]:
+    """Return how far ratios of medians of RMSE lie apart by chance, by network and set of poses."""
+    of_base: dict[str, list[str]] = defaultdict(list)
+    for row in by_row:
+        of_base[BASES.get(row, "base")].append(row)
+    pairs = {base: [(row, base) for row in rows if row != base] for base, rows in of_base.items() if base in by_row}
+    rmse = {
+        where: {row: [seed[f"{KIND} {where}"]["rmse_mm"] for seed in seeds] for row, seeds in by_row.items()}
+        for where in SETS
+    }
+    return [
+        Metric(f"spread_{key_of(base)}_{where}", spread, "")
+        for base, compared in pairs.items()
+        for where in SETS
+        if (spread := ratio_spread(rmse[where], compared)) is not None
+    ]

@@ -34,7 +34,11 @@ def test_every_reader_bears_mutated_files() -> None:
     assert {outcome for _, outcome in tried.counts} == set(GOOD), tried.table()
 
 
-@pytest.mark.parametrize("target", TARGETS, ids=lambda target: target.name)
+@pytest.mark.parametrize(
+    "target",
+    [pytest.param(t, marks=[pytest.mark.slow] * t.name.startswith("OpenPose trial")) for t in TARGETS],
+    ids=lambda target: target.name,
+)
 def test_the_sound_files_are_read_and_the_odd_ones_are_read_or_named(target: Target, tmp_path: Path) -> None:
     for number, write in enumerate((*target.dialects, *target.once)):
         folder = tmp_path / str(number)

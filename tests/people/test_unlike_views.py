@@ -54,6 +54,7 @@ def test_other_frame_rates_are_found(starts: list[int], rates: list[float]) -> N
     assert not any(reading.correction.changes for reading in readings)
 
 
+@pytest.mark.slow
 def test_pictures_of_another_size_are_found_whenever_cameras_started() -> None:
     seen = recorded([0, 45, 90, 20], [1, 1, 1, 1])
     readings = explain_unlike(CAMERAS, half(seen, [0, 1, 2, 3]))

@@ -44,7 +44,9 @@ def test_the_verdict_is_the_side_of_one(this: float, verdict: str):
     ("this", "verdict"), [(1.9, REPRODUCED), (1.97, UNDECIDED), (2.03, UNDECIDED), (2.1, CONTRADICTED)]
 )
 def test_nearer_to_one_than_seeds_are_to_one_another_is_undecided(this: float, verdict: str):
-    (row,) = published_rows([{**ENTRY, "spread": 0.02}], baseline(this, 2.0))
+    measured = baseline(this, 2.0)
+    measured["b"]["figures"]["by_seeds"] = {"value": 0.02}
+    (row,) = published_rows([{**ENTRY, "spread": "by_seeds"}], measured)
     assert row.verdict == verdict
 
 
@@ -78,7 +80,8 @@ def test_the_committed_rows_name_figures_of_the_baseline_and_no_ratio_is_typed()
             and value["what"]
         )
         if "not_measured" not in value:
-            assert set(value["figures"]) <= set(figures[value["bench"]]["figures"]), value["what"]
+            named = {*value["figures"], *([value["spread"]] if "spread" in value else [])}
+            assert named <= set(figures[value["bench"]]["figures"]), value["what"]
             assert len(value.get("published", (1, 2))) == len(value["figures"]) == 2
 
 

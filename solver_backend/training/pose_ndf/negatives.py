@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 import torch
@@ -14,6 +15,8 @@ from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, ProjectionSettings
 from solver_backend.training.pose_ndf.nearest_poses import NearestPoses
 
+Noise = Literal["normal", "von Mises"]
+"""Of the turns of negatives: each axis' angle normal, or one von Mises angle about an axis drawn at random."""
 START_DEG = 60.0
 """Spread of the random poses whose projections are looked at."""
 NOBODY = -1
@@ -76,20 +79,39 @@ def spread(count: int, degrees: tuple[float, float], generator: torch.Generator,
     return drawn if even else torch.exp(drawn)
 
 
-def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator) -> Poses:
+def rotated(poses: Poses, sigma: torch.Tensor, generator: torch.Generator, noise: Noise = "normal") -> Poses:
     """Return poses whose joints are turned about random axes, half of them in some joints only.
 
     Args:
         poses: N poses.
         sigma: (N,) rad, standard deviation about each axis.
         generator: of every draw.
+        noise: how angles are distributed; the paper draws them from von Mises (Tiwari et al. 2022, 3.3).
     """
     count = len(sigma)
     some = torch.rand(count, 1, 1, generator=generator)
     share = torch.where(torch.rand(count, 1, 1, generator=generator) < 0.5, some, torch.ones(()))
     moved = torch.rand(count, NUM_BODY_JOINTS, 1, generator=generator) < share
-    turn = torch.randn(count, NUM_BODY_JOINTS, 3, generator=generator) * sigma[:, None, None] * moved
+    turn = torch.randn(count, NUM_BODY_JOINTS, 3, generator=generator)
+    turn = (von_mises_turns(turn, sigma, generator) if noise == "von Mises" else turn * sigma[:, None, None]) * moved
     return Poses(quat_multiply(quat_from_rotvec(turn), poses.quats), poses.people)
+
+
+def von_mises_turns(directions: torch.Tensor, sigma: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (N, J, 3) rotation vectors along given directions, their angles von Mises about zero.
+
+    ``κ = 1 / (3 σ²)``: for small σ the angle is then as long as that of a turn by σ about each of three axes.
+
+    Args:
+        directions: (N, J, 3), not zero.
+        sigma: (N,) rad.
+        generator: of the angles.
+    """
+    seed = int(torch.randint(2**62, (), generator=generator))
+    kappa = 1.0 / (3.0 * sigma.numpy().astype(np.float64) ** 2)
+    angle = np.random.default_rng(seed).vonmises(0.0, kappa[:, None], directions.shape[:2])
+    axis = directions / torch.linalg.vector_norm(directions, dim=-1, keepdim=True)
+    return axis * torch.as_tensor(angle, dtype=directions.dtype)[..., None]
 
 
 def blended(manifold: PoseManifold, count: int, generator: torch.Generator) -> Poses:

@@ -21,7 +21,7 @@ from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, in_metric, metric_length
 from solver_backend.training.engine.devices import device_of
-from solver_backend.training.pose_ndf.negatives import Labelled
+from solver_backend.training.pose_ndf.negatives import Labelled, Noise
 
 
 @dataclass(frozen=True)
@@ -41,6 +41,8 @@ class PoseNdfSettings:
     """rad; nearer poses lie among their neighbours, and the mean distance to five of them is not as steep as one."""
     pool: int = 40_000
     """Poses far from the manifold; half as many recorded ones, twice as many near, as many met by projections."""
+    noise: Noise = "normal"
+    """Of the turns of poses far from the manifold and near it."""
     stages: tuple[float, ...] = (0.15, 0.5, 0.35)
     """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
     validation: int = 1500

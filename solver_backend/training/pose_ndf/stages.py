@@ -87,12 +87,13 @@ class Stages:
 
     def _own(self, stage: int, before: list[PoseFieldNet]) -> Labelled:
         generator = torch.Generator().manual_seed(1000 * self._seed + stage)
-        manifold, count = self._manifold, self._settings.pool
+        manifold, count, noise = self._manifold, self._settings.pool, self._settings.noise
         if stage == 0:
-            far = rotated(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator)
+            far = rotated(manifold.drawn(count, generator), spread(count, FAR_DEG, generator), generator, noise)
             parts = [far, manifold.drawn(count // 2, generator)]
         elif stage == 1:
-            near = rotated(manifold.drawn(2 * count, generator), spread(2 * count, NEAR_DEG, generator), generator)
+            sigma = spread(2 * count, NEAR_DEG, generator)
+            near = rotated(manifold.drawn(2 * count, generator), sigma, generator, noise)
             parts = [near, blended(manifold, count // 4, generator)]
         else:
             parts = [projected(as_prior(before[stage - 1], manifold.spread), manifold, count, generator)]

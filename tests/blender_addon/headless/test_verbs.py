@@ -38,7 +38,6 @@ def said(capfd: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return json.loads(capfd.readouterr().out.splitlines()[-1])
 
 
-@pytest.mark.slow
 def test_solve_is_the_solvers_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     capture, motion = tmp_path / "Aufnahme ü.npz", tmp_path / "motion.npz"
     write_capture(capture, demo_capture(24))

@@ -52,6 +52,7 @@ def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
     assert preferences.detector_python(bpy.context) == python
 
 
+@pytest.mark.slow
 def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels ü"
     wheels.mkdir()
@@ -62,6 +63,7 @@ def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(ho
     assert any("could not be installed" in text for text in drawn())
 
 
+@pytest.mark.slow
 def test_no_message_names_a_file_that_is_not_in_the_zip() -> None:
     found = []
     for path in SHIPPED:

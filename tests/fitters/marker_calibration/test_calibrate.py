@@ -74,6 +74,7 @@ def test_a_shape_of_part_of_a_body_is_held_at_its_limit(monkeypatch):
     assert np.median(held.sigma_m) < 1.1 * np.median(free.sigma_m)
 
 
+@pytest.mark.slow
 def test_a_limit_changes_nothing_where_the_shape_lies_within(monkeypatch, shared_data):
     """The fit passes the limit on its way: a wall there ended it early, with markers a third farther off."""
     capture = load_capture(shared_data / "markers" / "opensim" / "constraintTest.trc")

@@ -44,7 +44,7 @@ def error_mm(motion, joints):
     return 1000 * np.linalg.norm(motion.joints[:, COLUMNS] - joints[:, COLUMNS], axis=-1).mean(axis=0)
 
 
-@pytest.mark.parametrize("labels", [SUIT, POSE2SIM], ids=["suit", "pose2sim"])
+@pytest.mark.parametrize("labels", [pytest.param(SUIT, marks=pytest.mark.slow), POSE2SIM], ids=["suit", "pose2sim"])
 def test_joint_centres_make_a_body(labels):
     cloud, joints = recorded(labels)
     motion = solve(Capture("points", markers=cloud), SETTINGS).motion
@@ -64,6 +64,7 @@ def test_files_of_points_are_read_alike(tmp_path):
         assert capture.markers.positions == pytest.approx(cloud.positions, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_markers_on_the_skin_with_a_skeletons_names_are_doubted():
     names = {
         "LGTR": "LeftThigh", "LKNE": "LeftLeg", "LANK": "LeftFoot", "LTOE": "LeftToe", "RGTR": "RightThigh",

@@ -42,6 +42,7 @@ def median_error_m(capture: Capture, first: int) -> float:
     return float(np.nanmedian(np.linalg.norm(points[: len(truth)] - truth, axis=-1)))
 
 
+@pytest.mark.slow
 def test_half_size_and_started_apart(tmp_path: Path) -> None:
     write_apart(tmp_path, [0, 45, 90, 20], [1, 1, 1, 1], factor=0.5)
     capture = load_capture(tmp_path)

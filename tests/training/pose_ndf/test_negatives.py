@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
 from pathlib import Path
 
@@ -20,6 +21,7 @@ from solver_backend.training.pose_ndf.negatives import (
     projected,
     rotated,
     spread,
+    von_mises_turns,
 )
 from solver_backend.training.pose_ndf.network import (
     PoseFieldNet,
@@ -40,6 +42,22 @@ def test_turned_poses_lie_as_far_as_they_are_turned() -> None:
     mixed = blended(manifold, 100, generator)
     np.testing.assert_allclose(torch.linalg.vector_norm(mixed.quats, dim=-1).numpy(), 1.0, rtol=1e-6)
     assert (mixed.people == NOBODY).all()
+
+
+def test_von_mises_turns_are_as_long_as_normal_ones_while_they_are_small_and_never_a_full_turn() -> None:
+    generator = torch.Generator().manual_seed(0)
+    directions = torch.randn(4000, 21, 3, generator=generator)
+    for sigma, expected in ((0.05, 0.05 * 3**0.5), (20.0, math.pi / 3**0.5)):
+        turns = von_mises_turns(directions, torch.full((4000,), sigma), generator)
+        length = torch.linalg.vector_norm(turns, dim=-1)
+        assert float(length.square().mean().sqrt()) == pytest.approx(expected, rel=0.02) and length.max() <= math.pi
+        assert torch.linalg.vector_norm(torch.linalg.cross(turns, directions), dim=-1).max() < 1e-4
+    poses = Poses(random_quats(300, 0), torch.arange(300))
+    one, again, other = (
+        rotated(poses, torch.full((300,), 0.5), torch.Generator().manual_seed(seed), "von Mises").quats
+        for seed in (1, 1, 2)
+    )
+    assert torch.equal(one, again) and not torch.equal(one, other)
 
 
 def test_distances_are_to_the_poses_of_other_people() -> None:
