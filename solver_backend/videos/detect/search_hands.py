@@ -11,7 +11,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.types import UNSEEN_POINT, Cameras
-from solver_backend.videos.detect.hand_crops import HandCrop, first_crop, second_crop
+from solver_backend.videos.detect.hand_crops import HAND_M, HandCrop, first_crop, second_crop
 
 PRESENCE = 0.5
 """Presence from which a crop shows a hand, as MediaPipe has it."""
@@ -20,6 +20,8 @@ PLACED = 0.05
 better than a forearm places them. Of 88 pairs on Pose2Sim's balancing videos, 17 rise from below 0.5 to above."""
 AWAY_M = 0.1
 """A hand has its wrist so near the arm's at most, where all views or its own have that; chosen on two takes."""
+ALIKE = 0.1
+"""Arms this near each other, in hands, place crops that show the same."""
 NEAREST_M = 0.1
 """No hand is looked for nearer to a camera."""
 SURE = 0.3
@@ -90,7 +92,10 @@ def _at_arm(
         return unseen
     own = arms.detected[view, :, side]
     sure = own[:, 2:] >= SURE
-    places = [px[:, side]] + ([np.where(sure, own[:, :2], px[:, side])] if sure.any() else [])
+    hand_px = HAND_M * float(cameras.K[view, 0, 0]) / depth
+    there = np.where(sure, own[:, :2], px[:, side])
+    alike = float(np.linalg.norm(there - px[:, side], axis=-1).max()) < ALIKE * hand_px
+    places = [px[:, side]] if alike else [px[:, side], there]
     places = [place for place in places if ((place[1] >= 0) & (place[1] < rgb.shape[1::-1])).all()]
     reach = AWAY_M * float(cameras.K[view, 0, 0]) / depth
 
