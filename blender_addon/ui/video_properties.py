@@ -76,6 +76,10 @@ class MocapVideos(bpy.types.PropertyGroup):
     model: bpy.props.StringProperty(
         name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
     )
+    hands: bpy.props.StringProperty(
+        name="Hand Model", subtype="FILE_PATH", options=RELATIVE,
+        description="MediaPipe's hand_landmark_full.tflite, to find hands and solve fingers; empty for the body alone",
+    )  # fmt: skip
     people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
     sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
@@ -95,6 +99,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
         options += ["--focal", self.focal] if self.focal else []
+        options += ["--hand-model", str(file_of(self.hands))] if self.hands else []
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:

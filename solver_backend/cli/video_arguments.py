@@ -45,6 +45,13 @@ def from_videos_arguments(verb: argparse.ArgumentParser) -> None:
         help="focal length of unknown lenses: 35 mm equivalent or pixels; from the file or guessed if left out",
     )  # fmt: skip
     verb.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
+    verb.add_argument(
+        "--hand-model", type=Path, metavar="MODEL.tflite",
+        help="also find hands where the body has its wrists, by hand_landmark_full.tflite, and solve the fingers",
+    )  # fmt: skip
+    verb.add_argument(
+        "--hand-python", type=Path, metavar="PATH", help="Python that has ai-edge-litert; that of --python if left out"
+    )
     add_settings(verb, ["scale", "level", *(name for name in ROWS if name not in ("layout", "sync"))])
 
 
