@@ -26,7 +26,7 @@ INFORMED = 0.7
 """A finger is seen where its knuckle's bend is known to less than this share of what is known of unseen fingers."""
 CALIBRATION = 0.65
 """Share of the inflated posterior's variance that is found; see ``keyframes/posterior``. Set so that 95 % ellipsoids
-hold 95 % of the studio's finger joints; with two thirds of its noise they hold 96, with half as much again 92."""
+hold 96 % of the studio's finger joints; with other noise they hold 91 to 97 (docs/research-log/hands.md)."""
 CONSTANT_M = 0.004
 """Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
 
