@@ -114,7 +114,7 @@ def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.
     drawn = []
     for row, frame in enumerate(frames):
         top = row * (_SIZE + 18)
-        drawn.append(f'<text class="x" x="6" y="{top + 12:.0f}">{frame / motion.fps:.2f} s</text>')
+        drawn.append(f'<text class="x" x="28" y="{top + 12:.0f}">{frame / motion.fps:.2f} s</text>')
         for side in range(len(SIDES)):
             chains = _own_axes(motion.joints[frame, wrists[side]], motion.joints[frame, columns[side]], side)
             for view, across in enumerate((1, 2)):

@@ -107,6 +107,7 @@ def test_a_clip_about_its_hips_stands_on_the_floor(tmp_path: Path, body: Body, k
     assert done.motion.contacts is not None and done.motion.contacts.any(axis=1).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_real_clips_are_near_and_do_not_flip(shared_data: Path, body: Body) -> None:
     poses = shared_data / "poses_makehuman_cc0/makehuman_data_bvhs_10_01.bvh"
     clips = [*sorted((shared_data / "bvh_samples").glob("*daz*.bvh")), poses]
