@@ -11,7 +11,7 @@ SOURCE = "solver_backend/exchange/solve_settings.py, reading_settings.py, time_s
 _HEAD = """# Settings of a solve
 
 Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
-[job file](../how-to/batch-and-cluster.md#batches), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
+[job file](job-file.md), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
 and so on."""
 _OF_READING = """Options of every command that reads a capture; keys of the job file itself, beside `settings`; in the
 panel under *Reading Options*."""

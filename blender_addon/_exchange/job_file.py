@@ -53,6 +53,7 @@ class JobRange:
     last: int
     """Last frame, included."""
     pins: tuple[JobPin, ...] = ()
+    """Poses inside the range that are kept."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values."""
@@ -73,7 +74,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     out: Path
     """Motion file to be written."""
     report: Path | None = None
-    """HTML page to be written, None for none."""
+    """HTML page to be written; None for none."""
     overwrite: bool = False
     """Replace results that are already there."""
     strict: bool = False
@@ -83,7 +84,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     start: Path | None = None
     """Earlier motion of these frames at which several cameras start, such as that of one of them."""
     told: Path | None = None
-    """Names that a person gave to points of a recording of markers; they bind."""
+    """File of user-assigned labels of points of a recording of markers; the solver never overrides them."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None

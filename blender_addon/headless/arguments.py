@@ -9,13 +9,14 @@ from itertools import groupby
 from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
+from ..conventions.looks import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .exit_codes import EPILOG
 from .verb_table import VERBS
 
 _FORMATS = tuple(FORMATS)
-SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion", "add-hands")
 """Verbs whose options are the solver's own."""
 
 
@@ -58,13 +59,14 @@ def _list_verbs() -> str:
 
 def _shared_options() -> dict[str, argparse.ArgumentParser]:
     """Return the options that several verbs take, by what they are about."""
-    names = ("common", "body", "out", "writing", "python", "motion")
+    names = ("common", "body", "look", "out", "writing", "python", "motion")
     shared = {name: argparse.ArgumentParser(add_help=False) for name in names}
     add = {name: options.add_argument for name, options in shared.items()}
     add["common"]("--json", action="store_true", help="progress and result as JSON lines on standard output")
     add["common"]("--parent-pipe", action="store_true", help=argparse.SUPPRESS)
     add["common"]("--verbose", action="store_true", help="show what Blender prints, on standard error")
     add["body"]("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
+    add["look"]("--look", choices=LOOKS, default="", help="a person, or a mannequin: one colour and no face")
     add["out"]("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     add["writing"]("--overwrite", action="store_true", help="replace files that are there")
     add["python"]("--python", type=Path, help="Python to solve with, one with torch perhaps")
@@ -142,6 +144,16 @@ def _add_motion_options(motion: argparse.ArgumentParser) -> None:
     add("--action", default="", metavar="NAME", help="which of its actions; the one that it shows")
 
 
+def _add_hands_options(hands: argparse.ArgumentParser) -> None:
+    add = hands.add_argument
+    add("hands_of", type=Path, metavar="MOTION.npz", help="motion whose body stays")
+    add(
+        "gloves", type=Path, nargs="+", metavar="GLOVES", help="FBX, glTF, Blender file, BVH, or CSV of MANUS or Rokoko"
+    )
+    add("--out", type=Path, required=True, metavar="OUT.npz", help="motion file to write")
+    add("--armature", default="", metavar="NAME", help="which armature of the recording, where several move")
+
+
 def _add_body_options(body: argparse.ArgumentParser) -> None:
     body.add_argument(
         "--out", type=_blend_file, required=True, metavar="FILE.blend",
@@ -206,8 +218,8 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
 
 _OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "bake": _add_bake_options, "export": _add_export_options, "retarget": _add_retarget_options,
-    "motion": _add_motion_options, "body": _add_body_options, "batch": _add_batch_options,
-    "studio": _add_studio_options,
+    "motion": _add_motion_options, "add-hands": _add_hands_options, "body": _add_body_options,
+    "batch": _add_batch_options, "studio": _add_studio_options,
 }  # fmt: skip
 """What adds a verb's own options."""
 

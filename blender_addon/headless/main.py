@@ -19,6 +19,7 @@ from .._exchange.errors import Cancelled, MocapError
 from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
+from ..conventions.looks import PERSON_LOOK
 from ..errors import BakeFailed, BatchInvalid, BlenderMissing
 from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
@@ -28,7 +29,7 @@ from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
-from .motion import MotionRequest, run_motion
+from .motion import HandsRequest, MotionRequest, run_add_hands, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import run_retarget
@@ -132,7 +133,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, tolerance_mm=options.keys_within, asset=options.asset, fps=options.fps,
-        overwrite=options.overwrite, footage_from=tuple(options.footage_from),
+        overwrite=options.overwrite, look=options.look or PERSON_LOOK, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -141,7 +142,7 @@ def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
-        footage_from=tuple(options.footage_from),
+        look=options.look or PERSON_LOOK, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -150,7 +151,14 @@ def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
     request = ExportRequest(
-        options.source, options.out, formats, options.body, options.armature, options.fps, options.overwrite
+        options.source,
+        options.out,
+        formats,
+        options.body,
+        options.armature,
+        options.fps,
+        options.overwrite,
+        options.look,
     )
     return run_export(request, progress)
 
@@ -182,9 +190,20 @@ def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
 
 
+def _add_hands(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    request = HandsRequest(
+        options.hands_of, tuple(options.gloves), options.out, options.armature, tuple(options.rest), options.python
+    )
+    result = run_add_hands(request, progress)
+    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
+
+
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    return run_body(BodyRequest(options.out, options.body, options.betas, options.fingers), progress)
+    return run_body(
+        BodyRequest(options.out, options.body, options.betas, options.fingers, options.look or PERSON_LOOK), progress
+    )
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -225,7 +244,8 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
 
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "motion": _motion, "body": _body, "batch": _batch, "studio": _studio,
+    "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
+    "batch": _batch, "studio": _studio,
 }  # fmt: skip
 
 

@@ -8,6 +8,8 @@ import bpy
 
 from .._exchange.joint_sets import JointSet
 from .._exchange.vmc.address import VmcAddress
+from ..body.looks import bodies_of, show_look
+from ..conventions.looks import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
@@ -35,6 +37,10 @@ STAGES = (
     ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
 )
 """The stages of the work, in their order; the panels of one are shown at a time."""
+_LOOK_ITEMS = (
+    (PERSON_LOOK, "Person", "Skin, suit, and a face"),
+    (MANNEQUIN, "Mannequin", "One colour, and no face"),
+)
 AUTO = "AUTO"
 _PRESET_ITEMS = (
     ("FAST", "Fast", "Keys farther apart, a third less time: for a first look"),
@@ -167,6 +173,11 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )  # fmt: skip
 
 
+def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    for mesh in bodies_of(settings.id_data):
+        show_look(mesh, settings.look)
+
+
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
@@ -176,6 +187,9 @@ class MocapSettings(bpy.types.PropertyGroup):
     )  # fmt: skip
     session: bpy.props.StringProperty(
         name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
+    )
+    look: bpy.props.EnumProperty(
+        name="Look", description="What the bodies of this scene look like", items=_LOOK_ITEMS, update=_show_look
     )
     stage: bpy.props.EnumProperty(name="Stage", description="Which panels are shown", items=STAGES)
     reading: bpy.props.PointerProperty(type=MocapReading)

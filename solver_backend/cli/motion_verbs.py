@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
 from pathlib import Path
 
 from solver_backend.cli.foreign_motion import read_foreign_motion
-from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, sentence, warnings_in
+from solver_backend.cli.outcome import Outcome, found_data, found_lines
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -43,11 +42,11 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
         f"Motion {source.name}: {source.num_frames} frames at {source.fps:g} Hz",
         f"  joints      {len(roles)} of {len(source.names)} have a role",
         f"  distance    {brought.limbs_mm:.1f} mm from the skeleton's limbs (root mean square)",
-        *_lines_of(found),
+        *found_lines(found),
         f"  written     {args.out}",
     ]
     data = {
-        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, **_data_of(found),
+        "motion": str(args.out), "frames": source.num_frames, "fps": source.fps, "roles": roles, **found_data(found),
         "distance_mm": brought.limbs_mm,
         "distances_mm": {role: round(off, 2) for role, off in brought.done.distances_mm.items()},
     }  # fmt: skip
@@ -65,23 +64,8 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     found = [diagnostic("motion_mean_shape"), *([diagnostic("motion_one_frame")] if clip.num_frames == 1 else [])]
     lines = [
         f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
-        *_lines_of(found), f"  written     {args.out}",
+        *found_lines(found), f"  written     {args.out}",
     ]  # fmt: skip
     return Outcome("\n".join(lines), {
-        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **_data_of(found),
+        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **found_data(found),
     })  # fmt: skip
-
-
-def _lines_of(found: Sequence[Diagnostic]) -> list[str]:
-    """Return what was found as lines of the console, warnings first."""
-    kinds = (("warning", warnings_in(found)), ("note", notes_in(found)))
-    return [f"  {kind:<11} {sentence(item)}" for kind, items in kinds for item in items]
-
-
-def _data_of(found: Sequence[Diagnostic]) -> dict[str, object]:
-    """Return what was found as values of JSON."""
-    return {
-        "notes": [sentence(item) for item in notes_in(found)],
-        "problems": [sentence(item) for item in warnings_in(found)],
-        "diagnostics": [item.as_dict() for item in found],
-    }

@@ -73,12 +73,17 @@ def option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def help_of(row: Setting) -> str:
+    """Return the words of a setting as help texts have them."""
+    return f"{row.description[0].lower()}{row.description[1:]}".replace("%", "%%")
+
+
 def _add_option(group: Any, name: str, row: Setting) -> None:
     bounds, default = describe_range(row), describe_default(name)
     repeated = ["may be repeated"] * (row.kind == "texts")
     more = "; ".join([bounds] * bool(bounds) + [f"default {default}"] * bool(default) + repeated)
-    text = f"{row.description[0].lower()}{row.description[1:]}{f' ({more})' if more else ''}"
-    group.add_argument(option(name), dest=name, default=None, help=text.replace("%", "%%"), **_how(row))
+    text = f"{help_of(row)}{f' ({more})' if more else ''}"
+    group.add_argument(option(name), dest=name, default=None, help=text, **_how(row))
 
 
 def _how(row: Setting) -> dict[str, Any]:

@@ -20,6 +20,7 @@ from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.types import Cameras
 from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.calibration_files import toml_text
+from tests.support.drawn_gloves import drawn_gloves, hands_bvh
 from tests.support.pose_models import write_rtmpose
 from tests.support.recorded_markers import recorded
 from tests.support.recordings import recordings_folder
@@ -59,6 +60,7 @@ def write_inputs(folder: Path) -> None:
     )  # fmt: skip
     write_motion(folder / "marked.npz", marked)
     write_bvh(folder / "clip.bvh", known_motion(load_body(), np.zeros(10)))
+    hands_bvh(folder / "gloves.bvh", drawn_gloves(), 0, "LeftHand{finger}{number}")
     if recordings_folder().is_dir():
         (folder / "data").symlink_to(recordings_folder())
     _write_footage(folder, cameras.names)
@@ -133,6 +135,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
         "--detector", "model.onnx", "--repeat", "--lines", "out.jsonl", "--record", "out.npz",
     ),
     "motion": ("motion", "clip.bvh", "--out", "out.npz"),
+    "add-hands": ("add-hands", "motion.npz", "gloves.bvh", "--offset", "0", "--out", "out.npz"),
     "denoise": ("denoise", "motion.npz", "out.npz"),
     "complete": ("complete", "motion.npz", "out.npz", "--missing", "left_arm"),
     "interpolate": ("interpolate", "motion.npz", "out.npz", "--frames", "10", "40", "--count", "30"),

@@ -63,6 +63,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The place of an own point on its bone is found from two cameras or more.",
         "Give the detections of a second camera.",
     ),
+    "hand_markers_left_out": warning(
+        "Markers near the {side} hand that move with none of its segments are not used: {markers}",
+        "They slip, flicker, or are a prop's that the hand holds.",
+        "Name them in a layout (L_FT2), or leave them out there (an empty text).",
+    ),
     "hands_without_fingers": warning(
         "Hands were detected, and the body has no finger joints",
         "The body file is SMPL's, or one of its own layout.",

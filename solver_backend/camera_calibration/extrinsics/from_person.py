@@ -74,7 +74,7 @@ def rig_from_person(
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
     """
     rng = np.random.default_rng(seed)
-    task = _Views.of(names, lenses, keypoints, START_FRAMES)
+    task = _FlatViews.of(names, lenses, keypoints, START_FRAMES)
     watch("Pairs of cameras")
     pair, poses = task.best_pair(rng)
     joined = list(pair)
@@ -86,7 +86,7 @@ def rig_from_person(
     watch("All cameras at once")
     order = np.argsort(joined)
     cameras = found.cameras.subset(order.tolist())
-    return _finished(_Views.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
+    return _finished(_FlatViews.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
 
 
 def refined_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> PersonRig:
@@ -96,11 +96,11 @@ def refined_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: b
         NoDetections: no two cameras see the person at the same moment.
     """
     lenses = [lens_of(cameras, c) for c in range(len(cameras))]
-    views = _Views.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
+    views = _FlatViews.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
     return _finished(views, cameras, START_SIGMA_PX, free_focal)
 
 
-def _finished(views: _Views, cameras: Cameras, sigma: float, free_focal: bool) -> PersonRig:
+def _finished(views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool) -> PersonRig:
     """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
     everyone = list(range(len(cameras)))
     found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal)
@@ -113,7 +113,7 @@ def _finished(views: _Views, cameras: Cameras, sigma: float, free_focal: bool) -
 
 
 @dataclass(frozen=True)
-class _Views:
+class _FlatViews:
     """Keypoints of C views at F frames, flat: N = F K points."""
 
     lenses: Cameras
@@ -125,7 +125,7 @@ class _Views:
     keypoints: int
 
     @classmethod
-    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _Views:
+    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _FlatViews:
         seen = (keypoints.confidence >= LEAST_CONFIDENCE).sum(2)
         useful = np.flatnonzero((seen > 3).sum(0) >= 2)
         if not len(useful):

@@ -71,6 +71,15 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "The take is too short to check the calibration",
         "No two cameras see the person at once for long enough.",
     ),
+    "hands_found": note(
+        "Two views show the left hand in {left:.0f} % of the frames, the right one in {right:.0f} %",
+        "Hands were looked for where the body has its wrists.",
+    ),
+    "hands_need_views": warning(
+        "Hands are not looked for in a single video",
+        "Crops of hands are placed by wrists that two cameras or more show.",
+        "Film with two cameras, or let MediaPipe find hands: --hands.",
+    ),
     "motion_written": note("Motion: {file}", "The capture was solved, or the motion is as it was before."),
     "clocks_as_filmed": note(
         "The cameras are taken as filmed: their clocks are not compared",

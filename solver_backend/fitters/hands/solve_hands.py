@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_markers import hand_markers
 from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
@@ -21,9 +20,10 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
+from solver_backend.fitters.hands.extra_markers import worn_hand
 from solver_backend.fitters.hands.hand_noise import hand_term
 from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
-from solver_backend.fitters.hands.marker_hand import calibrated_hand, marker_size
+from solver_backend.fitters.hands.marker_hand import marker_size
 from solver_backend.fitters.hands.sides import sort_hands
 from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
 from solver_backend.fitters.hands.start import hand_size
@@ -99,10 +99,9 @@ def solve_hands(
             problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps)
             start = located[side].points
         else:
-            markers = hand_markers(skeleton, measured.labels[side])
-            cloud = measured.positions[side]
-            problem = calibrated_hand(cloud, markers, skeleton, path, measurements.fps, settings).problem
-            start = np.full((len(cloud), NUM_HAND_POINTS, 3), np.nan)
+            problem, doubts = worn_hand(measured, side, skeleton, path, measurements.fps, settings)
+            found = (*found, *doubts)
+            start = np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan)
         hands[side] = solve_hand(problem, start, settings, alive)
         solved = _with_arm(solved, hands[side], side, betas)
     progress(STAGE, len(seen), len(seen))

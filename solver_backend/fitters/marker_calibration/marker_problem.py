@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.body.label_places import read_label_places
+from solver_backend.body.label_places import places_given
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
@@ -177,7 +177,7 @@ def calibrated(
         FileMissing, FileDamaged: the settings' layout cannot be read.
     """
     cloud = joined(clouds)
-    own = read_label_places(settings.layout) if settings.layout else {}
+    own = places_given(settings.layout)
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
     # The chosen labels alone may identify less than all together: their places go with them.

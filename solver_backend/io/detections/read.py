@@ -13,6 +13,7 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
+from solver_backend.io.detections.named_hands import with_named_hands
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_cameras
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
@@ -73,6 +74,7 @@ def read_detections(
     listed = {name: source.frames() for name, source in sources.items()}
     if own is not None:
         listed = {name: own.apply(frames) for name, frames in listed.items()}
+    listed = {name: with_named_hands(frames) for name, frames in listed.items()}
     spans = {name: (int(frames.numbers[0]), int(frames.numbers[-1])) for name, frames in listed.items()}
     apart = apart and len(set(spans.values())) > 1
     if not apart:

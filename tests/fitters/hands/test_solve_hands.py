@@ -94,6 +94,7 @@ def test_ellipsoids_of_fingers_are_of_their_errors_size() -> None:
     assert motion.resting is None or not motion.resting[:, 22:].all()
 
 
+@pytest.mark.slow
 def test_a_hand_that_nobody_sees_rests_relaxed_and_is_flagged() -> None:
     alone = hands()
     alone[:, :, 1] = np.nan
@@ -118,6 +119,7 @@ def test_exchanged_hands_are_found_and_named() -> None:
     assert np.sqrt((finger_errors(motion) ** 2).mean()) < 1.1 * np.sqrt((finger_errors(solved(True)) ** 2).mean())
 
 
+@pytest.mark.slow
 def test_a_wrong_hand_moves_no_wrist_far() -> None:
     """One view shows somebody else's fingers at the right place: its points are outliers."""
     wrong = hands()
@@ -127,6 +129,7 @@ def test_a_wrong_hand_moves_no_wrist_far() -> None:
     assert np.median(moved) < 0.015
 
 
+@pytest.mark.slow
 def test_a_hand_in_one_view_alone_is_ridden_out() -> None:
     single = hands()
     single[1:, :, 0] = np.nan

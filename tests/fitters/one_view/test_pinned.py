@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
@@ -36,6 +37,7 @@ def test_a_pinned_arm_and_its_neighbours_leave_the_lifted_depth() -> None:
     assert np.abs(again.joints[:FIRST] - motion.joints[:FIRST]).max() == 0.0
 
 
+@pytest.mark.slow
 def test_without_floor_and_feet_in_sight_the_result_is_finite_and_says_so() -> None:
     capture = replace(without(filmed_walk(60), LEGS), floor_from_person=True)
     motion = solve(capture).motion

@@ -184,6 +184,7 @@ def test_the_card_counts_views_and_poses(made: Path) -> None:
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [{"preset": "azure_kinect_3"}, {"count": 2, "size": [160, 120]}])
 def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Path, rig: dict[str, Any]) -> None:
     kinds = ["infrared", "depth", "masks", "normals"]
