@@ -31,7 +31,10 @@ _HAND_LISTS = tuple(
 _ANY_HAND = tuple(name for names in _HAND_LISTS for name in names)
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
 """Names of the list of people where an object holds it."""
-_POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints")
+_POINTS = (
+    "keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d",
+    "keypoints2d", "keypoints_2d", "kpts",
+)  # fmt: skip
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
 """Names of a person's points and of the scores beside them."""
 _TRIPLE = "x", "y", "score"
@@ -48,7 +51,7 @@ def people_in_picture(document: Any, where: str) -> People:
     """
     if _is_empty(document):
         return []
-    if isinstance(document, dict) and isinstance(document.get("people"), list):
+    if isinstance(document, dict) and isinstance(document.get("people"), list) and not _are_objects(document["people"]):
         return _kept(_openpose_person(entry, where) for entry in document["people"])
     if isinstance(document, dict) and isinstance(document.get("annots"), list):
         return _kept(_easymocap_person(entry, where) for entry in document["annots"])
@@ -69,6 +72,14 @@ def people_in_picture(document: Any, where: str) -> People:
 def _is_empty(document: Any) -> bool:
     """Whether a document is what programs write of a picture without people: null, or an object whose list is null."""
     return document is None or (isinstance(document, dict) and document.get("people", ...) is None)
+
+
+def _are_objects(people: list[Any]) -> bool:
+    """Whether people are of another form than OpenPose's: all have points of another name."""
+    return bool(people) and all(
+        isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
+        for entry in people
+    )
 
 
 def is_openpose(document: Any) -> bool:

@@ -71,6 +71,16 @@ def test_frames_without_people_are_written_in_several_ways(tmp_path: Path, text:
     assert found.problems == ()
 
 
+@pytest.mark.parametrize("key", ["joints2d", "keypoints_2d", "kpts", "keypoints"])
+def test_people_with_points_of_other_names(tmp_path: Path, key: str) -> None:
+    shown = person(1)
+    folders = {name: write(tmp_path / name, {f: [shown] for f in range(3)}) for name in ("cam01", "cam02")}
+    for path in tmp_path.rglob("*.json"):
+        path.write_text(json.dumps({"people": [{key: shown.tolist()}]}))
+    found = read_folders(folders)
+    np.testing.assert_allclose(found.xy[:, :, 0], np.broadcast_to(shown[:, :2], (2, 3, 26, 2)), rtol=1e-6)
+
+
 def test_padding_files_of_pose2sim_are_frames_without_people(tmp_path: Path) -> None:
     folders = {
         "a": write(tmp_path / "a", {n: [person(n)] for n in range(4)}),
