@@ -12,6 +12,7 @@ from .._exchange.diagnostics import REFUSALS
 from ..conventions.looks import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
+from .certificates import DAYS
 from .exit_codes import EPILOG
 from .verb_table import VERBS
 
@@ -222,10 +223,15 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     _add_workers(studio, "shots")
 
 
+def _add_certificates_options(certificates: argparse.ArgumentParser) -> None:
+    certificates.add_argument("--days", type=_count, default=DAYS, metavar="N", help=f"that they are valid; {DAYS}")
+
+
 _OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "bake": _add_bake_options, "export": _add_export_options, "retarget": _add_retarget_options,
     "motion": _add_motion_options, "add-hands": _add_hands_options, "body": _add_body_options,
     "batch": _add_batch_options, "studio": _add_studio_options,
+    "certificates": _add_certificates_options,
 }  # fmt: skip
 """What adds a verb's own options."""
 
