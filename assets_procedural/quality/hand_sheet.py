@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.arrays import Array
+from assets_procedural.mesh.parts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
@@ -49,10 +50,10 @@ HANDS: dict[str, Degrees] = {
     | _thumb(25, 21, 26, -6, -2),
 }
 """Angles in degrees by name; what is left out is as at rest."""
-_NAIL_FROM, _NAIL_TO, _FACES = 0.45, 0.95, 0.7
-"""Where a nail is along a last bone, and the cosine by which its faces look out of the back of the finger."""
-_NAIL, _PALM = (0.93, 0.72, 0.70), (0.88, 0.64, 0.52)
-"""Colours of nails and palms on the sheet, which show where they are in each pose."""
+_FACES = 0.7
+"""Cosine by which faces of the palm look off the back of the hand."""
+_PALM = (0.88, 0.64, 0.52)
+"""Colour of palms on the sheet, which shows where they are in each pose."""
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
 """Yaw and pitch of the views of a left hand: back, palm, thumb's side, from the fingertips, little finger's side."""
 
@@ -73,22 +74,17 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
     return pose_mesh(body, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3)), correctives=correctives)[0]
 
 
-def nail_faces(body: Body, side: int) -> Array:
-    """Return (T,) which faces lie where nails grow: on the back of a finger's last bone, at its end.
+def nail_faces(body: Body, material: Array, side: int, finger: int) -> Array:
+    """Return (T,) which faces are the nail of a finger of ``FINGERS``.
 
     Args:
         body: of the layout ``SMPL_HANDS``.
+        material: (T,) of the faces.
         side: 0 left, 1 right.
+        finger: in ``FINGERS``.
     """
-    skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
-    middles, normals = _middles_and_normals(body.v_template, body.faces)
-    found = np.zeros(len(body.faces), bool)
-    for finger in range(len(FINGERS)):
-        share = body.weights[:, last_bone(side, finger)][body.faces].min(axis=1)
-        joint, tip, out = start[3 + 4 * finger], start[4 + 4 * finger], skeleton.rest[finger, 2, :, 1]
-        along = (middles - joint) @ (tip - joint) / ((tip - joint) @ (tip - joint))
-        found |= (share > 0.5) & (along > _NAIL_FROM) & (along < _NAIL_TO) & (normals @ out > _FACES)
-    return found
+    last = SMPL_HANDS.joints.index(f"{SIDES[side]}_{FINGERS[finger]}3")
+    return (material == MATERIAL_NAMES.index("nail")) & (body.weights[:, last][body.faces].min(axis=1) > 0.5)
 
 
 def palm_faces(body: Body, side: int) -> Array:
@@ -105,11 +101,6 @@ def palm_faces(body: Body, side: int) -> Array:
     along = (middles - start[0]) @ (knuckle - start[0]) / ((knuckle - start[0]) @ (knuckle - start[0]))
     carried = body.weights[:, wrist][body.faces].min(axis=1) > 0.5
     return carried & (along > 0.2) & (along < 0.9) & (normals @ skeleton.palm[2, :, 1] < -_FACES)
-
-
-def last_bone(side: int, finger: int) -> int:
-    """Return the joint of the last bone of a finger of ``FINGERS``."""
-    return SMPL_HANDS.joints.index(f"{SIDES[side]}_{FINGERS[finger]}3")
 
 
 def _middles_and_normals(vertices: Array, faces: Array) -> tuple[Array, Array]:
@@ -131,8 +122,7 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
     near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0
     faces, colours, pictures = body.faces[near], MATERIAL_COLOURS[material[near]].copy(), []
-    number = ("left", "right").index(side)
-    colours[nail_faces(body, number)[near]], colours[palm_faces(body, number)[near]] = _NAIL, _PALM
+    colours[palm_faces(body, SIDES.index(side))[near]] = _PALM
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:

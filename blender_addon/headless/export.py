@@ -113,7 +113,7 @@ def _open(request: ExportRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:
         raise NothingToExport(
             f"There is no animated armature '{request.armature}'."
             if request.armature
-            else "One animated armature is wanted.",
+            else "Exactly one animated armature is needed.",
             where=str(request.source),
             hint=f"Name one with --armature: {', '.join(found) or 'the file has none'}.",
         )

@@ -27,6 +27,7 @@ from .batch.limits import TakeLimits
 from .batch.request import BatchRequest, Spread
 from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
+from .certificates import run_certificates
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
 from .motion import HandsRequest, MotionRequest, run_add_hands, run_motion
@@ -242,10 +243,14 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_studio(request, progress)
 
 
+def _certificates(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    return run_certificates(options.out, options.days, options.overwrite, progress)
+
+
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
     "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
-    "batch": _batch, "studio": _studio,
+    "batch": _batch, "studio": _studio, "certificates": _certificates,
 }  # fmt: skip
 
 

@@ -67,5 +67,9 @@ VERBS = {
     "studio": BlenderVerb(
         _MANY, "python common", "render synthetic captures with ground truth", "studio spec.json --out set"
     ),
+    "certificates": BlenderVerb(
+        _MANY, "out writing common", "make the TLS certificates of a cluster of several machines",
+        "certificates --out tls",
+    ),
 }  # fmt: skip
 """By name, in the order of the help."""

@@ -8,7 +8,6 @@ import bpy
 
 from .._exchange.joint_sets import JointSet
 from .._exchange.vmc.address import VmcAddress
-from ..body.looks import bodies_of, show_look
 from ..conventions.looks import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
@@ -174,6 +173,8 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
 
 
 def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    from ..body.looks import bodies_of, show_look  # which need NumPy; registering must not
+
     for mesh in bodies_of(settings.id_data):
         show_look(mesh, settings.look)
 

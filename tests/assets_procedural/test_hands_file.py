@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from assets_procedural.quality.hand_sheet import HANDS, last_bone, nail_faces, palm_faces, pose_hands
+from assets_procedural.quality.contact_sheet import read_baked
+from assets_procedural.quality.hand_sheet import HANDS, nail_faces, palm_faces, pose_hands
 from assets_procedural.skeleton.skinning import volume
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.hand_angles import ANGLES, JOINT_OF
@@ -77,10 +78,10 @@ def test_nails_stay_on_the_backs_of_fingers_and_the_palm_on_its_side(body, pose,
     a, b, c = (posed[body.faces[:, k]] for k in range(3))
     normals = np.cross(b - a, c - a)
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-    nails = nail_faces(body, side)
+    material = read_baked().material
     for finger in range(len(FINGERS)):
-        mine = nails & (body.weights[:, last_bone(side, finger)][body.faces].min(axis=1) > 0.5)
-        assert mine.sum() >= 4
-        assert (normals[mine] @ own.frames[0, finger, 3, :, 1]).min() > 0.6, FINGERS[finger]
+        nail = nail_faces(body, material, side, finger)
+        assert nail.sum() >= 4
+        assert np.median(normals[nail] @ own.frames[0, finger, 3, :, 1]) > 0.8, FINGERS[finger]
     palm = palm_faces(body, side)
     assert palm.sum() >= 20 and np.median(normals[palm] @ skeleton.palm[2, :, 1]) < -0.8

@@ -143,6 +143,7 @@ def armature_alone(user: Any) -> Any:
 def of_another_file(user: Any) -> Any:
     """Open a new file: no notice or error of the former one is left; a body appended and linked gets its panels."""
     mocap().capture.messages.add().text = "A problem of the former file."
+    home = mocap().capture.collection.name
     for link in (False, True):
         bpy.ops.wm.read_homefile()
         yield 1.5
@@ -150,11 +151,12 @@ def of_another_file(user: Any) -> Any:
         assert not mocap().captures and mocap().review.take is None
         yield from user.shot("linking" if link else "appending")
         with bpy.data.libraries.load(str(_CAST), link=link) as (there, wanted):
-            wanted.collections = [name for name in there.collections if name == "demo"]
+            wanted.collections = [name for name in there.collections if name == home]
         bpy.context.scene.collection.children.link(wanted.collections[0])
         yield 1.0
         review = mocap().review
-        assert review.armature is not None and review.take is not None and len(mocap().captures) == 1
+        there = (review.armature, review.take, len(mocap().captures))
+        assert None not in there and there[2] == 1, (home, there, [c.name for c in bpy.data.collections])
         yield from user.open_stage("EDIT")
         yield from user.find("mocap.show_confidence")
         yield from user.open_stage("DELIVER")

@@ -8,7 +8,7 @@ import pytest
 
 TESTS = Path(__file__).resolve().parents[1]
 AREAS = ("assets_procedural", "benchmarks", "kills", "research", "training")
-"""Folders of what makes the files and tables that are committed: no user runs it, and it costs a third of the suite."""
+"""Folders of what makes the files and tables that are committed: no user runs it."""
 
 
 def left_out(config: pytest.Config, items: list[pytest.Item]) -> list[pytest.Item]:

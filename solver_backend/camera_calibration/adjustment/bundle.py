@@ -25,8 +25,14 @@ from solver_backend.geometry.rotations import exp_so3, skew
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
+Watch = Callable[[int, float], None]
+"""Receives each step of an adjustment and its cost."""
 _LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
+
+
+def unwatched(step: int, cost: float) -> None:
+    """Ignore the steps."""
 
 
 def adjust(
@@ -40,7 +46,7 @@ def adjust(
     steps: int = 60,
     gauge: int = 6,
     tolerance: float = 1e-8,
-    watch: Callable[[int, float], None] = lambda step, cost: None,
+    watch: Watch = unwatched,
 ) -> Adjusted:
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
