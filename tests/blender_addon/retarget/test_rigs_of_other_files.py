@@ -60,7 +60,7 @@ def retargeted(walk: Path, target: Path, capfd: Any, *options: str) -> tuple[int
 def test_a_file_with_two_armatures_asks_for_one_by_name(walk: Path, two: Path, capfd: Any) -> None:
     code, said, out = retargeted(walk, two, capfd)
     assert code == 3 and said["code"] == "target_unsuitable" and not out.exists()
-    assert "One armature is wanted" in said["message"] and "--object: Foreign, Foreign.001" in said["hint"]
+    assert "Exactly one armature is needed" in said["message"] and "--object: Foreign, Foreign.001" in said["hint"]
     code, said, _ = retargeted(walk, two, capfd, "--object", "Foreign.002")
     assert code == 3 and "no armature 'Foreign.002'" in said["message"]
     code, said, out = retargeted(walk, two, capfd, "--object", "Foreign.001")
