@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 
@@ -53,7 +54,7 @@ def test_what_can_be_corrected_is_named_everywhere(
     assert code == 0
     (named,) = [item for item in read_diagnostics(event["diagnostics"]) if item.code == NAMED[kind]]
     assert named.severity == "warning"
-    assert sentence(named)[:20] in (tmp_path / "report.html").read_text("utf-8")
+    assert sentence(named)[:20] in html.unescape((tmp_path / "report.html").read_text("utf-8"))
     joints = np.asarray(demo_capture(FRAMES, 60.0).truth["joints"])
     assert error_mm(read_motion(tmp_path / "motion.npz").joints, joints) < LIMIT_MM
 
