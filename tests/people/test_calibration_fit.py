@@ -77,13 +77,14 @@ def scaled(xy: np.ndarray, x: float, y: float, bars: float = 0.0, chosen: tuple[
     [
         (lambda xy: scaled(xy, 0.75, 1.0), [CameraCorrection(shape="squeezed")] * 4),
         (lambda xy: scaled(xy, 1 / 3, 1 / 3, 140), [CameraCorrection(1 / 3, shape="boxed")] * 4),
+        (lambda xy: xy - [320, 180], [CameraCorrection(shape="middle 2/3")] * 4),
         pytest.param(
             lambda xy: scaled(xy, 0.75, 1.0, 0, (1,)),
             [CameraCorrection(shape="squeezed" if c == 1 else "") for c in range(4)],
             marks=pytest.mark.slow,
         ),
     ],
-    ids=["anamorphic", "a square with bars", "one anamorphic"],
+    ids=["anamorphic", "a square with bars", "cropped", "one anamorphic"],
 )  # fmt: skip
 def test_pictures_of_another_shape(spoil: Callable[[np.ndarray], np.ndarray], expected: list[CameraCorrection]) -> None:
     fit = fit_calibration(CAMERAS, detections(spoil(filmed())))

@@ -68,6 +68,16 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The place of an own point on its bone is found from two cameras or more.",
         "Give the detections of a second camera.",
     ),
+    "hands_one_view": warning(
+        "A single camera does not show how fingers bend in depth. Hands are not solved",
+        "A palm and its mirror image in depth look alike in one view.",
+        "Give the detections of a second camera.",
+    ),
+    "fingers_through_fingers": warning(
+        "Fingers of the {joint} run through one another, by up to {size_mm:.1f} mm",
+        "Views disagree on which finger is which, or fingers are crossed.",
+        "Compare with the footage there, and set the fingers by hand.",
+    ),
     "hand_markers_left_out": warning(
         "Markers near the {side} hand that move with none of its segments are not used: {markers}",
         "They slip, flicker, or are a prop's that the hand holds.",

@@ -9,6 +9,16 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Detector: {detector}; {moments} moments at {rate:g} a second that all {videos} videos show",
         "The detections of videos come from this detector.",
     ),
+    "hand_without_wrist": warning(
+        "No two views agree on the {joint} in any frame; that hand is not looked for",
+        "A hand is looked for at the end of its forearm. The views are not in step, their calibration is wrong, or the "
+        "wrist is hidden.",
+        "Check the cameras: the console names views that disagree.",
+    ),
+    "hand_not_found": note(
+        "The hand at the {joint} is found in no picture",
+        "It is hidden or gloved, it holds something, or it is smaller than about 15 pixels.",
+    ),
     "camera_turns": note(
         "Camera {camera}: turns by up to {size:.1f}°; the detections are as if it had stayed as in the first picture",
         "The camera was panned or held by hand. The background beside the person shows by how much.",

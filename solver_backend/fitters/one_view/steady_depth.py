@@ -63,9 +63,9 @@ def _turns(G: np.ndarray, rest: np.ndarray, parents: np.ndarray, sight: np.ndarr
     along = np.einsum("fja,fa->fj", u, sight)[..., None]
     wanted = smooth(along, DEPTH_S * fps) * sight[:, None] + smooth(u - along * sight[:, None], ACROSS_S * fps)
     wanted /= np.linalg.norm(wanted, axis=-1, keepdims=True)
-    H, g = np.zeros((*G.shape[:2], 3, 3)), np.zeros(G.shape[:3])
-    np.add.at(H, (slice(None), parents[children]), np.eye(3) - u[..., :, None] * u[..., None, :])
-    np.add.at(g, (slice(None), parents[children]), np.cross(u, wanted))
+    hangs = (parents[children] == np.arange(len(parents))[:, None]).astype(float)
+    H = np.einsum("jc,fcab->fjab", hangs, np.eye(3) - u[..., :, None] * u[..., None, :])
+    g = np.einsum("jc,fca->fja", hangs, np.cross(u, wanted))
     return np.einsum("fjab,fjb->fja", np.linalg.inv(H + _LEAST * np.eye(3)), g)
 
 

@@ -30,7 +30,7 @@ recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as n
 ``python -m tests.benchmarks.resting_spread`` finds them; those of the trunk and head are 1.1 to 1.35 times as large, as
 solves without their markers need (``dev.py bench partial``), whose bones have other lengths too. Poses have heavier
 tails than a normal distribution, and a take is one activity: of CMU's clips 58, 82 and 94 % are inside, of partial
-takes of CMU 56, 72 and 81, of UI-PRMD 41, 69 and 88."""
+takes of CMU, UI-PRMD and nimble 58, 78 and 90."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Degrees by which the pelvis leans where the spread of trunk, head and legs is twice that of one upright, and beyond
 which it grows no more: who bends, sits, kneels or lies has them three times as far from their rest as who stands."""

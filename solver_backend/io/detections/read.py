@@ -19,7 +19,7 @@ from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import shared_range
-from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
+from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.people.detections import Detections
 from solver_backend.types import JointSet, OwnPoint
@@ -92,7 +92,9 @@ def read_detections(
     written = _keypoint_count(pictures)
     if written == 0:
         raise NoDetections(
-            "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
+            "The files hold nobody: every list of people is empty.",
+            where=where,
+            hint=f"Run the detector again. {HANDS_ALONE}",
         )
     count = written - len(points)
     require_known_count(count, joint_set, where=where)

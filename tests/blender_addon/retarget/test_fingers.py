@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
-from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.curves import action_curves
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.posed_body import pose_joints, rotvec_on
@@ -18,21 +17,8 @@ from blender_addon.retarget.retarget import retarget
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
+from tests.support.grasping_hand import FINGERS, FRAMES, grasping
 from tests.support.rigify_rig import rigify_rig
-
-FRAMES = 5
-FINGERS = ("index", "middle", "ring", "pinky", "thumb")
-
-
-def grasping(bend_rad: float) -> MotionFile:
-    """Return a motion whose left fingers bend by the same angle at every joint."""
-    layout = SMPL_HANDS
-    rotvec = np.zeros((FRAMES, layout.num_joints, 3))
-    rotvec[:, 0, 0] = np.pi / 2
-    for finger in FINGERS[:4]:
-        for i in (1, 2, 3):
-            rotvec[:, layout.joints.index(f"left_{finger}{i}"), 2] = -bend_rad * np.linspace(0, 1, FRAMES)
-    return MotionFile("grasp", rotvec, np.tile([0.0, 0, 0.95], (FRAMES, 1)), np.zeros(10), 30.0, body_layout=layout)
 
 
 def angle_deg(*places: np.ndarray) -> float:
