@@ -1,7 +1,8 @@
 #!/usr/bin/env python3
 """Makes the project's environment and runs its verbs; needs nothing but Python 3.11.
 
-``python3 dev.py test`` runs every check and every test, ``--python 3.13 test`` the tests with Blender 5's module.
+``python3 dev.py test`` runs every check and the tests of what users run, ``test --all`` every test,
+``--python 3.13 test`` the tests with Blender 5's module.
 The environment is ``.venv`` (or ``.venv-3.13``), made on the first call or when pyproject.toml changes; see ``--help``.
 """
 
@@ -31,7 +32,7 @@ EXTRAS = ("torch", "bpy", "capture", "oak", "train", "scale", "dev")
 LIBRARIES = "libx11-6 libxrender1 libxfixes3 libxi6 libxkbcommon0 libsm6 libgl1 libegl1 libgl1-mesa-dri"
 """Packages of Debian and Ubuntu that the Blender module loads; the last two are for rendering."""
 VERBS = {
-    "test": "every check and every test; further arguments are pytest's",
+    "test": "every check and the tests of what users run, --all for every test; further arguments are pytest's",
     "lint": "the checks alone",
     "bench": "benchmarks against their committed baseline",
     "build": "the extension's zip",

@@ -11,10 +11,11 @@ from typing import TypeVar
 
 import numpy as np
 
+from assets_procedural.detail.blank_face import blank_face
 from assets_procedural.detail.fingers import finger_knots, relax_fingers
 from assets_procedural.detail.lay_on import lay_on_details
 from assets_procedural.hand.joints import Knots
-from assets_procedural.layout import BORDERS, PARENTS
+from assets_procedural.layout import BORDERS, JOINT, PARENTS
 from assets_procedural.mesh.charts import build_texture_map
 from assets_procedural.mesh.meshing import SymmetricMesh, build_mesh
 from assets_procedural.mesh.parts import MATERIAL_NAMES, PART_FACING, face_materials, face_parts
@@ -54,7 +55,8 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
 
     Keys of SMPL: ``v_template, shapedirs, posedirs, J_regressor, weights, kintree_table, f``. Ours: ``body_id``; ``uv``
     (V, 2); ``vt`` (T, 2) and ``ft`` (F, 3) with seams; ``face_material`` (F,) and ``material_names``; ``mirror`` (V,);
-    the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10).
+    the joints that the regressor was fitted to, ``J`` (24, 3) and ``J_shapedirs`` (24, 3, 10); ``blank_vertices`` (N,)
+    and ``blank_offsets`` (N, 3) metres, which take the face away.
     """
     statistics, fitted_joints = load_statistics(), load_joints()
     skin = fitted or _timed("mesh", lambda: build_mesh(load_primitives(), num_vertices, BORDERS))
@@ -74,6 +76,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
     weights = weights.astype(np.float32).astype(np.float64)
     regressor = _timed("regressor", lambda: fit_regressor(vertices, vertex_dirs, joints, space.joint_dirs, mesh.mirror))
     posedirs = _timed("correctives", lambda: fit_correctives(vertices, mesh.faces, weights, joints, mesh.mirror))
+    blank, offsets = blank_face(vertices, mesh.faces, joints[JOINT["head"]])
     texture = _timed("texture", lambda: build_texture_map(space.carried[:count], mesh.faces, part, PART_FACING))
     arrays = {
         "body_id": np.array(BODY_ID),
@@ -92,6 +95,8 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
         "face_material": face_materials(part, detailed.feature),
         "material_names": np.array(MATERIAL_NAMES),
         "mirror": mesh.mirror.astype(np.uint32),
+        "blank_vertices": blank.astype(np.uint32),
+        "blank_offsets": _rounded(offsets).astype(np.float32),
     }
     return BuiltBody(arrays, Knots.relaxed(spread[count:], space.carried_dirs[count:], fitted_joints))
 

@@ -3,6 +3,11 @@
 import os
 import sys
 
+from solver_backend.exchange.early_signals import end_by_signals
+
+if __name__ == "__main__":
+    end_by_signals()
+
 # NumPy's products here are many and small: threads inside each one wait for one another as soon as another program
 # wants the processor. This must be set before NumPy is loaded; what the user sets stands.
 for _setting in ("OPENBLAS_NUM_THREADS", "VECLIB_MAXIMUM_THREADS"):

@@ -11,19 +11,17 @@ from typing import Any
 from solver_backend.exchange.body_choice import is_path
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.job_file import VERSION, JobFile
+from solver_backend.exchange.reading_settings import ROWS as READING
 from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.io.files import read_json
 from solver_backend.types import JointSet
 
-WORLD = tuple(settings_of_class(WorldSettings))
-READING = (
-    "fps", "trim", "as_calibrated", "joint_set", "unit", "up_axis", "subject_prefix", "person", "camera", "offset",
-    "by_order", *WORLD,
-)  # fmt: skip
-"""Fields that state how a capture is read, beside its frames."""
+_TYPES: dict[str, type | tuple[type, ...]] = {
+    "switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list,
+}  # fmt: skip
+"""In a job file, by the kind of a setting."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
@@ -50,7 +48,7 @@ class Resolve:
 class Job(JobFile):
     """A job file with its values in the solver's types."""
 
-    joint_set: JointSet | None = None
+    joint_set: JointSet | None = field(default=None, kw_only=True)
     settings: SolveSettings = field(default_factory=SolveSettings)
     resolve: Resolve | None = None
 
@@ -80,33 +78,19 @@ class Job(JobFile):
         missing = [key for key in ("capture", "out") if not values.get(key)]
         if missing:
             raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
-        paths = ("report", "subject", "told", "start", "joint_set")
-        report, subject, told, start, name = (_typed(values, key, str) for key in paths)
-        fps = _typed(values, "fps", (int, float))
+        report, subject, told, start = (_typed(values, key, str) for key in ("report", "subject", "told", "start"))
         return cls(
             capture=folder / _typed(values, "capture", str),
             out=folder / _typed(values, "out", str),
             report=None if report is None else folder / report,
             overwrite=bool(_typed(values, "overwrite", bool)),
             strict=bool(_typed(values, "strict", bool)),
-            fps=None if fps is None else positive_fps(fps),
-            trim=bool(_typed(values, "trim", bool)),
-            as_calibrated=bool(_typed(values, "as_calibrated", bool)),
-            joint_set=None if name is None else joint_set_named(name),
-            unit=_typed(values, "unit", str),
-            up_axis=_typed(values, "up_axis", str),
-            subject_prefix=_typed(values, "subject_prefix", str),
-            person=_typed(values, "person", str),
             subject=None if subject is None else folder / subject,
             start=None if start is None else folder / start,
             told=None if told is None else folder / told,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
-            camera=tuple(_typed(values, "camera", list) or ()),
-            offset=tuple(_typed(values, "offset", list) or ()),
-            by_order=bool(_typed(values, "by_order", bool)),
-            frames=_frames(_typed(values, "frames", list)),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
-            **{name: values[name] for name in WORLD if values.get(name) is not None},
+            **_reading(values),
         )
 
     @classmethod
@@ -124,7 +108,7 @@ class Job(JobFile):
 
     def reading(self) -> dict[str, Any]:
         """Return the arguments that reading the capture takes."""
-        return {name: getattr(self, name) for name in (*READING, "frames")} | {"sync": self.settings.sync}
+        return {name: getattr(self, name) for name in READING} | {"sync": self.settings.sync}
 
     def as_dict(self) -> dict[str, Any]:
         """Return the job as plain values, which ``from_dict`` reads back."""
@@ -172,9 +156,16 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
 
 
-def _frames(values: list[Any] | None) -> tuple[int, int] | None:
-    if values is None:
-        return None
+def _reading(values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how a capture is read, of a job file's values, in the solver's types; without what is not given."""
+    given = {name: _typed(values, name, _TYPES[row.kind]) for name, row in READING.items()}
+    given = {name: value for name, value in given.items() if value is not None}
+    special = {"fps": positive_fps, "joint_set": joint_set_named, "frames": _frames}
+    plain = {name: special[name](value) if name in special else value for name, value in given.items()}
+    return {name: tuple(value) if isinstance(value, list) else value for name, value in plain.items()}
+
+
+def _frames(values: list[Any]) -> tuple[int, int]:
     if len(values) != 2 or not all(isinstance(value, int) and not isinstance(value, bool) for value in values):
         raise JobInvalid(f"frames is {values!r}; first and last frame are expected.", where="frames")
     return values[0], values[1]

@@ -1,4 +1,4 @@
-"""``python -m supply.checks test`` runs every check and every test, ``lint`` the checks alone; ``dev.py`` calls it."""
+"""``python -m supply.checks test`` runs every check and the tests, ``lint`` the checks alone; ``dev.py`` calls it."""
 
 from __future__ import annotations
 

@@ -73,7 +73,8 @@ def _shared_actions(verbs: dict[str, argparse.ArgumentParser]) -> list[argparse.
 
 def _describe(verb: str, own: argparse.ArgumentParser, shared: set[int], example: str) -> list[str]:
     actions = list(_shown(own))
-    others = [f"`{action.option_strings[-1]}`" for action in actions if id(action) in shared]
+    long = [next(name for name in a.option_strings if name.startswith("--")) for a in actions if id(a) in shared]
+    others = [f"`{name}`" for name in long]
     settings = {option(name) for name in ROWS}
     listed = [a for a in actions if id(a) not in shared and not settings & set(a.option_strings)]
     lines = [f"#### {verb}", "", own.description or "", ""]

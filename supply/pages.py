@@ -10,6 +10,7 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 from supply.command_line_page import command_line_page
 from supply.diagnostics_page import diagnostics_page
+from supply.job_file_page import job_file_page
 from supply.method_diagrams import DIAGRAMS
 from supply.published_page import published_page
 from supply.python_api_page import python_api_page
@@ -21,6 +22,7 @@ PAGES: dict[str, Callable[[], str]] = {
     "explanation/published-tables.md": published_page,
     "reference/command-line.md": command_line_page,
     "reference/diagnostics.md": diagnostics_page,
+    "reference/job-file.md": job_file_page,
     "reference/python-api.md": python_api_page,
     "reference/settings.md": settings_page,
     "results.md": results_page,

@@ -4,20 +4,20 @@ from __future__ import annotations
 
 from itertools import groupby
 
-from solver_backend.cli.setting_options import ROWS, TIME_ROWS, WORLD_ROWS, describe_default, describe_range, option
+from solver_backend.cli.setting_options import READING_ROWS, ROWS, describe_default, describe_range, option
 from solver_backend.exchange.setting import Setting
 
-SOURCE = "solver_backend/exchange/solve_settings.py, time_settings.py and world_settings.py"
+SOURCE = "solver_backend/exchange/solve_settings.py, reading_settings.py, time_settings.py and world_settings.py"
 _HEAD = """# Settings of a solve
 
 Each can be given in three places: as an option of `solve` (and of `from-videos`), as a key of `settings` in a
-[job file](../how-to/batch-and-cluster.md#batches), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
+[job file](job-file.md), and in the panel *Solve*. `--no-contacts` turns `--contacts` off,
 and so on."""
-_READING = TIME_ROWS | WORLD_ROWS
 _OF_READING = """Options of every command that reads a capture; keys of the job file itself, beside `settings`; in the
 panel under *Reading Options*."""
 _ELSEWHERE = {
     "leave_out": "*Cameras*", "betas": "*Keep Shape* and the body's sliders", "layout": "*Markers*", "landmarks": "–",
+    "joint_set": "*Keypoints*", "unit": "*Unit*", "up_axis": "*Up Axis*", "person": "the list of people",
 }  # fmt: skip
 """Where the panel has something of its own for a setting, if anywhere."""
 
@@ -25,9 +25,9 @@ _ELSEWHERE = {
 def settings_page() -> str:
     """Return the page."""
     parts = [f"<!-- Made by python3 dev.py docs from {SOURCE}; edit that. -->", "", _HEAD]
-    for title, rows in groupby((ROWS | _READING).items(), key=lambda item: item[1].group):
+    for title, rows in groupby((ROWS | READING_ROWS).items(), key=lambda item: item[1].group):
         listed = list(rows)
-        parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] in _READING else [])]
+        parts += ["", f"## {title}", "", *([_OF_READING, ""] if listed[0][0] in READING_ROWS else [])]
         parts += ["| key | option | panel | values | default | what it does |", "|---|---|---|---|---|---|"]
         parts += [_row(name, row) for name, row in listed]
         choices = [(row, choice) for _, row in listed for choice in row.choices]

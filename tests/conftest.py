@@ -26,6 +26,7 @@ if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
     annotation_checks.install(CHECKED)  # before anything imports the solver
 
 from tests.support.recordings import recordings_folder  # noqa: E402
+from tests.support.slow_tests import left_out  # noqa: E402
 
 hypothesis.settings.register_profile(
     "mocap",
@@ -38,9 +39,21 @@ hypothesis.settings.register_profile(
 hypothesis.settings.load_profile("mocap")
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    """Add the option of the whole suite."""
+    parser.addoption("--all", action="store_true", help="run what is marked slow, too; a named file runs whole")
+
+
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Leave out what no user runs and what is slow, where it is not asked for."""
+    if slow := set(left_out(config, items)):
+        config.hook.pytest_deselected(items=list(slow))
+        items[:] = [item for item in items if item not in slow]
+
+
 def pytest_configure(config: pytest.Config) -> None:
     """Register the markers."""
-    config.addinivalue_line("markers", "slow: takes more than a few seconds")
+    config.addinivalue_line("markers", "slow: takes seconds and guards what seldom breaks: --all runs it")
     config.addinivalue_line("markers", "shared: needs the recordings kept beside the repository")
     config.addinivalue_line("markers", "misshapen: passes what the annotations forbid, to see the library refuse it")
 

@@ -135,7 +135,6 @@ def test_a_cached_wheel_needs_no_network(extension_zip: Path, tmp_path: Path, mo
     assert build_addon.build(tmp_path).read_bytes() == extension_zip.read_bytes()
 
 
-@pytest.mark.slow
 def test_the_unpacked_zip_solves_with_numpy_alone(extension_zip: Path, bare_python: Path, tmp_path: Path) -> None:
     installed = tmp_path / "extensions ü"
     zipfile.ZipFile(extension_zip).extractall(installed / "manifold_mocap")

@@ -36,7 +36,7 @@ def files_of_tests() -> list[Path]:
 
 @cache
 def found_in(path: Path) -> tuple[list[str], list[str]]:
-    """Return the full names that a file imports, also inside functions and for types, and its public classes."""
+    """Return the full names that a file imports, also inside functions and for types, and its classes."""
     package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
     names: list[str] = []
     classes: list[str] = []
@@ -47,7 +47,7 @@ def found_in(path: Path) -> tuple[list[str], list[str]]:
             around = package[: len(package) + 1 - node.level] if node.level else []
             base = ".".join([*around, *([node.module] if node.module else [])])
             names += [base, *(f"{base}.{alias.name}" for alias in node.names)]
-        elif isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+        elif isinstance(node, ast.ClassDef):
             classes.append(node.name)
     return names, classes
 
@@ -91,7 +91,7 @@ def test_no_modules_import_each_other_in_a_ring(package: str) -> None:
         pytest.fail(" -> ".join(ring.args[1]))
 
 
-def test_a_public_class_name_has_one_home() -> None:
+def test_a_class_name_has_one_home() -> None:
     """The add-on's copy of the exchange library is a copy, no second home."""
     homes: dict[str, list[str]] = {}
     for path in product_files():

@@ -2,4 +2,4 @@
 
 from __future__ import annotations
 
-NONE, LIPS, EYEBALL, IRIS, PUPIL = range(5)
+NONE, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(6)

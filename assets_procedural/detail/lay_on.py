@@ -10,6 +10,7 @@ from assets_procedural.arrays import Array
 from assets_procedural.detail.eyes import put_in_eye
 from assets_procedural.detail.features import NONE
 from assets_procedural.detail.mouth import close_lips
+from assets_procedural.detail.nails import put_on_nails
 from assets_procedural.detail.patches import HalfBody
 from assets_procedural.detail.toes import part_toes
 from assets_procedural.detail.wrist import round_ulna
@@ -28,7 +29,7 @@ class DetailedBody:
 
 
 def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
-    """Return the fitted mesh with eyes, closed lips, round wrists and toes apart; fingers stay spread.
+    """Return the fitted mesh with eyes, closed lips, round wrists, toes apart and nails; fingers stay spread.
 
     Args:
         mesh: the fitted surface, floor at y = 0.
@@ -41,6 +42,7 @@ def lay_on_details(mesh: SymmetricMesh, joints: Array) -> DetailedBody:
     half = HalfBody(mesh.vertices[: faces.max() + 1], faces, np.full(len(faces), NONE))
     half = close_lips(put_in_eye(half))
     vertices = part_toes(round_ulna(half.vertices, joints), half.faces, joints)
-    whole = mirror_half(on_grid(vertices), half.faces)
+    half = put_on_nails(HalfBody(vertices, half.faces, half.feature), joints)
+    whole = mirror_half(on_grid(half.vertices), half.faces)
     check_closed(whole.faces, len(whole.vertices))
     return DetailedBody(whole, np.concatenate([half.feature, half.feature]))

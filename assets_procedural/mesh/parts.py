@@ -7,8 +7,8 @@ import numpy as np
 from assets_procedural.detail import features
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
 
-SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL = range(6)
-MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil")
+SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(7)
+MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")
 """Names of the materials, in the order of their numbers."""
 PART_FACING = np.array(
     [
@@ -52,6 +52,8 @@ def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
         feature: (F,) numbers of ``detail.features``.
     """
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
-    of_feature = {features.LIPS: LIPS, features.EYEBALL: EYEBALL, features.IRIS: IRIS, features.PUPIL: PUPIL}
+    of_feature = {
+        features.LIPS: LIPS, features.EYEBALL: EYEBALL, features.IRIS: IRIS, features.PUPIL: PUPIL, features.NAIL: NAIL,
+    }  # fmt: skip
     conditions = [feature == number for number in of_feature]
     return np.select(conditions, list(of_feature.values()), plain).astype(np.uint8)

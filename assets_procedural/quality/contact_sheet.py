@@ -17,8 +17,9 @@ from assets_procedural.skeleton.correctives import pose_features
 from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, posed_joints
 
 MATERIAL_COLOURS = np.array(
-    [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3]
-)
+    [[0.80, 0.62, 0.50], [0.42, 0.47, 0.54], [0.70, 0.46, 0.40], [0.88, 0.87, 0.85], [0.30, 0.36, 0.28], [0.05] * 3,
+     [0.90, 0.74, 0.66]]
+)  # fmt: skip
 """In the order of ``parts.MATERIAL_NAMES``."""
 
 

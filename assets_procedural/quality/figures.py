@@ -19,12 +19,14 @@ from assets_procedural.mesh.meshing import euler_number
 from assets_procedural.population.anthropometry import place_measures, place_tape
 from assets_procedural.population.statistics import MEASURES, load_statistics
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
-from assets_procedural.quality.poses import BENDS, rotations
+from assets_procedural.quality.poses import BENDS, EXTREMES, rotations
 from assets_procedural.skeleton.correctives import joint_masks, pose_features, rest_differences, sample_poses
-from assets_procedural.skeleton.skinning import volume
+from assets_procedural.skeleton.skinning import posed_joints, volume
 
 _SHOULDER_LIMIT = 16.0
 """Percent: more would need a swelling that makes pads of the shoulders when the arms hang."""
+_SEATED_LIMIT = 7.0
+"""Percent: hips turned by 124 degrees are beyond what their correctives were fitted to."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +66,7 @@ def figures(body: BakedBody, path: Path) -> Iterator[Figure]:
     yield from _shape_figures(body)
     yield from _bend_figures(body)
     yield from _local_bend_figures(body)
+    yield from _seated_figures(body)
     yield from _twist_figures(body)
     yield from _corrective_figures(body)
     yield from _regressor_figures(body, path)
@@ -134,6 +137,20 @@ def _bend_figures(body: BakedBody) -> Iterator[Figure]:
         for angle in (90, 120):
             change = volume_l(body.posed(rotations(pose, angle)), body.faces) / rest - 1.0
             yield Figure(f"volume, both {name}s at {angle}°", 100 * change, "%", -3, 3)
+
+
+def _seated_figures(body: BakedBody) -> Iterator[Figure]:
+    """Yield what sitting cross-legged leaves of the body and of the skin that a knee moves."""
+    pose, knee = rotations(EXTREMES["cross-legged"]), JOINT["left_knee"]
+    apex = posed_joints(body.joints, pose)[knee]
+    moved = body.faces[np.any(joint_masks(body.weights)[body.faces, knee - 1] > 0, axis=1)]
+    rest, of_knee = volume_l(body.vertices, body.faces), volume(body.vertices - body.joints[knee], moved)
+    for correctives, label in ((True, ""), (False, " without correctives")):
+        posed, bound = body.posed(pose, correctives=correctives), 1.0 if correctives else np.inf
+        knees = 100 * (volume(posed - apex, moved) / of_knee - 1.0)
+        yield Figure(f"volume of the skin that the knee moves, cross-legged{label}", knees, "%", -5 * bound, 5 * bound)
+        whole = 100 * (volume_l(posed, body.faces) / rest - 1.0)
+        yield Figure(f"volume, cross-legged{label}", whole, "%", -_SEATED_LIMIT * bound, _SEATED_LIMIT * bound)
 
 
 def _local_bend_figures(body: BakedBody) -> Iterator[Figure]:

@@ -9,14 +9,16 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.arrays import Array
+from assets_procedural.mesh.parts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import ANGLES
-from solver_backend.body.hand_on_body import finger_rotations, rest_angles
+from solver_backend.body.hand_on_body import finger_rotations, hand_points, hand_skeletons, rest_angles
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
+from solver_backend.exchange.hand_points import FINGERS, SIDES
 
 Degrees = Mapping[str, float]
 _FINGERS = ("index", "middle", "ring", "pinky")
@@ -48,8 +50,12 @@ HANDS: dict[str, Degrees] = {
     | _thumb(25, 21, 26, -6, -2),
 }
 """Angles in degrees by name; what is left out is as at rest."""
+_FACES = 0.7
+"""Cosine by which faces of the palm look off the back of the hand."""
+_PALM = (0.88, 0.64, 0.52)
+"""Colour of palms on the sheet, which shows where they are in each pose."""
 _SIDES = ((0.0, 90.0), (0.0, -90.0), (0.0, 0.0), (-90.0, 10.0), (180.0, -20.0))
-"""Yaw and pitch of the views: back, palm, thumb's side, from the fingertips, little finger's side."""
+"""Yaw and pitch of the views of a left hand: back, palm, thumb's side, from the fingertips, little finger's side."""
 
 
 def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Array:
@@ -68,6 +74,41 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
     return pose_mesh(body, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3)), correctives=correctives)[0]
 
 
+def nail_faces(body: Body, material: Array, side: int, finger: int) -> Array:
+    """Return (T,) which faces are the nail of a finger of ``FINGERS``.
+
+    Args:
+        body: of the layout ``SMPL_HANDS``.
+        material: (T,) of the faces.
+        side: 0 left, 1 right.
+        finger: in ``FINGERS``.
+    """
+    last = SMPL_HANDS.joints.index(f"{SIDES[side]}_{FINGERS[finger]}3")
+    return (material == MATERIAL_NAMES.index("nail")) & (body.weights[:, last][body.faces].min(axis=1) > 0.5)
+
+
+def palm_faces(body: Body, side: int) -> Array:
+    """Return (T,) which faces are the palm: the wrist carries them, before the knuckles, and they look off its back.
+
+    Args:
+        body: of the layout ``SMPL_HANDS``.
+        side: 0 left, 1 right.
+    """
+    skeleton, start = hand_skeletons(body)[side], hand_points(body, side)
+    middles, normals = _middles_and_normals(body.v_template, body.faces)
+    wrist = SMPL_HANDS.joints.index(f"{SIDES[side]}_wrist")
+    knuckle = start[9]
+    along = (middles - start[0]) @ (knuckle - start[0]) / ((knuckle - start[0]) @ (knuckle - start[0]))
+    carried = body.weights[:, wrist][body.faces].min(axis=1) > 0.5
+    return carried & (along > 0.2) & (along < 0.9) & (normals @ skeleton.palm[2, :, 1] < -_FACES)
+
+
+def _middles_and_normals(vertices: Array, faces: Array) -> tuple[Array, Array]:
+    a, b, c = (vertices[faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    return (a + b + c) / 3.0, normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+
+
 def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: str = "left") -> Array:
     """Return the sheet: a row a pose.
 
@@ -80,11 +121,14 @@ def draw_hands(body: Body, material: Array, *, correctives: bool = True, side: s
     centre = tuple(body.joints_template[SMPL_HANDS.joints.index(f"{side}_middle1")] + [0.0, -0.02, 0.01])
     hand = body.weights[:, list(SMPL_HANDS.group(f"{side}_hand"))].sum(axis=1)
     near = (body.weights[:, SMPL_HANDS.joints.index(f"{side}_wrist")] + hand)[body.faces].min(axis=1) > 0
-    faces, colours, pictures = body.faces[near], MATERIAL_COLOURS[material[near]], []
+    faces, colours, pictures = body.faces[near], MATERIAL_COLOURS[material[near]].copy(), []
+    colours[palm_faces(body, SIDES.index(side))[near]] = _PALM
     for degrees in HANDS.values():
         skin = pose_hands(body, degrees, correctives=correctives)
         for yaw, pitch in _SIDES:
-            view = RasterView(yaw=yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420))
+            view = RasterView(
+                yaw=yaw if side == "left" else -yaw, pitch=pitch, centre=centre, height_m=0.2, size=(420, 420)
+            )
             pictures.append(render(skin, faces, colours, view))
     return tile(pictures, len(_SIDES))
 
@@ -94,9 +138,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--out", type=Path, required=True)
     parser.add_argument("--plain", action="store_true", help="without correctives")
+    parser.add_argument(
+        "--side", choices=("left", "right", "both"), default="both", help="whose hand; both, left first"
+    )
     arguments = parser.parse_args()
-    sheet = draw_hands(load_body_with_hands(), read_baked().material, correctives=not arguments.plain)
-    write_png(arguments.out, sheet)
+    body, material = load_body_with_hands(), read_baked().material
+    sides = ("left", "right") if arguments.side == "both" else (arguments.side,)
+    drawn = [draw_hands(body, material, correctives=not arguments.plain, side=side) for side in sides]
+    write_png(arguments.out, np.concatenate(drawn, axis=1))
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Poses that strain a skinned body: single bends for measurements and twelve extremes to look at."""
+"""Poses that strain a skinned body: single bends for measurements and thirteen extremes to look at."""
 
 from __future__ import annotations
 
@@ -30,6 +30,12 @@ EXTREMES: dict[str, Degrees] = {
         "spine2": (10, 0, 0),
         "left_shoulder": (0, -80, 0),
         "right_shoulder": (0, 80, 0),
+    },
+    "cross-legged": {
+        "left_hip": (-92, 82, -15),
+        "right_hip": (-92, -82, 15),
+        "left_knee": (130, 0, 0),
+        "right_knee": (130, 0, 0),
     },
     "arms down": {
         "left_collar": (0, 0, -8),
@@ -108,7 +114,7 @@ EXTREMES: dict[str, Degrees] = {
         "head": (0, 35, 0),
     },
 }
-"""Twelve poses by name, joint rotation vectors in degrees."""
+"""Thirteen poses by name, joint rotation vectors in degrees."""
 
 
 def rotations(pose: Degrees, scale: float = 1.0) -> np.ndarray:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 from .errors import BodyInvalid, MotionInvalid
+from .joint_limit import JointLimit, limits_of
 
 SMPL_FINGERS = ("index", "middle", "pinky", "ring", "thumb")
 """Fingers of a hand in SMPL-H's order; three joints each from the palm outwards, the thumb's first at the wrist."""
@@ -27,6 +28,8 @@ class BodyLayout:
     """Groups at the end of the joints that solves leave at rest."""
     recorded_as: BodyLayout | None = None
     """Layout of the motions of such bodies; None: this one."""
+    limits: Mapping[str, JointLimit] = field(default_factory=dict, compare=False)
+    """How far joints turn, by name; what is not in it turns freely. Motion files do without."""
 
     def __post_init__(self) -> None:
         count = len(self.joints)
@@ -144,6 +147,7 @@ class BodyLayout:
         return replace(
             self, name=name, joints=tuple(self.joints[j] for j in kept), groups=tuple(self.groups[j] for j in kept),
             parents=tuple(kept.index(self.parents[j]) if self.parents[j] >= 0 else -1 for j in kept), recorded_as=None,
+            limits={joint: limit for joint, limit in self.limits.items() if self.joints.index(joint) not in lost},
         )  # fmt: skip
 
 
@@ -171,20 +175,21 @@ def _with_fingers(name: str, face: tuple[str, ...]) -> BodyLayout:
             joints.append(joint)
             groups.append(f"{side}_hand")
     resting = ("face", "left_hand", "right_hand")
-    return BodyLayout(name, tuple(joints), tuple(parents), tuple(groups), resting, SMPL)
+    return BodyLayout(name, tuple(joints), tuple(parents), tuple(groups), resting, SMPL, body.limits)
 
 
 _STAND_INS = {"left_hand": "left_middle1", "right_hand": "right_middle1"}
 """Joints of SMPL-H and SMPL-X that stand for SMPL's hands: the roots of the middle fingers."""
 
+_SMPL_JOINTS = (
+    "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
+    "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
+    "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
+    "left_hand", "right_hand",
+)  # fmt: skip
 SMPL = BodyLayout(
     "SMPL",
-    (
-        "pelvis", "left_hip", "right_hip", "spine1", "left_knee", "right_knee", "spine2", "left_ankle",
-        "right_ankle", "spine3", "left_foot", "right_foot", "neck", "left_collar", "right_collar", "head",
-        "left_shoulder", "right_shoulder", "left_elbow", "right_elbow", "left_wrist", "right_wrist",
-        "left_hand", "right_hand",
-    ),
+    _SMPL_JOINTS,
     (-1, 0, 0, 0, 1, 2, 3, 4, 5, 6, 7, 8, 9, 9, 9, 12, 13, 14, 16, 17, 18, 19, 20, 21),
     (
         "trunk", "left_leg", "right_leg", "trunk", "left_leg", "right_leg", "trunk", "left_leg",
@@ -193,6 +198,7 @@ SMPL = BodyLayout(
         "left_hand", "right_hand",
     ),
     resting=("left_hand", "right_hand"),
+    limits=limits_of(_SMPL_JOINTS[1:-2]),
 )  # fmt: skip
 """SMPL's joints in SMPL's order (Loper et al. 2015)."""
 SMPL_H = _with_fingers("SMPL-H", ())

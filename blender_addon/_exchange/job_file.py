@@ -10,6 +10,7 @@ from typing import Any
 
 from .errors import JobInvalid, OutputNotWritable
 from .outputs import write_text
+from .reading_settings import ReadingSettings, reading_values
 from .time_settings import TimeSettings, time_values
 from .world_settings import WorldSettings, world_values
 
@@ -52,6 +53,7 @@ class JobRange:
     last: int
     """Last frame, included."""
     pins: tuple[JobPin, ...] = ()
+    """Poses inside the range that are kept."""
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values."""
@@ -60,7 +62,7 @@ class JobRange:
 
 
 @dataclass(frozen=True)
-class JobFile(TimeSettings, WorldSettings):
+class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     """One solve: what is read, how it is solved, where the result goes.
 
     Raises:
@@ -72,39 +74,24 @@ class JobFile(TimeSettings, WorldSettings):
     out: Path
     """Motion file to be written."""
     report: Path | None = None
-    """HTML page to be written, None for none."""
+    """HTML page to be written; None for none."""
     overwrite: bool = False
     """Replace results that are already there."""
     strict: bool = False
     """Refuse a result that has warnings, and write nothing."""
-    fps: float | None = None
-    """Frame rate, where the capture does not state it."""
-    trim: bool = False
-    """Cut all cameras to the shortest."""
-    as_calibrated: bool = False
-    """Read the calibration as it is written, whatever the views indicate."""
-    joint_set: str | None = None
-    """Names of the keypoints, where their number fits several sets."""
-    unit: str | None = None
-    """Length unit of the calibration, where the file does not state it."""
-    up_axis: str | None = None
-    """Axis of the calibration's world that points up, where it is not Z."""
-    subject_prefix: str | None = None
-    """Whose markers are solved, by the prefix of their labels, where a file holds several people."""
-    person: str | None = None
-    """Who is solved, by name or number, where the views show several people; "all" for each of them."""
     subject: Path | None = None
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
     start: Path | None = None
     """Earlier motion of these frames at which several cameras start, such as that of one of them."""
     told: Path | None = None
-    """Names that a person gave to points of a recording of markers; they bind."""
+    """File of user-assigned labels of points of a recording of markers; the solver never overrides them."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
     resolve: Any = None
     """``JobRange``: solve only some frames of an earlier motion again; None for the whole take."""
 
     def __post_init__(self) -> None:
+        ReadingSettings.__post_init__(self)
         TimeSettings.__post_init__(self)
         WorldSettings.__post_init__(self)
         earlier = None if self.resolve is None else self.resolve.motion
@@ -128,18 +115,15 @@ class JobFile(TimeSettings, WorldSettings):
 
     def as_dict(self) -> dict[str, Any]:
         """Return plain values in the file's schema; what is left at its default is left out."""
-        switches = ("overwrite", "strict", "trim", "as_calibrated")
-        names = (*switches, "fps", "unit", "up_axis", "subject_prefix", "person", "settings")
-        given = {name: getattr(self, name) for name in names}
+        given = {name: getattr(self, name) for name in ("overwrite", "strict", "settings")}
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)
         given["start"] = self.start and str(self.start)
         given["told"] = self.told and str(self.told)
-        given["joint_set"] = self.joint_set and str(self.joint_set)
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
         chosen = {name: value for name, value in given.items() if value}
-        return values | chosen | time_values(self) | world_values(self)
+        return values | chosen | reading_values(self) | time_values(self) | world_values(self)
 
 
 def write_job(path: Path, job: JobFile) -> None:

@@ -6,12 +6,13 @@ import json
 import sys
 import time
 from collections import OrderedDict
-from typing import Any, Protocol, TextIO
+from typing import Any, Protocol, TextIO, runtime_checkable
 
 from .plain_text import plain
 from .plain_values import as_plain
 
 
+@runtime_checkable
 class Progress(Protocol):
     """Receives how far a stage has come; a stage calls it as often as it likes."""
 

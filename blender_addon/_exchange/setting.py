@@ -10,7 +10,7 @@ from typing import Any, Literal
 
 from .errors import JobInvalid
 
-Kind = Literal["switch", "whole", "number", "choice", "file", "name_or_file", "texts", "numbers", "range"]
+Kind = Literal["switch", "whole", "number", "choice", "text", "file", "name_or_file", "texts", "numbers", "range"]
 """A "file" is a path as text; "texts" and "numbers" are lists; a "range" is the first and the last whole number."""
 
 
@@ -61,7 +61,8 @@ class Setting:
         between = f"from {self.low:g} to {self.high:g}" if self.kind in ("whole", "number") else ""
         return {
             "switch": "true or false", "whole": f"a whole number {between}", "number": f"a number {between}",
-            "choice": f"one of {', '.join(choice.value for choice in self.choices)}", "file": "the path of a file",
+            "choice": f"one of {', '.join(choice.value for choice in self.choices)}", "text": "text",
+            "file": "the path of a file",
             "name_or_file": "a name or the path of a file", "texts": f"a list of {self.metavar}",
             "numbers": f"{self.count} numbers or null", "range": "the first and the last whole number, from 0",
         }[self.kind]  # fmt: skip
@@ -76,12 +77,12 @@ class Setting:
         if self.kind == "choice":
             return value in [choice.value for choice in self.choices]
         if self.kind == "numbers":
-            return value is None or (is_list(value) and len(value) == self.count and all(map(_is_finite, value)))
+            return is_list(value) and len(value) == self.count and all(map(_is_finite, value))
         if self.kind == "range":
-            return value is None or (is_list(value) and len(value) == 2 and _is_range(*value))
+            return is_list(value) and len(value) == 2 and _is_range(*value)
         if self.kind == "texts":
             return is_list(value) and all(isinstance(item, str) for item in value)
-        return isinstance(value, str) and (self.kind == "file" or bool(value.strip()))
+        return isinstance(value, str) and (self.kind in ("file", "text") or bool(value.strip()))
 
 
 def setting(kind: Kind, default: Any, label: str, description: str, *, group: str, **more: Any) -> Any:
@@ -109,14 +110,15 @@ def defaults_of_class(cls: Any) -> dict[str, Any]:
 
 
 def check_settings(values: Any) -> None:
-    """Check each value of a dataclass of settings.
+    """Check each value of a dataclass of settings; None is valid where it is the default.
 
     Raises:
         JobInvalid: one is of another type or out of range; the message names it and what is expected.
     """
+    defaults = defaults_of_class(values)
     for name, row in settings_of_class(values).items():
         value = getattr(values, name)
-        if not row.accepts(value):
+        if not (value is None and defaults[name] is None) and not row.accepts(value):
             raise JobInvalid(f"The setting {name} = {value!r} is not valid; {row.expected} is expected.", where=name)
 
 

@@ -19,6 +19,7 @@ from ..conventions.timing import TakeTiming
 from .confidence_lane import write_confidence
 from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
 from .few_keys import thin_channels
+from .resting_lane import write_resting
 from .retiming import mark_laid
 
 _EDITED = 1e-4
@@ -58,6 +59,7 @@ def bake_action(
             kept = _needed(channels[:, part])
             write_curves(target, path, joint, times[kept], channels[kept, part], types[kept])
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
+        write_resting(target, armature, motion, np.arange(motion.num_frames), times)
     else:
         count = 1 + round((keys_per_second or 0.0) * motion.num_frames / motion.fps)
         places = motion.keyframes
@@ -69,6 +71,7 @@ def bake_action(
         for path, joint, part in columns:
             write_smooth_curves(target, path, joint, times[curves.frames], curves.values[:, part], slopes[:, part])
         write_confidence(target, armature, motion, curves.frames, times)
+        write_resting(target, armature, motion, curves.frames, times)
         action["keys_deviation"] = str(deviation)
         action["keys_deviation_mm"], action["keys_deviation_degrees"] = deviation.joints_mm, deviation.degrees
     _key_switches(target, armature, times[:1])

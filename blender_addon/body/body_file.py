@@ -21,7 +21,8 @@ from .fingers import add_finger_joints, has_fingers
 from .smpl_family import on_smpl_joints
 
 _REQUIRED = ("v_template", "shapedirs", "J_regressor", "weights", "kintree_table", "f")
-_OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license")
+_BLANK = ("blank_vertices", "blank_offsets")
+_OPTIONAL = ("posedirs", "body_id", "uv", "face_material", "license", *_BLANK)
 _TEXTS = frozenset({"body_id", "license"})
 _ASSET = Path("assets", "body_neutral.npz")
 _OWN_LICENCE = "GPL-3.0-or-later"
@@ -51,6 +52,8 @@ class BodyFile:
     """(V, 2) texture coordinates."""
     face_material: np.ndarray | None = None
     """(T,) index of each face's material."""
+    blank_face: tuple[np.ndarray, np.ndarray] | None = None
+    """(N,) vertices and (N, 3) metres that take the face away; None where the body has no such look."""
     layout: BodyLayout = SMPL
     """Names and tree of the J joints: SMPL's, or those with fingers."""
     flat_hands: np.ndarray | None = None
@@ -131,6 +134,7 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
         faces=np.asarray(arrays["f"]).astype(np.int64),
         uv=None if uv is None else np.asarray(uv, np.float64),
         face_material=None if material is None else np.asarray(material).astype(np.int64),
+        blank_face=_blank_face(arrays),
         layout=layout,
         flat_hands=arrays.get("flat_hands"),
         licence=fields.text("license", _OWN_LICENCE if _ships_with_us(path) else ""),
@@ -144,6 +148,13 @@ def default_hands_path() -> Path:
         BackendMissing: the solver is not there.
     """
     return default_body_path().with_name(HANDS_FILE)
+
+
+def _blank_face(arrays: dict[str, np.ndarray]) -> tuple[np.ndarray, np.ndarray] | None:
+    if not set(_BLANK) <= set(arrays):
+        return None
+    vertices, offsets = (arrays[name] for name in _BLANK)
+    return vertices.astype(np.int64), np.asarray(offsets, np.float32)
 
 
 def _ships_with_us(path: Path) -> bool:
@@ -165,6 +176,7 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
         "v_template": (vertices, 3), "shapedirs": (vertices, 3, NUM_BETAS), "J_regressor": (joints, vertices),
         "weights": (vertices, joints), "kintree_table": (2, joints), "f": (faces, 3), "uv": (vertices, 2),
         "posedirs": (vertices, 3, 9 * (joints - 1)), "face_material": (faces,),
+        "blank_offsets": (len(arrays.get("blank_vertices", ())), 3),
     }  # fmt: skip
     for key, shape in shapes.items():
         if key not in arrays:
@@ -175,6 +187,9 @@ def _check(arrays: dict[str, np.ndarray], path: Path, layout: BodyLayout) -> Non
             raise BodyInvalid(f"{key} holds NaN or infinite values.", where=str(path))
     if not faces or arrays["f"].min() < 0 or arrays["f"].max() >= vertices:
         raise BodyInvalid(f"The faces must name vertices 0..{vertices - 1}.", where=str(path))
+    blank = arrays.get("blank_vertices", np.zeros(1, int))
+    if blank.ndim != 1 or not blank.size or blank.min() < 0 or blank.max() >= vertices:
+        raise BodyInvalid(f"blank_vertices must name vertices 0..{vertices - 1}.", where=str(path))
     if (arrays["weights"].sum(axis=1) <= 0).any():
         raise BodyInvalid("A vertex has no skinning weight.", where=str(path))
     if tuple(arrays["kintree_table"][0].astype(np.int64)[1:]) != layout.parents[1:]:

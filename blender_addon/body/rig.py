@@ -13,6 +13,7 @@ from .body_file import BodyFile
 from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
 from .layout import around_pelvis, lay_out_bones, shape_directions
+from .looks import add_looks
 from .mesh import create_mesh
 from .shape import add_shape_keys, get_betas
 from .shape_drivers import drive_by_betas, drive_joints
@@ -44,6 +45,7 @@ def create_rig(name: str, body: BodyFile, betas: np.ndarray, collection: bpy.typ
     hidden = add_control_shapes(armature, body, betas, layout)
     mesh = create_mesh(f"{name} body", body, armature)
     add_shape_keys(mesh, body, betas)
+    add_looks(mesh, body)
     drive_joints(armature, mesh, body, betas)
     add_correctives(armature, mesh, body, hidden)
     return Rig(armature, mesh)

@@ -11,7 +11,7 @@ from .body_file import BodyFile
 from .layout import shape_directions
 from .mesh import positions
 from .shape_names import shape_names
-from .sliders import slider_name, sliders
+from .sliders import look_key, slider_name, sliders
 
 LARGEST_BETA = 5.0
 """Sliders reach this many standard deviations either way."""
@@ -64,6 +64,14 @@ def set_betas(mesh: bpy.types.Object, betas: np.ndarray) -> None:
     for key, beta in zip(all_sliders(mesh), np.asarray(betas, dtype=np.float64).tolist(), strict=True):
         key.slider_min, key.slider_max = min(key.slider_min, beta), max(key.slider_max, beta)
         key.value = beta
+
+
+def shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
+    """Return the (V, 3) rest vertices as sliders and look shape them, in the mesh's space."""
+    look = look_key(mesh)
+    keys = [*sliders(mesh), *([] if look is None else [look])]
+    basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
+    return basis + sum(key.value * (positions(key.points) - basis) for key in keys)
 
 
 def all_sliders(mesh: bpy.types.Object) -> list[bpy.types.ShapeKey]:

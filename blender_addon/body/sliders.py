@@ -7,6 +7,8 @@ import bpy
 from ..conventions.skeleton import NUM_BETAS
 
 _PREFIX = "Shape"
+LOOK_KEY = "Mannequin"
+"""Name of the shape key that takes the face away."""
 
 
 def slider_name(index: int, effect: str = "") -> str:
@@ -29,6 +31,12 @@ def effect_of(key: bpy.types.ShapeKey) -> str:
     """Return what a slider does, "Stature"; its whole name in files of earlier versions."""
     words = key.name.split(maxsplit=2)
     return words[2].capitalize() if len(words) > 2 else key.name
+
+
+def look_key(mesh: bpy.types.Object) -> bpy.types.ShapeKey | None:
+    """Return the shape key that takes the face away, None where the body has none."""
+    keys = getattr(mesh.data, "shape_keys", None)
+    return None if keys is None else keys.key_blocks.get(LOOK_KEY)
 
 
 def body_mesh(armature: bpy.types.Object) -> bpy.types.Object | None:

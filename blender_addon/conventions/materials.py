@@ -14,8 +14,11 @@ BODY_COLOURS: tuple[tuple[str, Colour], ...] = (
     ("Eyeball", (0.75, 0.73, 0.70, 1.0)),
     ("Iris", (0.12, 0.16, 0.10, 1.0)),
     ("Pupil", (0.01, 0.01, 0.01, 1.0)),
+    ("Nail", (0.68, 0.46, 0.37, 1.0)),
 )
 """Names and colours of the body's ``face_material`` indices; larger indices take the last one."""
+MANNEQUIN_COLOUR: Colour = (0.48, 0.49, 0.50, 1.0)
+"""Of a body that is shown as a mannequin."""
 GLOSSY = ("Skin",)
 """Materials whose surface is a principled one; another is a tenth as large in a file."""
 

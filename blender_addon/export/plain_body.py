@@ -15,9 +15,7 @@ from ..body.controls.limbs import ROOT
 from ..body.controls.wiring import FOLLOW
 from ..body.correctives import CORRECTIVES
 from ..body.layout import is_finger
-from ..body.mesh import positions
-from ..body.shape import get_betas
-from ..body.sliders import sliders
+from ..body.shape import all_sliders, shaped_vertices
 from ..conventions.skeleton import BodyLayout, layout_of
 
 
@@ -45,7 +43,10 @@ def plain_copy(
     Raises:
         BodyInvalid: the mesh is no body of ours.
     """
-    vertices = None if mesh is None else _shaped_vertices(mesh)
+    vertices = None
+    if mesh is not None:
+        all_sliders(mesh)
+        vertices = shaped_vertices(mesh)
     bones = _copy_armature(armature, collection, root, fingers)
     if mesh is None or vertices is None:
         return (bones,)
@@ -105,14 +106,6 @@ def local_copy(source: bpy.types.Object, collection: bpy.types.Collection) -> bp
         data.make_local(clear_liboverride=True)
     copy.data = data
     return copy
-
-
-def _shaped_vertices(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) rest vertices at the sliders' shape."""
-    betas = get_betas(mesh)
-    basis = positions(mesh.data.shape_keys.reference_key.points).astype(np.float64)
-    offsets = [beta * (positions(key.points) - basis) for key, beta in zip(sliders(mesh), betas, strict=True)]
-    return basis + np.sum(offsets, axis=0)
 
 
 def _copy_armature(

@@ -9,13 +9,15 @@ from itertools import groupby
 from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
+from ..conventions.looks import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
+from .certificates import DAYS
 from .exit_codes import EPILOG
 from .verb_table import VERBS
 
 _FORMATS = tuple(FORMATS)
-SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion")
+SOLVERS_VERBS = ("solve", "calibrate", "export-markers", "motion", "add-hands")
 """Verbs whose options are the solver's own."""
 
 
@@ -58,16 +60,17 @@ def _list_verbs() -> str:
 
 def _shared_options() -> dict[str, argparse.ArgumentParser]:
     """Return the options that several verbs take, by what they are about."""
-    names = ("common", "body", "out", "writing", "python", "motion")
+    names = ("common", "body", "look", "out", "writing", "python", "motion")
     shared = {name: argparse.ArgumentParser(add_help=False) for name in names}
     add = {name: options.add_argument for name, options in shared.items()}
     add["common"]("--json", action="store_true", help="progress and result as JSON lines on standard output")
     add["common"]("--parent-pipe", action="store_true", help=argparse.SUPPRESS)
     add["common"]("--verbose", action="store_true", help="show what Blender prints, on standard error")
     add["body"]("--body", type=Path, metavar="BODY.npz", help="body file; the motion's or the add-on's own")
+    add["look"]("--look", choices=LOOKS, default="", help="a person, or a mannequin: one colour and no face")
     add["out"]("--out", type=Path, required=True, metavar="DIR", help="folder of the results")
     add["writing"]("--overwrite", action="store_true", help="replace files that are there")
-    add["python"]("--python", type=Path, help="Python to solve with, one with torch perhaps")
+    add["python"]("--python", type=Path, help="Python to solve with, such as one with torch")
     add["motion"]("motion", type=Path, metavar="MOTION.npz", help="motion file")
     add["motion"](
         "--capture", type=Path, metavar="CAPTURE.npz", help="capture file: adds cameras, footage and detections"
@@ -126,7 +129,13 @@ def _add_retarget_options(retarget: argparse.ArgumentParser) -> None:
     chosen.add_argument("--map", type=Path, metavar="MAP.json", help="map of the rig's bones, instead of a preset")
     add("--save-map", type=Path, metavar="MAP.json", help="write the map that was used, with its map pose")
     add("--limbs", choices=("fk", "ik"), default="fk", help="what the rig's switches are set to; both are keyed")
-    add("--scale", type=_positive, default=0.0, metavar="S", help="size of the way by the actor's; the legs' ratio")
+    add(
+        "--scale",
+        type=_positive,
+        default=0.0,
+        metavar="S",
+        help="scale of the travel relative to the actor's; the legs' ratio",
+    )
     way = retarget.add_mutually_exclusive_group()
     way.add_argument("--in-place", action="store_true", help="remove the travel over the ground")
     way.add_argument("--root-motion", action="store_true", help="put the travel over the ground on the root bone")
@@ -140,6 +149,16 @@ def _add_motion_options(motion: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="MOTION.npz", help="motion file to write")
     add("--armature", default="", metavar="NAME", help="which armature of the clip, where several move")
     add("--action", default="", metavar="NAME", help="which of its actions; the one that it shows")
+
+
+def _add_hands_options(hands: argparse.ArgumentParser) -> None:
+    add = hands.add_argument
+    add("hands_of", type=Path, metavar="MOTION.npz", help="motion whose body stays")
+    add(
+        "gloves", type=Path, nargs="+", metavar="GLOVES", help="FBX, glTF, Blender file, BVH, or CSV of MANUS or Rokoko"
+    )
+    add("--out", type=Path, required=True, metavar="OUT.npz", help="motion file to write")
+    add("--armature", default="", metavar="NAME", help="which armature of the recording, where several move")
 
 
 def _add_body_options(body: argparse.ArgumentParser) -> None:
@@ -160,7 +179,7 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
         "captures", type=Path, nargs="?", metavar="FOLDER",
         help="holds the captures: files .npz, recordings of markers, folders",
     )  # fmt: skip
-    batch.add_argument("--watch", type=Path, metavar="FOLDER", help="instead: go on with what arrives there")
+    batch.add_argument("--watch", type=Path, metavar="FOLDER", help="instead of FOLDER: solve what arrives there")
     batch.add_argument("--settled", type=_positive, default=5.0, metavar="S", help="watched: unchanged for so long; 5")
     batch.add_argument("--idle", type=_positive, metavar="S", help="stop watching when nothing arrives for so long")
     _add_workers(batch, "takes")
@@ -204,10 +223,15 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     _add_workers(studio, "shots")
 
 
+def _add_certificates_options(certificates: argparse.ArgumentParser) -> None:
+    certificates.add_argument("--days", type=_count, default=DAYS, metavar="N", help=f"that they are valid; {DAYS}")
+
+
 _OPTIONS: dict[str, Callable[[argparse.ArgumentParser], None]] = {
     "bake": _add_bake_options, "export": _add_export_options, "retarget": _add_retarget_options,
-    "motion": _add_motion_options, "body": _add_body_options, "batch": _add_batch_options,
-    "studio": _add_studio_options,
+    "motion": _add_motion_options, "add-hands": _add_hands_options, "body": _add_body_options,
+    "batch": _add_batch_options, "studio": _add_studio_options,
+    "certificates": _add_certificates_options,
 }  # fmt: skip
 """What adds a verb's own options."""
 

@@ -15,6 +15,7 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
+from ..conventions.looks import PERSON_LOOK
 
 if TYPE_CHECKING:
     import bpy
@@ -55,6 +56,8 @@ class BakeRequest:
     """Mark the action as an asset."""
     overwrite: bool = False
     """Replace files that are there."""
+    look: str = PERSON_LOOK
+    """One of ``conventions.looks``."""
     footage_from: tuple[Path, ...] = ()
     """Folders that footage may lie in, beside the capture's own; of a file, the folder it is in."""
 
@@ -71,6 +74,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         MocapError: an input is missing or wrong, an output exists, or Blender cannot render.
     """
     from ..animation.takes import PERSON, person_of
+    from ..body.looks import show_look
     from ..render.subject import RenderedTake
     from ..scene.bake import BakeSettings, bake_take
     from ..scene.footage import near_footage
@@ -102,6 +106,7 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         progress("baking", 1, 1)
         subject = RenderedTake(take, motion, body, capture)
         deviation = _deviation(scene, subject)
+        show_look(take.mesh, request.look)
         frame_viewports(tuple(subject.joints[0, 0].tolist()))
         if request.blend:
             save_file(temporary[names["blend"]])

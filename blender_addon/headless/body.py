@@ -12,6 +12,7 @@ import numpy as np
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
+from ..conventions.looks import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
 
 
@@ -27,6 +28,8 @@ class BodyRequest:
     """Up to 10 values of the shape; the others are 0."""
     fingers: bool = False
     """Give the body finger bones and their controls."""
+    look: str = PERSON_LOOK
+    """One of ``conventions.looks``."""
 
 
 def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
@@ -39,6 +42,7 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
         MocapError: the body is missing or wrong, or the file exists or cannot be written.
     """
     from ..body.correctives import CORRECTIVES
+    from ..body.looks import show_look
     from ..body.rig import create_rig, stand_on_floor
     from ..conventions.collections import child_collection
     from ..scene.session import frame_viewports, fresh_scene, save_file
@@ -55,6 +59,7 @@ def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
         collection = child_collection(name, scene.collection)
         rig = create_rig(name, body, betas, collection)
         stand_on_floor(rig, body)
+        show_look(rig.mesh, request.look)
         mark_body(rig, collection, body)
         progress("building the body", 1, 1)
         frame_viewports((0.0, 0.0, 0.9))

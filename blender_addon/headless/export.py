@@ -36,6 +36,8 @@ class ExportRequest:
     """Frames per second of the files; None for those the take was solved at."""
     overwrite: bool = False
     """Replace files that are there."""
+    look: str = ""
+    """One of ``conventions.looks``; "" for the file's own, and for a person of a motion."""
 
 
 def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
@@ -47,6 +49,8 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     Raises:
         MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
+    from ..body.looks import show_look
+    from ..body.sliders import body_mesh
     from ..export.take import take_of
     from ..export.write import export_take, format_of
 
@@ -57,6 +61,8 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     _check_free(request, list(paths.values()))
     is_blend = request.source.suffix.lower() == ".blend"
     scene, armature = _open(request) if is_blend else _baked(request, progress)
+    if request.look and (mesh := body_mesh(armature)) is not None:
+        show_look(mesh, request.look)
     take = take_of(scene, armature, fps=request.fps)
     for name, path in paths.items():
         export_take(take, name, path, overwrite=request.overwrite, progress=progress)
@@ -107,7 +113,7 @@ def _open(request: ExportRequest) -> tuple[bpy.types.Scene, bpy.types.Object]:
         raise NothingToExport(
             f"There is no animated armature '{request.armature}'."
             if request.armature
-            else "One animated armature is wanted.",
+            else "Exactly one animated armature is needed.",
             where=str(request.source),
             hint=f"Name one with --armature: {', '.join(found) or 'the file has none'}.",
         )

@@ -19,6 +19,7 @@ from .._exchange.errors import Cancelled, MocapError
 from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
+from ..conventions.looks import PERSON_LOOK
 from ..errors import BakeFailed, BatchInvalid, BlenderMissing
 from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
@@ -26,9 +27,10 @@ from .batch.limits import TakeLimits
 from .batch.request import BatchRequest, Spread
 from .batch.run_batch import run_batch
 from .body import BodyRequest, run_body
+from .certificates import run_certificates
 from .exit_codes import exit_code
 from .export import ExportRequest, run_export
-from .motion import MotionRequest, run_motion
+from .motion import HandsRequest, MotionRequest, run_add_hands, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
 from .retarget import run_retarget
@@ -81,16 +83,25 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
 
 def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     """Do the verb; interruptions and what nobody foresaw become named errors."""
-    before = {number: signal.signal(number, _interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
+    asked: list[int] = []
+
+    def interrupt(number: int, frame: FrameType | None) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    cancelled = Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.")
+    before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
         return _VERBS[options.verb](options, progress)
     except KeyboardInterrupt as stop:
-        raise Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.") from stop
+        raise cancelled from stop
     except MocapError:
         raise
     except Exception as error:
         if (named := full_disk(error)) is not None:
             raise named from error
+        if asked:  # a library, stopped in its midst, made an error of its own of it
+            raise cancelled from error
         traceback.print_exc()
         kind = type(error).__name__
         hint = "Please report this with the log above."
@@ -123,7 +134,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
         keys_per_second=options.keys_per_second, tolerance_mm=options.keys_within, asset=options.asset, fps=options.fps,
-        overwrite=options.overwrite, footage_from=tuple(options.footage_from),
+        overwrite=options.overwrite, look=options.look or PERSON_LOOK, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -132,7 +143,7 @@ def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
-        footage_from=tuple(options.footage_from),
+        look=options.look or PERSON_LOOK, footage_from=tuple(options.footage_from),
     )  # fmt: skip
     return run_bake(request, progress)
 
@@ -141,7 +152,14 @@ def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
     request = ExportRequest(
-        options.source, options.out, formats, options.body, options.armature, options.fps, options.overwrite
+        options.source,
+        options.out,
+        formats,
+        options.body,
+        options.armature,
+        options.fps,
+        options.overwrite,
+        options.look,
     )
     return run_export(request, progress)
 
@@ -173,9 +191,20 @@ def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
 
 
+def _add_hands(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    _require_blender()
+    request = HandsRequest(
+        options.hands_of, tuple(options.gloves), options.out, options.armature, tuple(options.rest), options.python
+    )
+    result = run_add_hands(request, progress)
+    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
+
+
 def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _require_blender()
-    return run_body(BodyRequest(options.out, options.body, options.betas, options.fingers), progress)
+    return run_body(
+        BodyRequest(options.out, options.body, options.betas, options.fingers, options.look or PERSON_LOOK), progress
+    )
 
 
 def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
@@ -214,9 +243,14 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_studio(request, progress)
 
 
+def _certificates(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+    return run_certificates(options.out, options.days, options.overwrite, progress)
+
+
 _VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
-    "export": _export, "retarget": _retarget, "motion": _motion, "body": _body, "batch": _batch, "studio": _studio,
+    "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
+    "batch": _batch, "studio": _studio, "certificates": _certificates,
 }  # fmt: skip
 
 
@@ -242,7 +276,3 @@ def _lines_about(result: dict[str, Any]) -> list[str]:
         lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet match within {within:.1f} mm")
     lines += [f"note: {note}" for note in result["notes"]]
     return lines + ([result["table"]] if "table" in result else [])
-
-
-def _interrupt(number: int, frame: FrameType | None) -> None:
-    raise KeyboardInterrupt

@@ -1,4 +1,4 @@
-"""``motion``: a clip of any program onto our body; what only Blender reads is read here, the solver does the rest."""
+"""``motion`` and ``add-hands``: clips of any program; what only Blender reads is read here, then the solver works."""
 
 from __future__ import annotations
 
@@ -39,24 +39,57 @@ def run_motion(request: MotionRequest, progress: Progress) -> dict[str, Any]:
     Raises:
         MocapError: the clip is missing, wrong or nobody's, or the output exists.
     """
-    if request.clip.suffix.lower() not in _OWN:
-        return _solved(request.clip, request, progress)
+    with TemporaryDirectory() as folder:
+        clip = _readable(request.clip, request.armature, request.action, Path(folder), progress)
+        arguments = [str(clip), "--out", str(request.out), *request.rest]
+        return run_solver("motion", arguments, progress, python=request.python)
+
+
+@dataclass(frozen=True)
+class HandsRequest:
+    """Which hands to add to a motion."""
+
+    motion: Path
+    gloves: tuple[Path, ...]
+    """Recordings of hands; they are not changed."""
+    out: Path
+    """Motion file to write."""
+    armature: str = ""
+    """Which armature of a recording that only Blender reads."""
+    rest: tuple[str, ...] = ()
+    """Further options of the solver's verb."""
+    python: Path | None = None
+    """Python to solve with; None for this one."""
+
+
+def run_add_hands(request: HandsRequest, progress: Progress) -> dict[str, Any]:
+    """Write a motion with the hands of gloves and return the solver's ``result`` event.
+
+    Raises:
+        MocapError: a file is missing, wrong or nobody's, or the output exists.
+    """
+    with TemporaryDirectory() as folder:
+        gloves = [
+            _readable(path, request.armature, "", Path(folder) / str(number), progress)
+            for number, path in enumerate(request.gloves)
+        ]
+        arguments = [str(request.motion), *map(str, gloves), "--out", str(request.out), *request.rest]
+        return run_solver("add-hands", arguments, progress, python=request.python)
+
+
+def _readable(clip: Path, armature: str, action: str, folder: Path, progress: Progress) -> Path:
+    """Return a clip that the solver reads: itself, or a skeleton file in the folder."""
+    if clip.suffix.lower() not in _OWN:
+        return clip
     from ..retarget.clips import chosen_actor, play_action
     from ..retarget.scene_files import open_scene
     from ..retarget.skeleton_of_rig import skeleton_of_rig
 
     progress("reading the clip", 0, 1)
-    scene = open_scene(request.clip)
-    rig = chosen_actor(scene, request.armature, str(request.clip))
-    if request.action:
-        play_action(rig, request.action)
-    skeleton = skeleton_of_rig(rig, scene)
-    with TemporaryDirectory() as folder:
-        path = Path(folder) / f"{request.clip.stem}.npz"
-        write_skeleton(path, skeleton)
-        return _solved(path, request, progress)
-
-
-def _solved(clip: Path, request: MotionRequest, progress: Progress) -> dict[str, Any]:
-    arguments = [str(clip), "--out", str(request.out), *request.rest]
-    return run_solver("motion", arguments, progress, python=request.python)
+    scene = open_scene(clip)
+    rig = chosen_actor(scene, armature, str(clip))
+    if action:
+        play_action(rig, action)
+    path = folder / f"{clip.stem}.npz"
+    write_skeleton(path, skeleton_of_rig(rig, scene))
+    return path

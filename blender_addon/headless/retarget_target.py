@@ -32,7 +32,7 @@ def open_target(request: RetargetRequest) -> tuple[bpy.types.Scene, bpy.types.Ob
     elif request.object_name:
         message = f"There are {len(found)} armatures '{request.object_name}': {', '.join(o.name_full for o in found)}."
     else:
-        message = "One armature is wanted."
+        message = "Exactly one armature is needed."
     raise TargetUnsuitable(message, where=str(request.target), hint=f"Name one with --object: {names}.")
 
 

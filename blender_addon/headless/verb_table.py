@@ -20,7 +20,7 @@ class BlenderVerb:
 
 
 _SOLVE, _SHOW, _CHARACTERS, _MANY = "Solving", "Baking, rendering, exporting", "Characters and clips", "Many takes"
-_MOTION = "motion body out writing common"
+_MOTION = "motion body look out writing common"
 VERBS = {
     "solve": BlenderVerb(
         _SOLVE, "python common", "solve a capture; takes the solver's options, such as --job JOB.json",
@@ -42,11 +42,11 @@ VERBS = {
         _SHOW, _MOTION, "write a preview video and a contact sheet", "render motion.npz --out preview"
     ),
     "export": BlenderVerb(
-        _SHOW, "body out writing common", "write a take in the formats of other programs",
+        _SHOW, "body look out writing common", "write a take in the formats of other programs",
         "export motion.npz --format fbx gltf --out files",
     ),
     "body": BlenderVerb(
-        _SHOW, "body common", "write the posable body as an asset", "body --out assets/body.blend --fingers"
+        _SHOW, "body look common", "write the posable body as an asset", "body --out assets/body.blend --fingers"
     ),
     "retarget": BlenderVerb(
         _CHARACTERS, "body writing common", "retarget a solved motion to another character's rig",
@@ -56,12 +56,20 @@ VERBS = {
         _CHARACTERS, "python common", "bring a clip of another program onto our body",
         "motion clip.fbx --out motion.npz",
     ),
+    "add-hands": BlenderVerb(
+        _CHARACTERS, "python common", "add the fingers of gloves, or of another program, to a motion",
+        "add-hands motion.npz gloves.fbx --out hands.npz",
+    ),
     "batch": BlenderVerb(
         _MANY, "body out python common", "solve, bake and export every capture of a folder; resumes",
         "batch captures --out takes --job job.json --bake --export fbx",
     ),
     "studio": BlenderVerb(
         _MANY, "python common", "render synthetic captures with ground truth", "studio spec.json --out set"
+    ),
+    "certificates": BlenderVerb(
+        _MANY, "out writing common", "make the TLS certificates of a cluster of several machines",
+        "certificates --out tls",
     ),
 }  # fmt: skip
 """By name, in the order of the help."""

@@ -11,7 +11,8 @@ from ..animation.curves import current_action
 from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.armature import bone_axes
-from ..body.sliders import body_mesh, sliders
+from ..body.shape import shaped_vertices
+from ..body.sliders import body_mesh
 from ..conventions.skeleton import SMPL, layout_of
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
@@ -84,23 +85,13 @@ def _at_rest(armature: bpy.types.Object) -> tuple[np.ndarray, dict[str, np.ndarr
     if mesh is None:
         ball = joints[list(_BALLS), 2].min()
         return joints - [0.0, 0.0, ball - _SOLE_BELOW_BALL * (joints[0, 2] - ball)], {}
-    points = _shaped(mesh)
+    points = shaped_vertices(mesh)
     sole = [0.0, 0.0, float(points[:, 2].min())]
     column = {
         group.index: layout.joints.index(group.name) for group in mesh.vertex_groups if group.name in layout.joints
     }
     followed = np.array([column.get(heaviest(vertex), 0) for vertex in mesh.data.vertices])
     return joints - sole, by_part(points - sole, parts_of_joints(layout, followed))
-
-
-def _shaped(mesh: bpy.types.Object) -> np.ndarray:
-    """Return the (V, 3) vertices of a body's mesh as its sliders shape them, in the armature's space."""
-    keys = [mesh.data.shape_keys.reference_key, *sliders(mesh)]
-    points = np.empty((len(keys), 3 * len(mesh.data.vertices)), np.float32)
-    for row, key in zip(points, keys, strict=True):
-        key.data.foreach_get("co", row)
-    shaped = points[0] + np.array([key.value for key in keys[1:]]) @ (points[1:] - points[0])
-    return shaped.reshape(-1, 3)
 
 
 def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:

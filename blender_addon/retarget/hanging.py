@@ -148,15 +148,18 @@ def _hanging(names: tuple[str, ...], before: np.ndarray, after: np.ndarray, size
     partly = ~goes & ~stays & ~held[:, None]
     np.fill_diagonal(partly, False)
     rank = np.lexsort((-goes.sum(1) - along.sum(1), goes.sum(0) + along.sum(0)))
-    turns, moves = _deepest(goes[rank][:, rank]), _deepest(along[rank][:, rank])
+    goes_in, along_in = goes[rank][:, rank], along[rank][:, rank]
+    # Turning a chest moves no shoulder that begins at its head: of two that are carried alike, the one that turns with
+    # more hangs lower.
+    depth = along_in.sum(0) + goes_in.sum(0) / (1.0 + len(names))
+    turns, moves = _deepest(goes_in, goes_in.sum(0)), _deepest(along_in, depth)
     unmoved = np.linalg.norm(after[count, count, :3, 3] - heads, axis=1) < reach
     listed = [tuple(names[i] for i in np.flatnonzero(mask)) for mask in (held, unmoved, partly.any(0))]
     return Hanging(tuple(names[i] for i in rank), before[rank], turns, moves, *listed)
 
 
-def _deepest(carries: np.ndarray) -> np.ndarray:
-    """Return for each the carrier that is itself carried by the most others, -1 for none: ``carries[d, c]``."""
-    depth = carries.sum(0)
+def _deepest(carries: np.ndarray, depth: np.ndarray) -> np.ndarray:
+    """Return for each the carrier of the greatest depth (N,), -1 for none: ``carries[d, c]``."""
     likely = np.where(carries, 1 + depth[:, None], 0)
     return np.where(carries.any(0), likely.argmax(0), -1)
 

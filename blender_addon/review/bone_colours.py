@@ -8,8 +8,11 @@ from numpy.typing import ArrayLike
 
 from ..animation.confidence_lane import confidence_at
 from ..animation.curves import current_action
+from ..animation.resting_lane import resting_bones
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
+RESTING = np.array([0.42, 0.47, 0.56])
+"""Colour of what nothing measured: neither good nor bad."""
 _ACTIVE_BLEND, _SELECT_BLEND = 0.65, 0.35
 _VISIBLE = 0.02
 """Least change of a colour that is shown."""
@@ -23,7 +26,7 @@ def colours(confidence: ArrayLike) -> np.ndarray:
 
 
 def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> None:
-    """Paint the bones of a body by their confidence on a scene frame, or take the paint off.
+    """Paint the bones of a body by their confidence on a scene frame, those at rest grey, or take the paint off.
 
     Args:
         armature: of the body; without confidence nothing is done.
@@ -36,7 +39,9 @@ def paint_bones(armature: bpy.types.Object, frame: float, *, shown: bool) -> Non
         for name in confidence:
             armature.pose.bones[name].color.palette = "DEFAULT"
         return
-    for name, colour in zip(confidence, colours(list(confidence.values())), strict=True):
+    resting = resting_bones(armature, frame)
+    for name, certain in zip(confidence, colours(list(confidence.values())), strict=True):
+        colour = RESTING if name in resting else certain
         target = armature.pose.bones[name].color
         if target.palette != "CUSTOM":
             target.palette = "CUSTOM"

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 
 import bpy
 import numpy as np
 
 from ..animation.confidence_lane import read_lane
 from ..body.armature import deform_bone
-from .bone_colours import colours
+from .bone_colours import RESTING, colours
 from .ranges import bad_ranges
 
 _BRIDGED = 1e-3
@@ -32,15 +32,21 @@ def joint_weights(skin: bpy.types.Object, joints: tuple[str, ...]) -> np.ndarray
     return weights / np.maximum(weights.sum(axis=1, keepdims=True), 1e-9)
 
 
-def skin_colours(weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float]) -> np.ndarray:
-    """Return (V, 3) display colours of a skin; joints without a confidence count as certain.
+def skin_colours(
+    weights: np.ndarray, joints: tuple[str, ...], confidence: Mapping[str, float], resting: Collection[str] = ()
+) -> np.ndarray:
+    """Return (V, 3) display colours of a skin, grey around joints at rest; those without a confidence are certain.
 
     Args:
         weights: (V, J) from ``joint_weights``.
         joints: their names.
         confidence: by joint, in 0..1.
+        resting: joints that nothing measured.
     """
-    return colours(weights @ np.array([confidence.get(name, 1.0) for name in joints]))
+    rests = np.array([name in resting for name in joints])
+    shown = weights @ np.where(rests, 1.0, [confidence.get(name, 1.0) for name in joints])
+    share = weights[:, rests].sum(axis=1, keepdims=True)
+    return (1.0 - share) * colours(shown) + share * RESTING
 
 
 def doubtful_bands(take: bpy.types.Action, below: float) -> list[tuple[float, float, tuple[float, float, float]]]:

@@ -48,6 +48,7 @@ class ConfidenceDrawing:
 
     def _draw_skin(self, context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
         from ..animation.confidence_lane import current_confidence
+        from ..animation.resting_lane import resting_bones
         from ..conventions.skeleton import layout_of
         from ..review.skin_colours import joint_weights, skin_colours
 
@@ -58,7 +59,8 @@ class ConfidenceDrawing:
         key = (skin.data.name_full, count)
         if key not in self._weights:
             self._weights[key] = joint_weights(skin, joints)
-        shades = skin_colours(self._weights[key], joints, current_confidence(armature))
+        resting = resting_bones(armature, context.scene.frame_current)
+        shades = skin_colours(self._weights[key], joints, current_confidence(armature), resting)
         draw_coloured(posed, shades)
 
     def _draw_bands(self) -> None:

@@ -65,6 +65,7 @@ class CurrentLive:
         import numpy as np
 
         from ..body.body_file import default_body_path, read_body
+        from ..body.looks import show_look
         from ..conventions.skeleton import SMPL, SMPL_HANDS
         from ..scene.live_figure import create_live_figure
 
@@ -72,6 +73,7 @@ class CurrentLive:
             own = read_body(default_body_path(), SMPL_HANDS if fingers else SMPL)
             rig = None if character is None else character(own)
             figure = create_live_figure(scene, own, np.zeros(10), shown=body)
+            show_look(bpy.data.objects[figure.mesh], scene.mocap.look)
         except (MocapError, RuntimeError):
             run.process.kill()
             run.process.wait()

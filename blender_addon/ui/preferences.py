@@ -123,6 +123,13 @@ def detector_python(context: bpy.types.Context) -> Path | None:
     return named_detector(context) or made_python()
 
 
+def litert_python(context: bpy.types.Context) -> Path | None:
+    """Return the interpreter that has LiteRT: the one that was set up, else as named; None without one."""
+    from ..solving.detector.find_python import made_litert_python
+
+    return made_litert_python() or named_detector(context)
+
+
 def detector_text(context: bpy.types.Context) -> str:
     """Return which detector there is, as far as is known without starting it."""
     python = detector_python(context)

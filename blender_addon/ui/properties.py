@@ -8,6 +8,7 @@ import bpy
 
 from .._exchange.joint_sets import JointSet
 from .._exchange.vmc.address import VmcAddress
+from ..conventions.looks import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE
@@ -22,6 +23,7 @@ from .setting_properties import (
     SettingProperties,
     panel_values,
     reading_options,
+    words_of,
 )
 from .studio_properties import MocapStudio
 from .tags import active_name, active_object
@@ -34,6 +36,10 @@ STAGES = (
     ("DELIVER", "Deliver", "Export the take, or retarget it to a character"),
 )
 """The stages of the work, in their order; the panels of one are shown at a time."""
+_LOOK_ITEMS = (
+    (PERSON_LOOK, "Person", "Skin, suit, and a face"),
+    (MANNEQUIN, "Mannequin", "One colour, and no face"),
+)
 AUTO = "AUTO"
 _PRESET_ITEMS = (
     ("FAST", "Fast", "Keys farther apart, a third less time: for a first look"),
@@ -83,45 +89,22 @@ _LIVE_ITEMS = (
 class MocapReading(ReadingProperties, bpy.types.PropertyGroup):
     """How a capture is read."""
 
-    fps: bpy.props.FloatProperty(
-        name="Frame Rate", description="Frames per second; 0 uses the capture's own", min=0, soft_max=240
-    )
-    joint_set: bpy.props.EnumProperty(name="Keypoints", description="What the keypoints are", items=_JOINT_SET_ITEMS)
-    unit: bpy.props.EnumProperty(name="Unit", description="Length unit of the calibration", items=_UNIT_ITEMS)
-    up_axis: bpy.props.EnumProperty(
-        name="Up Axis", description="Axis of the calibration's world that points up", items=_UP_ITEMS
-    )
+    joint_set: bpy.props.EnumProperty(**words_of("joint_set"), items=_JOINT_SET_ITEMS)
+    unit: bpy.props.EnumProperty(**words_of("unit"), items=_UNIT_ITEMS)
+    up_axis: bpy.props.EnumProperty(**words_of("up_axis"), items=_UP_ITEMS)
     scene_setup: bpy.props.EnumProperty(
         name="Scene Set-Up", description="Whose frame rate, range, resolution and camera count", items=SCENE_SETUP_ITEMS
-    )
-    trim: bpy.props.BoolProperty(
-        name="Cut to the Shortest", description="Cut cameras of different lengths to the frames all have"
-    )
-    as_calibrated: bpy.props.BoolProperty(
-        name="Calibration as Written",
-        description="Read the calibration as it is written, even where the views agree far better when it is read "
-        "otherwise",
     )
     footage_anywhere: bpy.props.BoolProperty(
         name="Footage Anywhere",
         description="Look for footage wherever the capture names it, on other machines too; without, only in the "
         "folder of the capture. Tick it for captures you trust",
     )
-    subject_prefix: bpy.props.StringProperty(
-        name="Subject",
-        description="Whose markers are read, by the prefix of their labels, where a file holds several people",
-    )
 
     def arguments(self) -> list[str]:
         """Return the options of the solver's command line."""
-        options: list[str] = ["--fps", f"{self.fps:g}"] if self.fps > 0 else []
-        for name in ("joint_set", "unit", "up_axis"):
-            if (value := getattr(self, name)) != AUTO:
-                options.append(f"--{name.replace('_', '-')}={value}")  # one word, as -y is no option
-        if self.subject_prefix:
-            options.append(f"--subject-prefix={self.subject_prefix}")
-        switches = {"--trim": self.trim, "--as-calibrated": self.as_calibrated}
-        return [*options, *reading_options(self), *(flag for flag, chosen in switches.items() if chosen)]
+        listed = {name: getattr(self, name) for name in ("joint_set", "unit", "up_axis")}
+        return reading_options(self, {name: value for name, value in listed.items() if value != AUTO})
 
 
 class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
@@ -189,6 +172,13 @@ class MocapLive(SendingProperties, bpy.types.PropertyGroup):
     )  # fmt: skip
 
 
+def _show_look(settings: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    from ..body.looks import bodies_of, show_look  # which need NumPy; registering must not
+
+    for mesh in bodies_of(settings.id_data):
+        show_look(mesh, settings.look)
+
+
 class MocapSettings(bpy.types.PropertyGroup):
     """Everything of one scene."""
 
@@ -198,6 +188,9 @@ class MocapSettings(bpy.types.PropertyGroup):
     )  # fmt: skip
     session: bpy.props.StringProperty(
         name="Session Folder", description="Where the takes of this unsaved scene wait until it is saved"
+    )
+    look: bpy.props.EnumProperty(
+        name="Look", description="What the bodies of this scene look like", items=_LOOK_ITEMS, update=_show_look
     )
     stage: bpy.props.EnumProperty(name="Stage", description="Which panels are shown", items=STAGES)
     reading: bpy.props.PointerProperty(type=MocapReading)

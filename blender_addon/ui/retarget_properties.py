@@ -86,7 +86,8 @@ class MocapRetarget(bpy.types.PropertyGroup):
         ),
     )  # fmt: skip
     scale: bpy.props.FloatProperty(
-        name="Scale", description="Size of the way by the body's; 0 for the ratio of the legs", min=0.0, soft_max=10.0,
+        name="Scale", min=0.0, soft_max=10.0,
+        description="Scale of the travel relative to the body's; 0 for the ratio of the legs",
     )  # fmt: skip
 
 

@@ -7,19 +7,19 @@ from typing import Any
 
 import bpy
 
+from .._exchange.reading_settings import DEFAULTS as READING_DEFAULTS
+from .._exchange.reading_settings import ROWS as ALL_READING_ROWS
+from .._exchange.reading_settings import options_of
 from .._exchange.setting import Setting, defaults_of_class, settings_of_class
 from .._exchange.solve_settings import METHOD, SolveSettings
-from .._exchange.time_settings import TimeSettings
-from .._exchange.world_settings import WorldSettings
 from .locations import RELATIVE
 from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)
 ROWS = {name: row for name, row in settings_of_class(SolveSettings).items() if row.in_panel}
 """The settings that have a property; the others come from sliders, cameras and markers."""
-READING_DEFAULTS = defaults_of_class(TimeSettings) | defaults_of_class(WorldSettings)
-READING_ROWS = settings_of_class(TimeSettings) | settings_of_class(WorldSettings)
-"""How a capture is read."""
+READING_ROWS = {name: row for name, row in ALL_READING_ROWS.items() if row.in_panel}
+"""How a capture is read; what is chosen of a list has a property of its own."""
 CHOSEN_BY_PRESETS = tuple(name for name, row in ROWS.items() if row.group == METHOD)
 """Settings that are the user's own with the preset Custom alone."""
 
@@ -29,9 +29,18 @@ def names_of(group: str) -> tuple[str, ...]:
     return tuple(name for name, row in ROWS.items() if row.group == group)
 
 
+def words_of(name: str) -> dict[str, str]:
+    """Return what the property of a setting of reading is called in the panel, and its tooltip."""
+    return _words(ALL_READING_ROWS[name])
+
+
+def _words(row: Setting) -> dict[str, str]:
+    return {"name": row.label, "description": row.description, "translation_context": CONTEXT}
+
+
 def make_property(row: Setting, default: Any) -> Any:
     """Return the property of a setting; of text, empty stands for the default; several have commas between."""
-    words = {"name": row.label, "description": row.description, "translation_context": CONTEXT}
+    words = _words(row)
     if row.kind == "switch":
         return bpy.props.BoolProperty(**words, default=default)
     if row.kind == "choice":
@@ -42,8 +51,11 @@ def make_property(row: Setting, default: Any) -> Any:
     if row.kind in ("texts", "range"):
         separated = f"; several with commas between: {row.metavar}" if row.kind == "texts" else f": {row.metavar}"
         return bpy.props.StringProperty(**words | {"description": row.description + separated})
-    if row.kind == "name_or_file":
+    if row.kind in ("text", "name_or_file"):
         return bpy.props.StringProperty(**words)
+    if default is None:  # no number is left out: 0 stands for it
+        words["description"] += "; 0 uses its own"
+        return bpy.props.FloatProperty(**words, default=0.0, min=0.0, max=row.high, soft_max=row.soft_high or row.high)
     number = bpy.props.IntProperty if row.kind == "whole" else bpy.props.FloatProperty
     bounds = {"min": row.low, "max": row.high, "soft_max": row.soft_high}
     return number(**words, default=default, **{name: end for name, end in bounds.items() if end is not None})
@@ -75,22 +87,23 @@ class ReadingProperties:
     __annotations__ = {name: make_property(row, READING_DEFAULTS[name]) for name, row in READING_ROWS.items()}
 
 
-def reading_options(properties: Any) -> list[str]:
+def reading_options(properties: Any, listed: Mapping[str, str]) -> list[str]:
     """Return the options of the solver's command line for settings of reading that are not at their defaults.
 
     Args:
         properties: a property group with ``ReadingProperties``.
+        listed: what was chosen of lists that are the panel's own, by name.
     """
-    return [word for name in READING_ROWS for word in _option(name, getattr(properties, name))]
+    plain = {name: _plain(row, getattr(properties, name)) for name, row in READING_ROWS.items()}
+    return options_of(plain | dict(listed))
 
 
-def _option(name: str, value: Any) -> list[str]:
-    row, option = READING_ROWS[name], f"--{name.replace('_', '-')}"
+def _plain(row: Setting, value: Any) -> Any:
+    """Return a property's value as a job file has it; None where it is left out."""
     if row.kind == "texts":
-        return [f"{option}={text.strip()}" for text in value.split(",") if text.strip()]
+        return [text.strip() for text in value.split(",") if text.strip()]
     if row.kind == "range":
-        return [option, *value.split()] if value.strip() else []
-    plain = float(f"{value:.6g}") if isinstance(value, float) else value
-    if plain == READING_DEFAULTS[name]:
-        return []
-    return [option] if row.kind == "switch" else [f"{option}={plain}"]
+        return value.split()
+    if row.kind in ("number", "text"):
+        return (float(f"{value:.6g}") if isinstance(value, float) else value) or None
+    return value

@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
+from .._exchange.video_settings import DEFAULTS, ROWS
 from .locations import RELATIVE
+from .setting_properties import make_property
 
 STEPS = {
     "detect": ("Keypoints", "Find the person in every picture"),
@@ -13,22 +17,9 @@ STEPS = {
     "capture": ("Capture", "Put together what all cameras saw, and check how they fit"),
 }
 """Name and description of each step, in their order."""
-_CAMERA_ITEMS = (
-    ("auto", "Automatic", "A calibration beside the videos, else the board that was filmed, else the person"),
-    ("board", "Filmed Board", "The board in the folder 'calibration' or 'extrinsics', even if there is a calibration"),
-    ("person", "The Person", "The person who walks in the take, even if there is a calibration"),
-)
 _DETECTOR_ITEMS = (
     ("mediapipe", "MediaPipe", "One person, 33 keypoints; the Python that has it is named in the preferences"),
     ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or MediaPipe's pose model for LiteRT"),
-)
-_SYNC_ITEMS = (
-    ("auto", "Automatic", "By keypoints, else by sound, else as filmed"),
-    ("keypoints", "Keypoints", "By how the person moves"),
-    ("clap", "Hand Clap", "By a clap of the hands that all cameras saw"),
-    ("sound", "Sound", "By a clap, music or speech that all microphones heard"),
-    ("flash", "Flash", "By light that all cameras saw rise and fall"),
-    ("none", "In Step", "The cameras were started together"),
 )
 
 
@@ -45,6 +36,11 @@ class MocapVideoStep(bpy.types.PropertyGroup):
     open: bpy.props.BoolProperty(name="Show", description="Show what this step found, and its picture", default=False)
 
 
+def made(name: str) -> Any:
+    """Return the property of a setting of videos."""
+    return make_property(ROWS[name], DEFAULTS[name])
+
+
 class MocapVideos(bpy.types.PropertyGroup):
     """How captures are made from videos, and the steps of the last one."""
 
@@ -56,18 +52,10 @@ class MocapVideos(bpy.types.PropertyGroup):
         name="Results", subtype="DIR_PATH", options=RELATIVE,
         description="Where detections, clocks, calibration and capture of these videos are kept",
     )  # fmt: skip
-    cameras: bpy.props.EnumProperty(name="Cameras", description="How the cameras are calibrated", items=_CAMERA_ITEMS)
-    board: bpy.props.StringProperty(
-        name="Board", description="Which board was filmed, such as charuco:5x7:35mm; empty for the board.toml beside it"
-    )
-    lenses: bpy.props.StringProperty(
-        name="Lenses", subtype="FILE_PATH", options=RELATIVE,
-        description="A calibration or a lens library that has the cameras' lenses; empty to find or guess them",
-    )  # fmt: skip
-    focal: bpy.props.StringProperty(
-        name="Focal Length",
-        description="Of an unknown lens: 26mm (35 mm equivalent) or 1450px; empty to read it from the file or guess",
-    )
+    cameras: made("cameras")
+    board: made("board")
+    lenses: made("lenses")
+    focal: made("focal")
     stature: bpy.props.FloatProperty(
         name="Stature", description="Stature of the person, which sets the scale without a board; 0 for the mean",
         unit="LENGTH", min=0.0, max=2.6, precision=2,
@@ -76,8 +64,12 @@ class MocapVideos(bpy.types.PropertyGroup):
     model: bpy.props.StringProperty(
         name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
     )
-    people: bpy.props.IntProperty(name="People", description="People looked for in each view", default=1, min=1, max=8)
-    sync: bpy.props.EnumProperty(name="Sync", description="How the cameras are synchronised", items=_SYNC_ITEMS)
+    hands: bpy.props.StringProperty(
+        name="Hand Model", subtype="FILE_PATH", options=RELATIVE,
+        description="MediaPipe's hand_landmark_full.tflite, to find hands and solve fingers; empty for the body alone",
+    )  # fmt: skip
+    people: made("people")
+    sync: made("clocks")
     steps: bpy.props.CollectionProperty(type=MocapVideoStep)
 
     def detector_arguments(self) -> list[str]:
@@ -95,6 +87,7 @@ class MocapVideos(bpy.types.PropertyGroup):
         options += ["--board", self.board] if self.board else []
         options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
         options += ["--focal", self.focal] if self.focal else []
+        options += ["--hand-model", str(file_of(self.hands))] if self.hands else []
         return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
 
     def take_steps(self, folder: str) -> None:

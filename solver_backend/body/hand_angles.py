@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Bool, Float
 
 FLEXION, SPREAD, TWIST = 0, 1, 2
 """Kinds of angles: into the palm; towards the thumb, of the thumb itself away from the palm; about the bone."""
@@ -96,6 +96,18 @@ def measure_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> Float[np.n
         turns[:, :, joint, FLEXION], turns[:, :, joint, SPREAD] = flexion, side_sign(side) * spread
         frames = frames @ _about(-flexion, 2) @ _about(spread, 1)
     return turns[:, FINGER_OF, JOINT_OF, KIND_OF]
+
+
+def informed_joints(known: Bool[np.ndarray, "n a"]) -> Bool[np.ndarray, "n 5 3"]:
+    """Return (n, 5, 3) whether anything is known of each joint, by finger of ``FINGERS``.
+
+    Args:
+        known: (n, A) which angles are.
+    """
+    informed = np.zeros((len(known), 5, 3), bool)
+    for angle in range(NUM_ANGLES):
+        informed[:, FINGER_OF[angle], JOINT_OF[angle]] |= known[:, angle]
+    return informed
 
 
 def rotation_angles(turns: Float[np.ndarray, "n 5 3 3 3"], side: int) -> Float[np.ndarray, "n a"]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass
 
 import numpy as np
@@ -38,6 +39,8 @@ def _places() -> dict[str, tuple[int, int, float]]:
 
 PLACES = _places()
 """By label."""
+_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)
+"""A side and a place."""
 LAYOUTS: dict[str, tuple[str, ...]] = {
     "hand26": tuple(PLACES),
     "hand10": ("FT1", "FT2", "FT3", "FT4", "FT5", "PP2", "PP4", "MP2", "MP5", "CMC2"),
@@ -45,6 +48,15 @@ LAYOUTS: dict[str, tuple[str, ...]] = {
     "hand3": ("FT1", "FT2", "MP5"),
 }
 """Labels of a hand by layout; wrist and forearm are a body's. Few markers leave most fingers to the prior."""
+
+
+def hand_place(label: str) -> tuple[int, str] | None:
+    """Return side, 0 left and 1 right, and place of a hand marker's label, such as ``L_FT2`` or ``Ann:right-mp5``.
+
+    None where it is no label of a hand.
+    """
+    match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
+    return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:

@@ -12,6 +12,7 @@ from solver_backend.body.hand_angles import (
     FLEXION_OF,
     JOINT_OF,
     KIND_OF,
+    NUM_ANGLES,
     SPREAD,
     joint_rotations,
     measure_angles,
@@ -20,6 +21,7 @@ from solver_backend.body.hand_angles import (
     side_sign,
 )
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.geometry.rotations import cross
 from solver_backend.types.shapes import Float, Int
 
 
@@ -119,13 +121,24 @@ class HandSkeleton:
         return _origins(posed, sites) + (site_frames(posed, sites) @ sites.offset[..., None])[..., 0]
 
     def site_jacobian(
-        self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"]
-    ) -> Float[np.ndarray, "n sites 3 a"]:
-        """Return (F, L, 3, A): ``axis × (point - joint)`` of the angles between the palm and the point's segment."""
-        pivots = posed.joints[:, FINGER_OF, JOINT_OF]
-        carries = (sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF)
-        levers = points[:, :, None] - pivots[:, None]
-        return np.swapaxes(np.where(carries[..., None], np.cross(posed.axes[:, None], levers), 0.0), -1, -2)
+        self, posed: PosedHand, sites: HandSites, points: Float[np.ndarray, "n sites 3"],
+        turn: Float[np.ndarray, "n 3 3"],
+    ) -> Float[np.ndarray, "n sites 3 a"]:  # fmt: skip
+        """Return (F, L, 3, A): ``R (axis × (point - joint))`` of the angles between the palm and the point's segment.
+
+        Args:
+            posed: F poses.
+            sites: L points.
+            points: (F, L, 3) metres, where they are in the hand's frame.
+            turn: (F, 3, 3) R, from the hand's frame to the one that is wanted.
+        """
+        site, angle = np.nonzero((sites.finger[:, None] == FINGER_OF) & (sites.segment[:, None] > JOINT_OF))
+        turn_T = np.swapaxes(turn, 1, 2)
+        axes, levers = posed.axes @ turn_T, points[:, site] - posed.joints[:, FINGER_OF[angle], JOINT_OF[angle]]
+        moved = cross(axes[:, angle], levers @ turn_T)
+        jacobian = np.zeros((*points.shape, NUM_ANGLES))
+        jacobian[:, site, :, angle] = np.moveaxis(moved, 1, 0)
+        return jacobian
 
     def local_rotations(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n 5 3 3 3"]:
         """Return (F, 5, 3, 3, 3) rotations of the fingers' joints since rest, each in its parent's frame at rest.

@@ -22,7 +22,17 @@ from solver_backend.exchange.finger_joints import (
 from solver_backend.exchange.npz import read_npz
 from solver_backend.types.shapes import Float
 
-__all__ = ["FIRST_FINGER", "hand_size_directions", "load_body_with_hands", "with_fingers", "with_hand_size"]
+__all__ = [
+    "FIRST_FINGER",
+    "flat_hands",
+    "hand_size_directions",
+    "load_body_with_hands",
+    "with_fingers",
+    "with_hand_size",
+]
+
+_NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER
+"""Finger joints of both hands."""
 
 
 def load_body_with_hands(path: Path | None = None) -> Body:
@@ -43,9 +53,7 @@ def with_fingers(body: Body) -> Body:
     Raises:
         BodyInvalid: the body has no fingers and is not the one that ships.
     """
-    hands = None
-    if needs_hands_file(body.layout):
-        hands = read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)
+    hands = _hands_file() if needs_hands_file(body.layout) else None
     skinning = with_finger_joints(
         body.layout, Skinning(body.weights, body.J_regressor, body.posedirs), body.id, hands
     )  # fmt: skip
@@ -54,6 +62,16 @@ def with_fingers(body: Body) -> Body:
         body, weights=skinning.weights, J_regressor=skinning.J_regressor, posedirs=skinning.posedirs,
         layout=replace(SMPL_HANDS, parents=parents), hands_mean=None,
     )  # fmt: skip
+
+
+def flat_hands(body: Body) -> Float[np.ndarray, "30 3 3"]:
+    """Return (30, 3, 3) rotations of the finger joints from the body's rest to a flat hand, which AMASS counts from.
+
+    Args:
+        body: with or without finger joints; SMPL-H's and SMPL-X's hands are flat at rest.
+    """
+    own = body.id == str(_hands_file()["body_id"])
+    return _hands_file()["flat"].astype(np.float64) if own else np.tile(np.eye(3), (_NUM_FINGERS, 1, 1))
 
 
 def with_hand_size(body: Body, size: float) -> Body:
@@ -92,3 +110,9 @@ def hand_size_directions(
         # Smooth at both ends, so that the forearm runs into a larger hand without a step.
         directions += (share * share * (3.0 - 2.0 * share))[:, None] * (vertices - joints[wrist])
     return directions
+
+
+@lru_cache(maxsize=1)
+def _hands_file() -> dict[str, np.ndarray]:
+    """Return what is kept of the hands of the body that ships."""
+    return read_npz(DEFAULT_BODY.with_name(HANDS_FILE), HANDS_KEYS.__contains__)

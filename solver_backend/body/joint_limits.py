@@ -1,4 +1,4 @@
-"""How far joints can turn: ranges of motion of healthy adults, for the 21 body joints of the SMPL family.
+"""How far the body joints of the SMPL family lie beyond the limits of their layout.
 
 A rotation is split into a twist about the bone and a swing (Grassia 1998): three angles about the axes of the T-pose
 (x to the left, y up, z forward), one of them the twist, the others the components of the swing's rotation vector.
@@ -9,6 +9,7 @@ from __future__ import annotations
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.quaternions import (
@@ -23,26 +24,6 @@ _POSES = 2000
 """Poses looked at at a time."""
 MARGIN_DEG = 15.0
 """Added at both ends: the spread between people (10 to 15 degrees in the sources) and between conventions of zero."""
-_X, _Y = 0, 1
-_RANGES: dict[str, tuple[int, tuple[tuple[float, float], tuple[float, float], tuple[float, float]]]] = {
-    "hip": (_Y, ((-125, 30), (-50, 50), (-30, 60))),
-    "knee": (_Y, ((-5, 145), (-35, 35), (-10, 10))),
-    "ankle": (_Y, ((-30, 50), (-30, 30), (-30, 30))),
-    "foot": (_Y, ((-70, 40), (-15, 15), (-15, 15))),
-    "spine1": (_Y, ((-25, 60), (-20, 20), (-25, 25))),
-    "spine2": (_Y, ((-25, 40), (-25, 25), (-25, 25))),
-    "spine3": (_Y, ((-20, 30), (-30, 30), (-20, 20))),
-    "neck": (_Y, ((-40, 40), (-50, 50), (-30, 30))),
-    "head": (_Y, ((-60, 40), (-50, 50), (-30, 30))),
-    "collar": (_X, ((-20, 30), (-25, 25), (-15, 40))),
-    "shoulder": (_X, ((-100, 100), (-140, 60), (-105, 105))),
-    "elbow": (_X, ((-90, 90), (-150, 5), (-15, 150))),
-    "wrist": (_X, ((-45, 45), (-40, 35), (-80, 80))),
-}
-"""Axis of the twist, and least and greatest angle in degrees about x, y and z; of the left side where there are two.
-Single joints from Norkin and White 2016 (after AAOS and Boone and Azen 1979); the spine's 130 degrees of flexion, 70 of
-extension, 70 to each side and 75 of rotation are shared out to three joints, the neck's to two, the forearm's
-pronation to elbow and wrist. The elbow bends forwards or upwards: T-poses differ in the roll of the upper arm."""
 
 
 def excess_deg(local: Array) -> Array:
@@ -106,11 +87,9 @@ def from_swing_and_twist(angles: Array) -> Array:
 def _table() -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     low, high, twist = (np.zeros((NUM_BODY_JOINTS, 3)) for _ in range(3))
     for column, joint in enumerate(SMPL_JOINTS[1 : 1 + NUM_BODY_JOINTS]):
-        axis, ranges = _RANGES[joint.removeprefix("left_").removeprefix("right_")]
-        twist[column, axis] = 1.0
-        low[column], high[column] = np.transpose(ranges)
-        if joint.startswith("right_"):
-            low[column, 1:], high[column, 1:] = -high[column, 1:], -low[column, 1:].copy()
+        limit = SMPL.limits[joint]
+        twist[column, limit.twist] = 1.0
+        low[column], high[column] = limit.low_deg, limit.high_deg
     return low, high, twist
 
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from itertools import product
 
 from solver_backend.body.label_affixes import Affixes, bare_label, prefixes, suffixes
+from solver_backend.body.label_sides import Letters
+from solver_backend.body.label_words import spelt
 from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key
 
-_ENGLISH, _FRENCH = (("L", "L"), ("R", "R")), (("G", "L"), ("D", "R"))
 _AXES = ("OALP", "OXYZ", "OAPL")
 
 
@@ -21,7 +21,7 @@ class LabelContext:
     file: LayoutFile
     affixes: Affixes
     """What nearly all of them begin and end with."""
-    letters: tuple[tuple[str, str], ...]
+    letters: Letters
     """Side by the letter that stands for it."""
     glued: dict[str, tuple[str, str]]
     """Side and name by each label whose last letter is a side."""
@@ -38,9 +38,8 @@ class LabelContext:
                 return (found,)
         if bare in self.glued:
             side, stem = self.glued[bare]
-            found = self.file.names.get(side + label_key(stem))
-            return (found,) if found else self.file.words.places_of(f"{side} {stem}")
-        return self.file.words.places_of(bare, self.letters)
+            bare = f"{'LEFT' if side == 'L' else 'RIGHT'} {stem}"
+        return _by_side(self.file, bare, self.letters)
 
     def is_exact(self, label: str) -> bool:
         """Return whether a label is one of the names that the layouts list."""
@@ -77,38 +76,29 @@ def context_of(labels: Sequence[str], file: LayoutFile, least: int) -> LabelCont
 def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelContext:
     names = [affixes.bare(label) for label in bare]
     keys = frozenset(key for name in names for key in keys_of(name))
-    letters = _ENGLISH if _sided(file, names, _ENGLISH) >= _sided(file, names, _FRENCH) else _FRENCH
+    letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # the first of equals
     families = tuple(family for family in file.families.values() if family.fits(keys))
-    return LabelContext(file, affixes, letters, _glued(names, letters), families, _axes_of(keys))
+    return LabelContext(file, affixes, letters, file.words.sides.glued(names, letters), families, _axes_of(keys))
 
 
-def _sided(file: LayoutFile, names: Iterable[str], letters: tuple[tuple[str, str], ...]) -> int:
+def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
     """Return how many names are known with these letters for sides, 0 unless both sides are among them."""
-    sides = Counter(place[0] for name in names for place in file.words.places_of(name, letters)[:1])
+    sides = Counter(place[0] for name in names for place in _by_side(file, name, letters)[:1])
     return min(sides["L"], sides["R"]) and sides["L"] + sides["R"]
+
+
+def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
+    """Return the places of a name by its words, or by a listed name beside a side that stands apart."""
+    if parted := file.words.sides.apart(spelt(name), letters):
+        side, stem = parted
+        if found := file.names.get(side + label_key(stem)):
+            return (found,)
+    return file.words.places_of(name, letters)
 
 
 def _count(context: LabelContext, labels: Iterable[str]) -> int:
     found = [context.places_of(label) for label in labels]
     return len({places[0] for places in found if len(places) == 1})
-
-
-def _glued(names: Sequence[str], letters: tuple[tuple[str, str], ...]) -> dict[str, tuple[str, str]]:
-    """Return side and name of the labels that end in a side's letter.
-
-    One letter alone is not enough (``HEEL``, ``ARMl`` for the lateral marker beside ``ARMm``): the other side's label
-    has to be there, and none that ends in m instead.
-    """
-    there = set(names)
-    found: dict[str, tuple[str, str]] = {}
-    for name, ((left, _), (right, _)) in product(names, (letters, letters[::-1])):
-        last, stem = name[-1:], name[:-1]
-        lower = last.islower()
-        other = right.lower() if lower else right
-        middle = "m" if lower else "M"
-        if last.upper() == left and len(stem) > 1 and stem + other in there and stem + middle not in there:
-            found[name] = (dict(letters)[left], stem.rstrip(" _.-"))
-    return found
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:

@@ -6,6 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
+from solver_backend.body.hand_markers import hand_place
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
@@ -36,7 +37,8 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
 def read_label_places(path: Path | str) -> dict[str, str]:
     """Return the place of each label of a file; empty where a marker is to be left out.
 
-    A place is a name of the layouts, or ``@`` and the joint of the bone that the marker is on. Labels with null are not
+    A place is a name of the layouts, ``@`` and the joint of the bone that the marker is on, or a side and a place of a
+    hand, such as ``L_FT2``. Labels with null are not
     among them: they are left to the solve.
 
     Raises:
@@ -53,15 +55,20 @@ def read_label_places(path: Path | str) -> dict[str, str]:
     return {label: _place(label, place, path) for label, place in places.items() if place is not None}
 
 
+def places_given(layout: str) -> dict[str, str]:
+    """Return the user's place by label: of ``read_label_places``, none where the path is empty."""
+    return read_label_places(layout) if layout else {}
+
+
 def _place(label: str, place: str, path: Path) -> str:
     bones = SMPL_JOINTS[: 1 + NUM_BODY_JOINTS]
-    if not place or (place.startswith(ON_BONE) and place[len(ON_BONE) :] in bones):
+    if not place or (place.startswith(ON_BONE) and place[len(ON_BONE) :] in bones) or hand_place(place) is not None:
         return place
     found = load_layouts().place_of(place)
     if found is None:
         raise MarkersUnknown(
             f"The place {place!r} of the label {label} is none.", where=str(path),
-            hint="Write a marker's name such as LASI, @ and a joint such as @left_knee, an empty text to leave the "
-            "marker out, or null to let the solve find its bone.",
+            hint="Write a marker's name such as LASI, a hand's such as L_FT2, @ and a joint such as @left_knee, an "
+            "empty text to leave the marker out, or null to let the solve find its bone.",
         )  # fmt: skip
     return found

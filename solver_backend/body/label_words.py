@@ -1,4 +1,4 @@
-"""Labels as words: a side and what of the body they name, in English, German and French, glued or apart."""
+"""Labels as words: a side and what of the body they name, in several languages, glued or apart."""
 
 from __future__ import annotations
 
@@ -7,10 +7,14 @@ import unicodedata
 from dataclasses import dataclass
 from typing import Any
 
+from solver_backend.body.label_sides import ENGLISH, Letters, Sides, sides_of_file
+
+# C7, TH10, HWK7; 1ST and 5th are no vertebrae though an L stands before them.
+_VERTEBRA = r"(?:(?:[CTL]|TH)1?\d|[BHL]W[KS]1?\d)(?!\d|st|nd|rd|th|ST|ND|RD|TH)"
 # A vertebra, the capitals before a capitalised word, a word, capitals, a number; and with capitals before small letters
 # apart: ``KneeMed`` is of two words in the first way, ``KNEin`` in the second.
 _TOKENS = tuple(
-    re.compile(rf"[CTL]1?\d(?!\d)|{capitals}|[A-Z]?[a-z]+|[A-Z]+|\d+")
+    re.compile(rf"{_VERTEBRA}|{capitals}|[A-Z]?[a-z]+|[A-Z]+|\d+")
     for capitals in ("[A-Z]+(?=[A-Z][a-z])", "[A-Z]{2,}(?=[a-z])")
 )
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
@@ -22,12 +26,14 @@ class LabelWords:
 
     vocabulary: dict[str, str]
     """Word by each way to write it, in capitals; empty for words without meaning."""
-    sides: dict[str, str]
-    """L or R by each word for a side."""
+    alone: dict[str, str]
+    """Words that mean another where they are all that is named: a front alone is a forehead."""
+    sides: Sides
+    """Words and letters for sides."""
     phrases: dict[tuple[str, ...], tuple[str, ...]]
     """Places by the sorted words that name them, a sided place without its side; several where they may name either."""
 
-    def of(self, label: str, letters: tuple[tuple[str, str], ...] = (("L", "L"), ("R", "R"))) -> tuple[str, list[str]]:
+    def of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, list[str]]:
         """Return the side, empty where none is named, and the words of a label; no words where some are not known.
 
         Args:
@@ -35,63 +41,100 @@ class LabelWords:
             letters: the side that each single letter stands for.
         """
         for pattern in _TOKENS:
-            side, words = self._of_tokens([token.upper() for token in pattern.findall(_spelt(label))], dict(letters))
+            side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
                 return side, words
         return "", []
 
-    def _of_tokens(self, tokens: list[str], letters: dict[str, str]) -> tuple[str, list[str]]:
-        side_of = self.sides | letters
+    def _of_tokens(self, tokens: list[str], letters: Letters) -> tuple[str, list[str]]:
+        side_of, tokens = self.sides.by_token(letters), self._joined(tokens)
         found = [side_of[token] for token in tokens if token in side_of]
         rest = [token for token in tokens if token not in side_of]
         parts = [self._split(token) for token in rest]
-        if rest and not found and parts[0] is None and rest[0][0] in letters:
-            found, parts[0] = [letters[rest[0][0]]], self._split(rest[0][1:])
+        if found and len(rest) == 1 and rest[0] in self.alone:
+            return (found[0], [self.alone[rest[0]]]) if len(set(found)) == 1 else ("", [])
+        if rest and not found and parts[0] is None and rest[0][0] in dict(letters):
+            found, parts[0] = [dict(letters)[rest[0][0]]], self._split(rest[0][1:])
         known = [part for part in parts if part is not None]
         words = [word for part in known for word in part]
-        found += [side for word in words if (side := self.sides.get(word))]
+        found += [side for word in words if (side := self.sides.words.get(word))]
         if len(known) < len(parts) or len(set(found)) > 1:
             return "", []
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
+
+    def known_in(self, text: str, letters: Letters = ENGLISH) -> tuple[str, frozenset[str]]:
+        """Return the side, empty where none or both are named, and the words that are known of any text.
+
+        No words where a single letter is no side's: it stands for a word that may change the others' meaning.
+        """
+        by_token = self.sides.by_token(letters)
+        tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
+        sides, words = set[str](), set[str]()
+        for token in tokens:
+            ends = ((token, ""), (token[1:], token[:1]), (token[:-1], token[-1:]))
+            for stem, letter in ends if token not in by_token else ():
+                if (letter in dict(letters) or not letter) and (parts := self._split(stem)) is not None:
+                    words |= {self.vocabulary.get(part, "") for part in parts}
+                    sides |= {side for part in (*parts, letter) if (side := by_token.get(part))}
+                    break
+            else:
+                if token not in by_token and len(token) == 1 and token.isalpha():
+                    return "", frozenset()
+            sides |= {by_token[token]} if token in by_token else set()
+        return sides.pop() if len(sides) == 1 else "", frozenset(words - {""})
+
+    def _joined(self, tokens: list[str]) -> list[str]:
+        """Return the tokens, two that are one known word together as that: avant-bras, upper arm."""
+        joined: list[str] = []
+        for token in tokens:
+            if joined and min(len(token), len(joined[-1])) > 1 and joined[-1] + token in self.vocabulary:
+                token = joined.pop() + token
+            joined.append(token)
+        return joined
 
     def of_glued(self, label: str) -> tuple[str, list[str]]:
         """Return the same of a label whose last letter is a side's: ``ForearmL``."""
         return self.of(f"{label[-1:]} {label[:-1]}") if label[-1:] in ("L", "R") else ("", [])
 
-    def places_of(self, label: str, letters: tuple[tuple[str, str], ...] = (("L", "L"), ("R", "R"))) -> tuple[str, ...]:
+    def places_of(self, label: str, letters: Letters = ENGLISH) -> tuple[str, ...]:
         """Return the places that a label's words name, none where no phrase fits all of them."""
         side, words = self.of(label, letters)
         parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
         return tuple(part[1:] if part[0] == "-" else side + part for part in parts if (part[0] == "-") == (not side))
 
+    def lacks_side(self, label: str) -> bool:
+        """Return whether a label's words name a place that is there on both sides, and no side."""
+        side, words = self.of(label)
+        parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
+        return not side and any(part[0] != "-" for part in parts) and not any(part[0] == "-" for part in parts)
+
     def _split(self, token: str) -> list[str] | None:
         """Return the known words that a token is made of, the longest first; None where it is not made of any."""
-        if token in self.vocabulary or token in self.sides:
+        if token in self.vocabulary or token in self.sides.words:
             return [token]
         for end in range(len(token) - 2, 1, -1):
             head = token[:end]
-            if (head in self.vocabulary or head in self.sides) and (rest := self._split(token[end:])) is not None:
+            if (head in self.vocabulary or head in self.sides.words) and (rest := self._split(token[end:])) is not None:
                 return [head, *rest]
         return None
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
-    """Return the words of a file's sections ``words``, ``sides`` and ``phrases``; the midline's begin with ``-``.
+    """Return the words of a file's sections of words, ``phrases`` and sides; the midline's begin with ``-``.
 
     Raises:
         KeyError: a phrase holds a word that is not in the vocabulary.
     """
     vocabulary = {form: word for word, forms in values["words"].items() for form in (word, *forms)}
-    sides = {form: side for side, forms in values["sides"].items() for form in forms}
     phrases: dict[tuple[str, ...], tuple[str, ...]] = {}
     for place, texts in values["phrases"].items():
         for text in texts:
             key = tuple(sorted({vocabulary[word.upper()] for word in text.split()}))
             phrases[key] = (*phrases.get(key, ()), "-" + place if place in midline else place)
-    return LabelWords(vocabulary, sides, phrases)
+    return LabelWords(vocabulary, values["alone"], sides_of_file(values), phrases)
 
 
-def _spelt(label: str) -> str:
+def spelt(label: str) -> str:
     """Return a label in letters without accents."""
     plain = unicodedata.normalize("NFKD", label.translate(_SPELT))
     return "".join(letter for letter in plain if not unicodedata.combining(letter))

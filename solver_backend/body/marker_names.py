@@ -9,6 +9,7 @@ from types import MappingProxyType
 
 from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.label_affixes import Affixes
+from solver_backend.body.label_choice import chosen_places
 from solver_backend.body.label_context import context_of
 from solver_backend.body.marker_layouts import load_layouts
 
@@ -21,6 +22,8 @@ _UNNAMED = re.compile(
 )
 LEAST_MARKERS = 8
 """Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
+LEAST_NETWORK_PLACES = 20
+"""Places that the labelling network names at least where it knows a layout; fewer points are not worth a try."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +61,12 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
             may share), or empty where a label is to be left out.
     """
     own = {**joint_centre_places(labels), **own}
-    context = context_of(labels, load_layouts(), LEAST_MARKERS)
+    file = load_layouts()
+    context = context_of(labels, file, LEAST_MARKERS)
     meant = {label: () if label in own else context.places_of(label) for label in labels}
+    several = {label: found for label, found in meant.items() if len(found) > 1}
+    sure = {*own.values(), *(found[0] for found in meant.values() if len(found) == 1)}
+    meant |= {label: (place,) for label, place in chosen_places(several, sure, file).items()}
     virtual = {
         label: own.get(label) == "" or (label not in own and context.is_virtual(label))
         for label in dict.fromkeys(labels)

@@ -28,7 +28,7 @@ _ARM_AT_ORIGIN = np.concatenate([np.zeros((3, 3)), np.eye(3)], axis=1).reshape(1
 
 
 @dataclass(frozen=True)
-class _Pairs:
+class _LandmarkPairs:
     """Pairs (landmark, joint): whole ones, where all of the landmark hangs below the joint, and N others.
 
     At the others the joint turns a part of the landmark's bones, or moves it by a pose corrective.
@@ -114,7 +114,9 @@ def _screws(xp: Any, body: Body, G: Array, joints: Array) -> Array:
     return xp.reshape(xp.concat([axes, moments], axis=1), (frames, 6, -1))
 
 
-def _others(xp: Any, pairs: _Pairs, G: Array, local: Array, lever_map: Array, correction: Array | None) -> Array:
+def _others(
+    xp: Any, pairs: _LandmarkPairs, G: Array, local: Array, lever_map: Array, correction: Array | None
+) -> Array:
     """Return (F, 3, 3, N): the columns (axis, tangent) of the pairs that are not whole."""
     frames, num_pairs = G.shape[0], len(pairs.landmark)
     lever = xp.matmul(xp.reshape(xp.permute_dims(G, (0, 2, 1, 3)), (3 * frames, -1)), lever_map)
@@ -145,7 +147,7 @@ def _applied(matrices: Array, vectors: Array) -> Array:
     return x
 
 
-def _corrected_by_tangents(xp: Any, pairs: _Pairs, local: Array) -> Array:
+def _corrected_by_tangents(xp: Any, pairs: _LandmarkPairs, local: Array) -> Array:
     """Return (F, 3, 3, Q): ``D_k vec([e_a]x R_k)``, rest axis and tangent, of the pairs with correctives."""
     frames = local.shape[0]
     R = xp.reshape(xp.permute_dims(local[:, [k - 1 for k in pairs.corrected]], (1, 0, 2, 3)), (-1, frames, 9))
@@ -155,7 +157,7 @@ def _corrected_by_tangents(xp: Any, pairs: _Pairs, local: Array) -> Array:
 
 
 @lru_cache(maxsize=16)
-def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Pairs:
+def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _LandmarkPairs:
     below = subtree_matrix(parents)[:count]
     touched = (landmarks.weights != 0).astype(float) @ below.T
     whole = touched == touched[:, :1]
@@ -171,7 +173,7 @@ def _pairs(parents: tuple[int, ...], landmarks: Landmarks, count: int) -> _Pairs
     parent = np.eye(len(parents))[[parents[k] for k in joint]]
     shares = np.concatenate([parent, weights * below[joint], weights[:num_corrected]])
     joints, corrective, unpadded = _padded(blocks, corrected)
-    return _Pairs(
+    return _LandmarkPairs(
         np.kron(whole & ~corrected, np.ones((3, 3))), slots.reshape(-1), landmark, below[joint],
         np.ascontiguousarray(shares.T), joints, corrective, unpadded,
     )  # fmt: skip

@@ -21,10 +21,12 @@ row vectors do; ``x = R x_cam + t``; ``x_cam = R (x - t)``."""
 SHAPES = {
     "squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3", "half as wide": "squeezed to half width",
     "twice as wide": "of half the rows", "square": "squeezed into a square", "boxed": "in a square with bars",
-    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3",
+    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3", "middle 3/4": "cut to 3/4 about their middle",
+    "middle 2/3": "cut to 2/3 about their middle", "middle half": "cut to half about their middle",
 }  # fmt: skip
 """What recorded pictures may be against those calibrated, and how it is reported: anamorphic lenses and pixels that are
 no squares, fields of interlaced video, square inputs of detectors, modes of a camera that use a part of its sensor."""
+_MIDDLES = {"middle 3/4": 3 / 4, "middle 2/3": 2 / 3, "middle half": 1 / 2}
 _WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as wide": 2.0}
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
@@ -115,6 +117,7 @@ def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
     if shape == "square":
         scale = np.array([height / width, 1.0])
     new = {
+        **{middle: size * share for middle, share in _MIDDLES.items()},
         "boxed": np.full(2, size.max()), "cut to 16:9": np.array([width, width * 9 / 16]),
         "cut to 4:3": np.array([height * 4 / 3, height]),
     }.get(shape, size * scale)  # fmt: skip

@@ -8,7 +8,7 @@ from typing import NoReturn
 
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.pose_arguments import prior_options
-from solver_backend.cli.setting_options import TIME_ROWS, WORLD_ROWS, add_settings
+from solver_backend.cli.setting_options import READING_ROWS, add_settings
 from solver_backend.cli.verb_table import TASKS, VERBS, Shared
 from solver_backend.cli.video_arguments import detector_options, footage_options
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -99,21 +99,7 @@ def _common(options: argparse.ArgumentParser) -> None:
 
 
 def _reading(options: argparse.ArgumentParser) -> None:
-    options.add_argument("--fps", type=float, help="frame rate, if the capture has none")
-    options.add_argument("--trim", action="store_true", default=None, help="trim all cameras to the shortest")
-    options.add_argument(
-        "--as-calibrated", action="store_true", default=None,
-        help="use calibration and detections exactly as written, without corrections",
-    )  # fmt: skip
-    options.add_argument("--joint-set", metavar="NAME", help="keypoint set, when the number of keypoints fits several")
-    options.add_argument("--unit", help="length unit of the recording, such as m or mm, to override the file's")
-    options.add_argument("--up-axis", metavar="AXIS", help="axis that points up in the recording, if not z")
-    options.add_argument("--person", metavar="NAME", help="which person to solve, when there are several (see people)")
-    options.add_argument(
-        "--subject-prefix", metavar="NAME[,NAME…]",
-        help="label prefix of the person, when a file holds several; several prefixes are parts of one person",
-    )  # fmt: skip
-    add_settings(options, ("sync", *TIME_ROWS, *WORLD_ROWS))
+    add_settings(options, ("sync", *READING_ROWS))
 
 
 def _writing(options: argparse.ArgumentParser) -> None:

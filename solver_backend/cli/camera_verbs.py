@@ -146,8 +146,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     capture = capture_of(args, progress)
     cameras, keypoints = capture.require_multiview()
-    progress("Checking the calibration", 0, 1)
-    found = check_calibration(cameras, keypoints)
+    found = check_calibration(cameras, keypoints, progress)
     lines = [f"{args.capture}: {found.verdict}"]
     lines += [
         f"  {name:<11} {rms:5.1f} px, worst part {region} {worst:.1f} px"

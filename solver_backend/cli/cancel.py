@@ -9,7 +9,6 @@ import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import FrameType
-from typing import NoReturn
 
 from solver_backend.exchange.errors import Cancelled
 from solver_backend.exchange.progress import Progress
@@ -27,21 +26,22 @@ class Cancellation:
         """Raise ``Cancelled`` at the first signal."""
         if not self.asked:
             self.asked = True
-            _cancel()
+            raise cancelled()
 
     def watched(self, progress: Progress) -> Progress:
         """Return a progress receiver that also ends the work, should the signal's error have been swallowed."""
 
         def watching(stage: str, done: int, total: int) -> None:
             if self.asked:
-                _cancel()
+                raise cancelled()
             progress(stage, done, total)
 
         return watching
 
 
-def _cancel() -> NoReturn:
-    raise Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
+def cancelled() -> Cancelled:
+    """Return the error that a signal becomes."""
+    return Cancelled("The work was cancelled.", hint="Nothing was left half-written.")
 
 
 @contextmanager

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 
-from solver_backend.body.marker_names import is_unnamed, name_markers
-from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
+from solver_backend.body.body import load_body
+from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.diagnostics import sentence
+from solver_backend.fitters.marker_calibration.person_doubts import doubts_of
+from solver_backend.fitters.partial_body.informed_parts import parts_without
+from solver_backend.fitters.partial_body.rest_parts import listed
+from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
 from solver_backend.io.markers.take import gaps_of
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject
@@ -44,6 +51,12 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
     lines = [f"  markers     {count}: {', '.join(parts)}"]
     if data["subjects"]:
         lines.append(f"  subjects    {', '.join(data['subjects'])}")
+    if resting := _resting(cloud, names.known):
+        data["resting"] = list(resting)
+        but = " unless markers of unknown names move with them" if names.unknown else ""
+        lines.append(
+            f"  at rest     {listed(list(resting))}: no known marker informs them; a solve shows them at rest{but}"
+        )
     if gaps:
         worst = max(gaps, key=lambda gap: gap["missing_percent"])
         lines.append(
@@ -51,13 +64,24 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
             f"which {worst['missing_percent']:g} % of the frames do not see"
         )
     for name, what in (
-        ("jumping", "leave their neighbours in single frames or over gaps; a solve tests their labels there"),
+        ("jumping", "leave all their neighbours in single frames or over gaps; a solve tests their labels there"),
         ("frozen", "stand exactly still while their neighbours move; a solve leaves them out there"),
     ):
         if marked := faults[name]:
             more = f" and {len(marked) - MOST_LISTED} others" if len(marked) > MOST_LISTED else ""
             lines.append(f"  {name:<11} {len(marked)} markers ({', '.join(marked[:MOST_LISTED])}{more}) {what}")
     return lines, data
+
+
+def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
+    """Return the parts of the body that no known marker informs; none where too few are known for a solve."""
+    labels = [label for label in cloud.labels or () if label in known]
+    if len(labels) < LEAST_MARKERS:
+        return ()
+    columns = [(cloud.labels or ()).index(label) for label in labels]
+    body = load_body()
+    landmarks = marker_landmarks(body, tuple(known[label] for label in labels))
+    return parts_without(body, landmarks, np.isfinite(cloud.positions[:, columns]).all(-1).any(axis=0))
 
 
 def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
@@ -80,7 +104,9 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         f"  farthest    {far} from the places of their names",
         f"  loosest     {loose} around where the body has them",
     ]
-    return "\n".join(lines), data
+    doubts = doubts_of(person)
+    data["diagnostics"] = [item.as_dict() for item in doubts]
+    return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
 
 
 def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
@@ -89,7 +115,7 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
         return {"jumping": [], "frozen": []}
     around = neighbours_of(cloud.positions)
     found = {
-        "jumping": jumping(cloud.positions, around),
+        "jumping": leaving(cloud.positions, around),
         "frozen": frozen(cloud.positions, around, cloud.fps).any(axis=0),
     }
     return {name: [cloud.labels[i] for i in np.flatnonzero(which)] for name, which in found.items()}

@@ -46,7 +46,7 @@ class Lines:
         Raises:
             OutputNotWritable: some were not.
         """
-        self._file.require_whole("Make room on the disk of the lines. What --record asked for is not concerned.")
+        self._file.require_whole("Make room on the disk of the lines. What --record writes is not affected.")
 
     def __enter__(self) -> Lines:
         return self

@@ -76,16 +76,13 @@ def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 def _on_our_body(path: Path, progress: Progress) -> Motion:
     """Return the motion of another program's skeleton on our body; what is doubtful goes to standard error."""
-    from solver_backend.body.body import load_body
+    from solver_backend.cli.foreign_motion import read_foreign_motion
     from solver_backend.exchange.diagnostics import sentence
-    from solver_backend.fitters.motion_import.import_motion import import_motion
-    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
 
-    progress("Fitting the body", 0, 1)
-    source, roles, found = read_foreign_clip(path, "", "")
-    for item in found:
+    brought = read_foreign_motion(path, "neutral", progress)
+    for item in brought.diagnostics:
         print(f"{item.severity}: {sentence(item)}", file=sys.stderr)
-    return import_motion(source, roles, load_body()).motion
+    return brought.done.motion
 
 
 def _poses(args: argparse.Namespace) -> LiveSource:

@@ -12,7 +12,7 @@ from contextlib import redirect_stdout
 from typing import TextIO
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals
+from solver_backend.cli.cancel import Cancellation, cancel_at_end_of, cancel_on_signals, cancelled
 from solver_backend.cli.exit_codes import ExitCode
 from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
 from solver_backend.cli.verb_table import VERBS
@@ -62,7 +62,10 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
     except BrokenPipeError:
         raise
     except Exception as error:
-        if (named := full_disk(error)) is not None:
+        named = full_disk(error)
+        if named is None and cancellation.asked:  # a library, stopped in its midst, made an error of its own of it
+            named = cancelled()
+        if named is not None:
             teller.error(named)
             return ExitCode.of(named)
         logger.exception("The solver broke.")

@@ -91,7 +91,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
     """Name the points of a take after another take, and write them."""
     if args.told is not None or args.report is not None:
-        raise CommandLineInvalid("--like goes without --labels and --report.", where="--like")
+        raise CommandLineInvalid("--like cannot be combined with --labels or --report.", where="--like")
     from solver_backend.fitters.label_like import labelled_like
     from solver_backend.io.load import load_capture
 

@@ -53,18 +53,18 @@ def _write_page(page: Path, job: Job, capture: Capture, motion: Motion, progress
     from solver_backend.report.page import report_html
 
     progress("Writing the report", 0, 1)
-    fit = None if job.resolve is not None else _calibration_fit(capture)
+    fit = None if job.resolve is not None else _calibration_fit(capture, progress)
     page.write_text(report_html(capture, motion, fit), encoding="utf-8", newline="\n")
     progress("Writing the report", 1, 1)
 
 
-def _calibration_fit(capture: Capture) -> CameraFits | None:
+def _calibration_fit(capture: Capture, progress: Progress) -> CameraFits | None:
     """Return how the cameras fit what they saw, where two of them see the person."""
     from solver_backend.camera_calibration.check.calibration_check import check_calibration
 
     if capture.cameras is None or capture.keypoints is None:
         return None
     try:
-        return check_calibration(capture.cameras, capture.keypoints).fit
+        return check_calibration(capture.cameras, capture.keypoints, progress).fit
     except MocapError:  # too little is seen together to compare
         return None

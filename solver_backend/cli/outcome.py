@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, TextIO
 
-from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence
+from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence, warnings_in
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress, JsonProgress, Progress
@@ -28,6 +28,21 @@ class Outcome:
 def note_lines(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
     """Return the lines of an outcome's text on the notes among diagnostics."""
     return [f"  note        {sentence(item, fps)}" for item in notes_in(found)]
+
+
+def found_lines(found: Sequence[Diagnostic]) -> list[str]:
+    """Return what was found as lines of the console, warnings first."""
+    kinds = (("warning", warnings_in(found)), ("note", notes_in(found)))
+    return [f"  {kind:<11} {sentence(item)}" for kind, items in kinds for item in items]
+
+
+def found_data(found: Sequence[Diagnostic]) -> dict[str, Any]:
+    """Return what was found as values of JSON."""
+    return {
+        "notes": [sentence(item) for item in notes_in(found)],
+        "problems": [sentence(item) for item in warnings_in(found)],
+        "diagnostics": [item.as_dict() for item in found],
+    }
 
 
 def findings_data(found: Sequence[Diagnostic]) -> dict[str, Any]:

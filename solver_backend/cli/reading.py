@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from solver_backend.cli.setting_options import given_time, given_world
+from solver_backend.cli.setting_options import given_reading
 from solver_backend.exchange.progress import Progress
 from solver_backend.job import joint_set_named, positive_fps
 from solver_backend.types import Capture
@@ -17,17 +17,9 @@ EVERYBODY = "all"
 
 def reading(args: argparse.Namespace) -> dict[str, Any]:
     """Return the options that set how a capture is read."""
+    special = {"fps": positive_fps, "joint_set": joint_set_named}
     return {
-        "fps": None if args.fps is None else positive_fps(args.fps),
-        "trim": bool(args.trim),
-        "as_calibrated": bool(args.as_calibrated),
-        "joint_set": None if args.joint_set is None else joint_set_named(args.joint_set),
-        "unit": args.unit,
-        "up_axis": args.up_axis,
-        "subject_prefix": args.subject_prefix,
-        "person": args.person,
-        **given_time(args),
-        **given_world(args),
+        **{name: special[name](value) if name in special else value for name, value in given_reading(args).items()},
         **({} if args.sync is None else {"sync": args.sync}),
         **({"frames": None} if getattr(args, "resolve", None) else {}),  # then they are those to solve again
     }

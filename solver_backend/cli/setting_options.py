@@ -7,15 +7,16 @@ from collections.abc import Iterable
 from itertools import groupby
 from typing import Any
 
+from solver_backend.exchange.reading_settings import DEFAULTS as READING_DEFAULTS
+from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
 from solver_backend.exchange.setting import Setting, defaults_of_class, settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.exchange.time_settings import TimeSettings
 from solver_backend.exchange.world_settings import WorldSettings
 
 ROWS = settings_of_class(SolveSettings)
-TIME_ROWS, WORLD_ROWS = settings_of_class(TimeSettings), settings_of_class(WorldSettings)
-_ALL = ROWS | TIME_ROWS | WORLD_ROWS
-_DEFAULTS = {k: v for c in (SolveSettings, TimeSettings, WorldSettings) for k, v in defaults_of_class(c).items()}
+WORLD_ROWS = settings_of_class(WorldSettings)
+_ALL = ROWS | READING_ROWS
+_DEFAULTS = defaults_of_class(SolveSettings) | READING_DEFAULTS
 
 
 def add_settings(parser: argparse.ArgumentParser, names: Iterable[str] = ROWS) -> None:
@@ -37,9 +38,9 @@ def given_settings(args: argparse.Namespace) -> dict[str, Any]:
     return _given(args, ROWS)
 
 
-def given_time(args: argparse.Namespace) -> dict[str, Any]:
-    """Return the settings of time that stand on a command line, by name."""
-    return {name: tuple(v) if isinstance(v, list) else v for name, v in _given(args, TIME_ROWS).items()}
+def given_reading(args: argparse.Namespace) -> dict[str, Any]:
+    """Return the settings of how a capture is read that stand on a command line, by name."""
+    return {name: tuple(v) if isinstance(v, list) else v for name, v in _given(args, READING_ROWS).items()}
 
 
 def given_world(args: argparse.Namespace) -> dict[str, Any]:
@@ -72,12 +73,17 @@ def option(name: str) -> str:
     return f"--{name.replace('_', '-')}"
 
 
+def help_of(row: Setting) -> str:
+    """Return the words of a setting as help texts have them."""
+    return f"{row.description[0].lower()}{row.description[1:]}".replace("%", "%%")
+
+
 def _add_option(group: Any, name: str, row: Setting) -> None:
     bounds, default = describe_range(row), describe_default(name)
     repeated = ["may be repeated"] * (row.kind == "texts")
     more = "; ".join([bounds] * bool(bounds) + [f"default {default}"] * bool(default) + repeated)
-    text = f"{row.description[0].lower()}{row.description[1:]}{f' ({more})' if more else ''}"
-    group.add_argument(option(name), dest=name, default=None, help=text.replace("%", "%%"), **_how(row))
+    text = f"{help_of(row)}{f' ({more})' if more else ''}"
+    group.add_argument(option(name), dest=name, default=None, help=text, **_how(row))
 
 
 def _how(row: Setting) -> dict[str, Any]:
@@ -87,6 +93,7 @@ def _how(row: Setting) -> dict[str, Any]:
         "whole": {"type": int, "metavar": "N"},
         "number": {"type": float, "metavar": "X"},
         "choice": {"metavar": row.metavar},
+        "text": {"metavar": row.metavar},
         "file": {"metavar": row.metavar},
         "name_or_file": {"metavar": row.metavar},
         "texts": {"metavar": row.metavar, "action": "append"},

@@ -232,7 +232,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
     files = ("capture", "out", "report", "subject", "start", "told", "overwrite", "strict")
     settings = given_settings(args)
-    given = [name for name in (*files, *READING, "resolve", "frames") if getattr(args, name) is not None]
+    given = [name for name in (*files, *READING, "resolve") if getattr(args, name) is not None]
     if args.job is not None:
         if given or settings:
             raise CommandLineInvalid(

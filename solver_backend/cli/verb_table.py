@@ -11,6 +11,7 @@ from solver_backend.cli import (
     camera_live_verb,
     camera_verbs,
     capture_arguments,
+    glove_verbs,
     live_verb,
     marker_verbs,
     motion_verbs,
@@ -140,6 +141,9 @@ TASKS: dict[str, tuple[Verb, ...]] = {
     "Clean up and make motions": (
         Verb("motion", "bring a motion of another program onto our body", "motion clip.bvh --out motion.npz",
              "motion_verbs", motion_verbs.motion_arguments, ("writing",)),
+        Verb("add-hands", "add the fingers of gloves, or of another program, to a motion",
+             "add-hands motion.npz gloves.bvh --out hands.npz", "glove_verbs", glove_verbs.add_hands_arguments,
+             ("writing",)),
         Verb("denoise", "denoise a motion with Pose-NDF", "denoise motion.npz smooth.npz",
              "pose_verbs", pose_arguments.denoise_arguments, ("prior", "writing")),
         Verb("complete", "fill in unknown joint rotations with Pose-NDF",

@@ -5,7 +5,9 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from solver_backend.cli.setting_options import ROWS, WORLD_ROWS, add_settings
+from solver_backend.cli.setting_options import ROWS, WORLD_ROWS, add_settings, help_of
+from solver_backend.exchange.video_settings import DEFAULTS as VIDEO_DEFAULTS
+from solver_backend.exchange.video_settings import ROWS as VIDEO_ROWS
 
 
 def detect_arguments(verb: argparse.ArgumentParser) -> None:
@@ -34,18 +36,18 @@ def from_videos_arguments(verb: argparse.ArgumentParser) -> None:
         "--redo", action="append", default=[], choices=("detect", "sync", "calibrate", "capture", "solve"),
         help="do this step again",
     )  # fmt: skip
+    _add_choice(verb, "--cameras", "cameras")
+    verb.add_argument("--board", metavar="BOARD", help=f"{help_of(VIDEO_ROWS['board'])}; see the verb board")
+    verb.add_argument("--lenses", type=Path, metavar="FILE", help=help_of(VIDEO_ROWS["lenses"]))
+    verb.add_argument("--focal", default="", metavar="26mm|1450px", help=help_of(VIDEO_ROWS["focal"]))
     verb.add_argument(
-        "--cameras", choices=("auto", "board", "person"), default="auto",
-        help="calibrate from the board or the person even if a calibration exists",
+        "--hand-model", type=Path, metavar="MODEL.tflite",
+        help="also find hands where the body has its wrists, by hand_landmark_full.tflite, and solve the fingers",
     )  # fmt: skip
-    verb.add_argument("--board", metavar="BOARD", help="which board was filmed, see the verb board")
-    verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library with the lenses")
     verb.add_argument(
-        "--focal", default="", metavar="26mm|1450px",
-        help="focal length of unknown lenses: 35 mm equivalent or pixels; from the file or guessed if left out",
-    )  # fmt: skip
-    verb.add_argument("--stature", type=float, metavar="METRES", help="stature of the person, which sets the scale")
-    add_settings(verb, ["scale", "level", *(name for name in ROWS if name not in ("layout", "sync"))])
+        "--hand-python", type=Path, metavar="PATH", help="Python that has ai-edge-litert; that of --python if left out"
+    )
+    add_settings(verb, [*WORLD_ROWS, *(name for name in ROWS if name not in ("layout", "sync"))])
 
 
 def detector_noise_arguments(verb: argparse.ArgumentParser) -> None:
@@ -76,7 +78,9 @@ def detector_options(options: argparse.ArgumentParser) -> None:
         help="program of a detector of your own, run in --python instead",
     )
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
-    options.add_argument("--people", type=int, default=1, metavar="N", help="people looked for in each view")
+    options.add_argument(
+        "--people", type=int, default=VIDEO_DEFAULTS["people"], metavar="N", help=help_of(VIDEO_ROWS["people"])
+    )
 
 
 def footage_options(options: argparse.ArgumentParser) -> None:
@@ -84,7 +88,15 @@ def footage_options(options: argparse.ArgumentParser) -> None:
     options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
     options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
-    options.add_argument(
-        "--sync", choices=("auto", "keypoints", "clap", "sound", "flash", "none"), default="auto", dest="clocks",
-        help="how to synchronise the cameras (default: whatever the footage allows)",
+    _add_choice(options, "--sync", "clocks")
+
+
+def _add_choice(parser: argparse.ArgumentParser, option: str, name: str) -> None:
+    row = VIDEO_ROWS[name]
+    listed = "; ".join(
+        f"{choice.value}: {choice.description[0].lower()}{choice.description[1:]}" for choice in row.choices
+    )
+    parser.add_argument(
+        option, dest=name, choices=[choice.value for choice in row.choices], default=VIDEO_DEFAULTS[name],
+        help=f"{help_of(row)} ({listed})",
     )  # fmt: skip

@@ -60,10 +60,12 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Go the road from a folder of videos to solved motions."""
+    from solver_backend.videos.detect.choice import chosen_hand_detector
     from solver_backend.videos.pipeline.calibrate import KnownOfCameras
     from solver_backend.videos.pipeline.layout import look_through
     from solver_backend.videos.pipeline.plan import described, planned
-    from solver_backend.videos.pipeline.run import RoadSettings, go
+    from solver_backend.videos.pipeline.run import go
+    from solver_backend.videos.pipeline.settings import RoadSettings
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -76,11 +78,13 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     data: dict[str, Any] = {"plan": lines, "takes": {}}
     if args.dry_run:
         return Outcome("\n".join(lines), data)
+    python = args.hand_python or args.python
+    hands = None if args.hand_model is None else chosen_hand_detector(args.hand_model, python=python)
     settings = RoadSettings(
         detector=_choice(args), sync=args.clocks, until=args.until, jobs=args.jobs, pictures_fps=_pictures_fps(args),
         redo=tuple(args.redo), overwrite=bool(args.overwrite), solve=SolveSettings.from_dict(given_settings(args)),
         world=WorldSettings(**{k: v for k, v in given_world(args).items() if k != "stature"}),
-        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal),
+        cameras=KnownOfCameras(args.board, args.lenses, args.stature, args.cameras, args.focal), hands=hands,
     )  # fmt: skip
     failed: dict[str, MocapError] = {}
     found_in: dict[str, tuple[Diagnostic, ...]] = {}
@@ -142,7 +146,8 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
     from solver_backend.videos.pipeline.errors import NoVideos
     from solver_backend.videos.pipeline.layout import look_through
     from solver_backend.videos.pipeline.plan import planned
-    from solver_backend.videos.pipeline.run import RoadSettings, go
+    from solver_backend.videos.pipeline.run import go
+    from solver_backend.videos.pipeline.settings import RoadSettings
 
     try:
         found = look_through(folder)

@@ -125,8 +125,8 @@ def evaluate(capture: Capture, motion: Motion) -> Evaluation:
     capture = capture.named
     if "joints" not in capture.truth:
         raise MotionInvalid(
-            "The capture knows no truth to compare with.", where=capture.name,
-            hint="Synthetic captures know theirs: demo-capture and render write such.",
+            "The capture has no ground truth to compare with.", where=capture.name,
+            hint="Synthetic captures have theirs: demo-capture and render write such.",
         )  # fmt: skip
     solved, joints, names = motion.beside_truth(np.asarray(capture.truth["joints"]))
     if not names:

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, LEAST_NETWORK_PLACES, is_unnamed, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
@@ -21,10 +21,10 @@ UserLabels = Mapping[tuple[int, int], str]
 """Marker's name by (column, frame), assigned by the user."""
 
 
-LEAST_NAMED, LEAST_PLACES = 0.75, 20
-"""Share of the points, and markers, that the network names where it knows the layout. Where labels mean nothing it
-names 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36, badParameterOffset), but at most 61 % of
-clusters and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
+LEAST_NAMED = 0.75
+"""Share of the points that the network names where it knows the layout, ``LEAST_NETWORK_PLACES`` at least.
+Where labels mean nothing it names 83 and 100 % of whole bodies (30 and 39 markers: btkdata's mocap36,
+badParameterOffset), but at most 61 % of clusters and of legs alone, and wrongly (22 markers: c3d.org's sample 2)."""
 
 
 LEAST_UNNAMED = 0.5
@@ -109,15 +109,21 @@ def labelled_capture(
             "Blender or with --labels, and solve the labelled file.",
         )  # fmt: skip
     return replace(
-        capture, markers=take.cloud(cloud), notes=(*capture.notes, named_in(take, persistent=persistent)),
-        problems=(*(item for item in capture.problems if item.code != "few_markers_known"), *unnamed_in(take)),
+        capture, markers=take.cloud(cloud),
+        notes=(*without_doubt_of_labels(capture.notes), named_in(take, persistent=persistent)),
+        problems=(*without_doubt_of_labels(capture.problems), *unnamed_in(take)),
     ), take  # fmt: skip
+
+
+def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return diagnostics of a reading without those that say how few labels are known, which naming settles."""
+    return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 
 def knows_layout(take: LabelledTake) -> bool:
     """Return whether the network names enough of a take's points to have understood how the markers are placed."""
     named = _named(take)
-    return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_PLACES
+    return bool(named.size) and named.mean() >= LEAST_NAMED and len(_places(take)) >= LEAST_NETWORK_PLACES
 
 
 def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:

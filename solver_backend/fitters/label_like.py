@@ -10,7 +10,7 @@ from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_mar
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.label_first import has_own_names
+from solver_backend.fitters.label_first import has_own_names, without_doubt_of_labels
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.labelling.label_like import LikeTake, label_like
 from solver_backend.labelling.label_take import label_take
@@ -57,9 +57,10 @@ def labelled_like(
     note = diagnostic("points_named_after", take=like.name, named=100.0 * (1.0 - unknown), count=places)
     unsure = unknown > UNSURE_SHARE
     doubts = [diagnostic("points_not_named_after", percent=100.0 * unknown)] if unsure else []
-    kept = [item for item in capture.problems if item.code != "few_markers_known"]
+    kept = without_doubt_of_labels(capture.problems)
     return replace(
-        capture, markers=take.cloud(cloud), notes=(*capture.notes, note), problems=(*kept, *doubts)
+        capture, markers=take.cloud(cloud), notes=(*without_doubt_of_labels(capture.notes), note),
+        problems=(*kept, *doubts),
     ), take  # fmt: skip
 
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
+from solver_backend.body.label_places import places_given
 from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
@@ -145,7 +146,8 @@ def calibrate_person(
     for capture in captures:
         if capture.markers is None:
             raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
-    clouds = [capture.markers for capture in captures if capture.markers is not None]
+    own = places_given(settings.layout)
+    clouds = [split_hands(capture.markers, own)[0] for capture in captures if capture.markers is not None]
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     sources = {"sources": [source for capture in captures for source in capture.sources]}
     return calibrated(clouds, body, load_sposer(), like, settings, progress, sources)
@@ -226,7 +228,7 @@ def prepare(
         require_network(settings, capture.name)
         return Problem.of(body, prior, measure_directly(capture, body, like, settings, person, progress))
     if capture.keypoints is None and capture.markers is not None:
-        markers, hands = split_hands(capture.markers)
+        markers, hands = split_hands(capture.markers, places_given(settings.layout))
         if method.finds_shape and person is None:
             problem = Problem.of(body, prior, measure_markers(known_markers_of(markers), body, like))
         else:

@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import codecs
-import os
 import re
-import stat
 import tomllib
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.exchange.npz import require_file
-from solver_backend.exchange.regular_file import open_regular
+from solver_backend.exchange.regular_file import read_regular
 
 LARGEST_TAKE, LARGEST_TEXT = 1_000_000_000, 20_000_000
 """Bytes of a take; and of a calibration, a job or a frame's detections, of which real ones have thousands."""
 _LARGEST_TOML = 2_000_000
 LONGEST_HEADING = 200
 """Characters of a column's heading at most: patterns take time that grows with the square of what they look into."""
-_PART = 1 << 20
-"""Bytes that are read at once."""
 _MOST_KEY_PARTS = 32
 """Dotted parts of a key of TOML at most; chosen by hand."""
 _KEY_PART = re.compile(r"""\.[ \t]*(?:[\w-]+|"(?:[^"\\\n]|\\.)*"|'[^'\n]*')[ \t]*(?=\.)""")
@@ -35,16 +31,9 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         FileDamaged: it is larger, or cannot be read.
     """
     try:
-        status = os.stat(path)
-        if not stat.S_ISREG(status.st_mode):
-            require_file(path)
-        size = status.st_size
-        with open_regular(path) as stream:
-            data = _read_all(stream, size, largest + 1) if size <= largest else b""
-    except FileNotFoundError:
-        require_file(path)
-        raise
+        data, size = read_regular(path, largest)
     except OSError as error:
+        require_file(path)
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
     if max(size, len(data)) > largest:
         raise FileDamaged(
@@ -53,17 +42,6 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
             hint="Check that it is the right file, or move it away.",
         )
     return data
-
-
-def _read_all(stream: BinaryIO, size: int, most: int) -> bytes:
-    """Return what a file holds, up to so many bytes; of many small files the first read is all."""
-    parts, left = [stream.read(size + 1)], most - size - 1
-    if 0 < len(parts[0]) <= size:
-        return parts[0]
-    while left and (part := stream.read(min(left, _PART))):
-        parts.append(part)
-        left -= len(part)
-    return b"".join(parts)
 
 
 def read_text(path: Path | str, largest: int = LARGEST_TAKE) -> str:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Generic, TypeVar
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.reading_settings import ReadingSettings
 from solver_backend.exchange.solve_settings import SYNC_AUTO
 from solver_backend.exchange.time_settings import TimeSettings
 from solver_backend.exchange.world_settings import WorldSettings
@@ -18,35 +19,22 @@ Content = TypeVar("Content")
 
 
 @dataclass(frozen=True)
-class ReadOptions(TimeSettings, WorldSettings):
+class ReadOptions(ReadingSettings, TimeSettings, WorldSettings):
     """What the caller knows better than the file; a reader takes what concerns it."""
 
-    fps: float | None = None
-    """Frames per second; None takes what the file states."""
-    trim: bool = False
-    """Cut cameras of different lengths to the frames all have."""
-    joint_set: JointSet | None = None
+    joint_set: JointSet | None = field(default=None, kw_only=True)
     """What the keypoints are; None takes what the recording states, or recognises it."""
-    unit: str | None = None
-    """Length unit of the file or its calibration; None infers it."""
-    up_axis: str | None = None
-    """Axis of the file's world that points up; None is the format's own."""
-    as_calibrated: bool = False
-    """Keep the calibration as it is written, whatever the views show."""
     sync: str = SYNC_AUTO
     """Whether cameras that started apart are moved in time, see ``SolveSettings``."""
-    subject_prefix: str | None = None
-    """Whose markers are read, by the prefix of their labels; None takes the only subject."""
-    person: str | None = None
-    """Whose keypoints the capture holds, by name or number; None takes the person whom most views agree on."""
     progress: Progress = silent
     """Called with how far reading has come."""
 
     def __post_init__(self) -> None:
-        TimeSettings.__post_init__(self)
-        WorldSettings.__post_init__(self)
         if self.fps is not None and not 0 < self.fps < float("inf"):
             raise JobInvalid(f"The frame rate must be a positive number, not {self.fps}.", where="fps")
+        ReadingSettings.__post_init__(self)
+        TimeSettings.__post_init__(self)
+        WorldSettings.__post_init__(self)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,8 @@ _SHARE = 0.35
 """Weight of one partner's evidence at most, a share of 1; chosen by hand."""
 _BLOCK = 256
 """Frames at a time, which bounds memory; chosen by hand."""
+_PAIRS = _BLOCK * 60**2
+"""Pairs of points that are measured at once: a thousand points are compared in one frame after the other."""
 _SCALE_FROM_M = 0.3
 """Distance from which pairs count for the body's size, metres; chosen by hand."""
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
@@ -93,8 +95,9 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
     chains = tracklets.num_chains
     between = float(np.median(np.diff(frames))) / fps if len(frames) > 1 else 1.0
     sums = np.zeros((3, chains * chains))
-    for start in range(0, len(frames), _BLOCK):
-        part = frames[start : start + _BLOCK]
+    size = int(np.clip(_PAIRS // max(positions.shape[1] ** 2, 1), 1, _BLOCK))
+    for start in range(0, len(frames), size):
+        part = frames[start : start + size]
         points, number = positions[part], tracklets.number[part]
         chain = np.where(number >= 0, tracklets.chain[number], -1)
         both = (chain[:, :, None] >= 0) & (chain[:, None] >= 0)

@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
+from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.cameras.projection import undistort
 from solver_backend.people.pair_agreement import OFF_LINE, pair_agreement
 from solver_backend.people.sightings import MIN_CONFIDENCE
@@ -28,11 +29,7 @@ class ReadingScores:
         self.cameras, self._xy, self._seen = cameras, xy, confidence >= MIN_CONFIDENCE
         self._poses: dict[CameraCorrection, tuple[np.ndarray, np.ndarray]] = {}
         self._normalised: dict[CameraCorrection, np.ndarray] = {}
-        count = len(cameras)
-        others = range(1, count if count <= EACH else EACH)
-        self._compared = sorted(
-            {(min(c, d), max(c, d)) for c in range(count) for k in others if (d := (c + k) % count) != c}
-        )
+        self._compared = compared_pairs(len(cameras), EACH)
         self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
 
     def on(self, count: int, cameras: list[int]) -> ReadingScores:

@@ -48,6 +48,24 @@ class HandPrior:
         matrix = self.precision + np.eye(NUM_ANGLES) * ((beyond != 0) / LIMIT_SIGMA**2)[:, None]
         return cost, pulled + beyond / LIMIT_SIGMA**2, matrix
 
+    def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
+        """Return (n, A) angles whose unknown ones are the likeliest beside the known, within their ranges.
+
+        ``a_u = μ_u + Σ_uk Σ_kk⁻¹ (a_k - μ_k)``.
+
+        Args:
+            angles: (n, A) radians, NaN where unknown.
+        """
+        whole, unknown = angles.copy(), np.isnan(angles)
+        patterns, which = np.unique(unknown, axis=0, return_inverse=True)
+        for number, missing in enumerate(patterns):
+            if missing.any():
+                rows, known = np.flatnonzero(which.reshape(-1) == number), ~missing
+                gain = np.linalg.solve(self.covariance[np.ix_(known, known)], self.covariance[np.ix_(known, missing)])
+                found = self.mean[missing] + (angles[np.ix_(rows, known)] - self.mean[known]) @ gain
+                whole[np.ix_(rows, missing)] = np.clip(found, self.low[missing], self.high[missing])
+        return whole
+
 
 def load_hand_prior(path: Path | None = None) -> HandPrior:
     """Read a prior of hands; the one that ships where no file is given.

@@ -43,7 +43,7 @@ def write_capture_report(path: Path | str, capture: Capture, *, overwrite: bool 
 def capture_html(capture: Capture) -> str:
     """Return the page of a capture."""
     rows = np.unique(np.linspace(0, capture.num_frames - 1, min(capture.num_frames, MOST_FRAMES)).astype(int))
-    views = _Views.of(capture, rows)
+    views = _SharedViews.of(capture, rows)
     found = by_gravity(capture_diagnostics(capture))
     headline = tiles(_tiles(capture, views, len(list(warnings_in(found)))))
     body = [
@@ -56,14 +56,14 @@ def capture_html(capture: Capture) -> str:
     return page_of(f"Capture {text(capture.name + whose)}", text(_subtitle(capture)), headline + "".join(body))
 
 
-class _Views:
+class _SharedViews:
     """What the views show together in some frames."""
 
     def __init__(self, points: np.ndarray, seen: np.ndarray, agrees: np.ndarray, off_px: np.ndarray) -> None:
         self.points, self.seen, self.agrees, self.off_px = points, seen, agrees, off_px
 
     @classmethod
-    def of(cls, capture: Capture, rows: np.ndarray) -> _Views | None:
+    def of(cls, capture: Capture, rows: np.ndarray) -> _SharedViews | None:
         """Return points (N, K, 3), and (C, N, K) what is seen, what agrees with other views, and by how many px."""
         if capture.cameras is None or capture.keypoints is None or capture.is_one_view:
             return None
@@ -82,7 +82,7 @@ def _projected(capture: Capture, points: np.ndarray) -> np.ndarray:
     return project(c.K, c.distortion, c.R, c.t, points, c.distortion_model)
 
 
-def _tiles(capture: Capture, views: _Views | None, warnings: int) -> list[Tile]:
+def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[Tile]:
     found: list[Tile] = []
     if views is not None:
         agreement = float(share(views.agrees, views.seen, (0, 1, 2)))
@@ -103,7 +103,7 @@ def _tiles(capture: Capture, views: _Views | None, warnings: int) -> list[Tile]:
     return found
 
 
-def _space_section(capture: Capture, views: _Views | None, rows: np.ndarray) -> str:
+def _space_section(capture: Capture, views: _SharedViews | None, rows: np.ndarray) -> str:
     if views is not None:
         assert capture.keypoints is not None
         points, names = views.points, capture.keypoints.joint_set
@@ -136,7 +136,7 @@ def _space_section(capture: Capture, views: _Views | None, rows: np.ndarray) -> 
     return section("Space", f'{drawing}<div class="pair">{above}{facts(values)}</div>', lead, "space")
 
 
-def _agreement_section(capture: Capture, views: _Views | None) -> str:
+def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
     seen = detected_share(capture)
     if seen is None or capture.cameras is None or capture.keypoints is None:
         return ""
@@ -162,7 +162,7 @@ def _strips(names: tuple[str, ...], values: np.ndarray) -> list[tuple[str, np.nd
     return [(name, values[c]) for c, name in enumerate(names)]
 
 
-def _camera_table(names: tuple[str, ...], views: _Views) -> str:
+def _camera_table(names: tuple[str, ...], views: _SharedViews) -> str:
     agreement = share(views.agrees, views.seen, (1, 2))
     off = np.array([[float(quantile(camera.ravel(), q, axis=0)) for q in (0.5, 0.9)] for camera in views.off_px])
     usual = max(float(np.nan_to_num(np.nanmedian(off[:, 0]))) if np.isfinite(off).any() else 0.0, 1e-9)

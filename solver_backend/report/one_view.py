@@ -30,7 +30,7 @@ _LEAD = (
 
 
 @dataclass(frozen=True)
-class _View:
+class _SideProjection:
     """A parallel projection: from metres about the pelvis to a column of the drawing."""
 
     axes: np.ndarray
@@ -122,7 +122,7 @@ def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dic
     for column, frame in enumerate(frames):
         for row, (axes, name) in enumerate(zip(sides[column], ("from the camera", "from the side"), strict=True)):
             top = CAPTION + row * (ROW + CAPTION)
-            view = _View(axes, column * width, top, scale, (low + high) / 2, width)
+            view = _SideProjection(axes, column * width, top, scale, (low + high) / 2, width)
             message = f"frame {frame} · {frame / motion.fps:.2f} s, {name}"
             parts.append(f'<text class="x" x="{view.left + width / 2:.0f}" y="{top - 6:.0f}">{message}</text>')
             open_now = {part for part, flags in is_open.items() if flags[frame]}
@@ -147,7 +147,8 @@ def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tu
 
 
 def _person(
-    view: _View, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str], floor: float | None
+    view: _SideProjection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str],
+    floor: float | None,
 ) -> list[str]:  # fmt: skip
     names, parts = motion.body_layout.joints, []
     if floor is not None:

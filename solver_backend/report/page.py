@@ -16,6 +16,7 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
 from solver_backend.report.calibration import CameraFits, calibration_section
 from solver_backend.report.diagnose import diagnose
+from solver_backend.report.hands import hands_section
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.one_view import one_view_section
 from solver_backend.report.props import props_section
@@ -68,6 +69,7 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
         sections.missing_section(capture, motion),
         markers.gaps_section(motion, shades),
         markers.marker_section(motion),
+        hands_section(motion),
         props_section(motion),
         rest_pose_section(motion),
         sections.reprojection_section(capture, residuals),

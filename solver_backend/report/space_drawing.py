@@ -36,7 +36,7 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
         return ""
     low, high = floor[:, :2].min(0) - 0.3, floor[:, :2].max(0) + 0.3
     corners = np.array([[x, y, 0.0] for x in (low[0], high[0]) for y in (low[1], high[1])])
-    view = _View(np.concatenate([floor, corners]))
+    view = _SpaceProjection(np.concatenate([floor, corners]))
     parts = _floor(view, low, high)
     if cameras is not None:
         size = 0.08 * float(np.linalg.norm(high - low))
@@ -50,7 +50,7 @@ def space_drawing(cameras: Cameras | None, points: np.ndarray, joint_set: JointS
     )
 
 
-class _View:
+class _SpaceProjection:
     """From world metres to the drawing, in parallel projection."""
 
     def __init__(self, everything: np.ndarray) -> None:
@@ -76,7 +76,7 @@ class _View:
         return f'<line class="{kind}" x1="{x1}" y1="{y1}" x2="{x2}" y2="{y2}"{style}/>'
 
 
-def _floor(view: _View, low: np.ndarray, high: np.ndarray) -> list[str]:
+def _floor(view: _SpaceProjection, low: np.ndarray, high: np.ndarray) -> list[str]:
     """Return the lines of z = 0 a metre apart, those through the origin stronger."""
     span = float((high - low).max())
     step = 1.0 if span <= 14 else nice_steps(0.0, span, 8)[1]
@@ -90,7 +90,7 @@ def _floor(view: _View, low: np.ndarray, high: np.ndarray) -> list[str]:
     return parts
 
 
-def _camera(view: _View, cameras: Cameras, c: int, size: float) -> str:
+def _camera(view: _SpaceProjection, cameras: Cameras, c: int, size: float) -> str:
     """Return the pyramid of a camera's picture, a line down to the floor, and its name."""
     (w, h), K = cameras.image_size[c].astype(float), cameras.K[c]
     pixels = np.array([[0, 0, 1], [w, 0, 1], [w, h, 1], [0, h, 1]])
@@ -107,7 +107,7 @@ def _camera(view: _View, cameras: Cameras, c: int, size: float) -> str:
     )
 
 
-def _way(view: _View, points: np.ndarray) -> list[str]:
+def _way(view: _SpaceProjection, points: np.ndarray) -> list[str]:
     """Return the way of the points' middle over the floor."""
     with np.errstate(invalid="ignore"):
         seen = np.isfinite(points).all(-1)
@@ -128,7 +128,7 @@ def _moments(points: np.ndarray) -> np.ndarray:
     return np.array([int(part[count[part].argmax()]) for part in parts], dtype=int)
 
 
-def _person(view: _View, points: np.ndarray, joint_set: JointSet | None, opacity: float) -> list[str]:
+def _person(view: _SpaceProjection, points: np.ndarray, joint_set: JointSet | None, opacity: float) -> list[str]:
     style = f' style="opacity:{opacity:.2f}"'
     names = () if joint_set is None else joint_set.keypoints
     parts = []

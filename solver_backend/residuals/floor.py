@@ -11,7 +11,8 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.point_term import PointEvidence
 
 SIGMA_M = 0.01
-"""How far a point may sink in: what skin, shoe and mat give, and the floor is off level."""
+"""How far a point may sink in: what skin, shoe and mat give, and the floor is off level. Chosen
+by hand."""
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
 
 SIGMA_M = 0.006
-"""How far a planted point's skin and shoe give."""
+"""How far a planted point's skin and shoe give; chosen by hand."""
 
 
 def foot_contact_term(planted: np.ndarray, anchors: np.ndarray, like: Array, sigma_m: float = SIGMA_M) -> PositionTerm:

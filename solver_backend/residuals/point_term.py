@@ -24,10 +24,17 @@ class PointEvidence:
     """(F, L, 3) derivative of the cost by each position, 1/m."""
     information: Array
     """(F, L, 3, 3) Gauss-Newton Hessian, 1/m²."""
+    shared: Array | None = None
+    """(F, R, L, 3) rows whose squares the Hessian lacks: what an error that landmarks have in common takes away; None
+    where they have none."""
 
     def __add__(self, other: PointEvidence) -> PointEvidence:
+        rows = [evidence.shared for evidence in (self, other) if evidence.shared is not None]
         return PointEvidence(
-            self.cost + other.cost, self.gradient + other.gradient, self.information + other.information
+            self.cost + other.cost,
+            self.gradient + other.gradient,
+            self.information + other.information,
+            array_namespace(*rows).concat(rows, axis=1) if rows else None,
         )
 
 

@@ -62,7 +62,7 @@ def independent_lbfgs(
     """
     x, moving = np.array(start, dtype=np.float64), np.arange(len(start))
     cost, gradient = objective(x, moving)
-    converged, pairs, iteration = np.zeros(len(x), dtype=bool), _Pairs.empty(settings.memory, x, scale), 0
+    converged, pairs, iteration = np.zeros(len(x), dtype=bool), _StepPairs.empty(settings.memory, x, scale), 0
     for iteration in range(1, settings.max_iterations + 1):
         direction = pairs.direction(gradient[moving], moving)
         found = _wolfe_step(objective, x[moving], cost[moving], gradient[moving], direction, moving, settings)
@@ -104,7 +104,7 @@ def _wolfe_step(
 
 
 @dataclass
-class _Pairs:
+class _StepPairs:
     """The last steps and changes of the gradient of every problem."""
 
     steps: np.ndarray
@@ -121,7 +121,7 @@ class _Pairs:
     """Where the last pair stands."""
 
     @classmethod
-    def empty(cls, memory: int, x: np.ndarray, scale: np.ndarray) -> _Pairs:
+    def empty(cls, memory: int, x: np.ndarray, scale: np.ndarray) -> _StepPairs:
         shape = (memory, *x.shape)
         return cls(np.zeros(shape), np.zeros(shape), np.zeros(shape[:2]), np.ones(len(x)), scale)
 

@@ -5,13 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from assets_procedural.quality.hand_sheet import HANDS, pose_hands
+from assets_procedural.quality.contact_sheet import read_baked
+from assets_procedural.quality.hand_sheet import HANDS, nail_faces, palm_faces, pose_hands
 from assets_procedural.skeleton.skinning import volume
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.hand_angles import ANGLES, JOINT_OF
-from solver_backend.body.hand_on_body import hand_points
+from solver_backend.body.hand_on_body import hand_points, hand_skeletons, rest_angles
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.hand_points import FINGERS
 
 LEFT = [SMPL_HANDS.joints.index("left_wrist"), *SMPL_HANDS.group("left_hand")]
 BENDS = [name for name in ANGLES if name.endswith("flexion") and name != "thumb_cmc_flexion"]
@@ -63,3 +65,23 @@ def test_the_right_hand_is_the_left_ones_mirror_image_in_a_fist(body):
     with np.load(DEFAULT_BODY) as data:
         mirror = data["mirror"].astype(int)
     np.testing.assert_allclose(skin[mirror] * [-1.0, 1.0, 1.0], skin, atol=2e-5)
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("pose", HANDS)
+def test_nails_stay_on_the_backs_of_fingers_and_the_palm_on_its_side(body, pose, side):
+    skeleton, posed = hand_skeletons(body)[side], pose_hands(body, HANDS[pose])
+    angles = rest_angles(body)[None].copy()
+    for name, value in HANDS[pose].items():
+        angles[..., ANGLES.index(name)] = np.radians(value)
+    own = skeleton.pose(angles[:, side])
+    a, b, c = (posed[body.faces[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    material = read_baked().material
+    for finger in range(len(FINGERS)):
+        nail = nail_faces(body, material, side, finger)
+        assert nail.sum() >= 4
+        assert np.median(normals[nail] @ own.frames[0, finger, 3, :, 1]) > 0.8, FINGERS[finger]
+    palm = palm_faces(body, side)
+    assert palm.sum() >= 20 and np.median(normals[palm] @ skeleton.palm[2, :, 1]) < -0.8

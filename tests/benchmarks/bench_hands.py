@@ -1,7 +1,8 @@
 """Hands beside a solved body: four views of the studio, palms of 40 px, a detector that errs as shares of the palm.
 
 Fingertips in the world, flexion of knuckles and middle joints, and the share of finger joints in their 95 % ellipsoids,
-over frames in which two views or more show a hand. A solve without hands is timed beside, by processor time.
+over frames in which two views or more show a hand; the share of detected hands that count for the right side, and of
+frames in which fingers run more than 6 mm through one another. A solve without hands is timed beside, by CPU time.
 Real finger exercises (Ganguly et al. 2021), every sixth recording: flexion of the markers that the solved hand carries
 against the recorded ones', from 26 and from 10 markers; they need the recordings kept beside the repository.
 """
@@ -16,7 +17,7 @@ import numpy as np
 
 from solver_backend.fitters.pipeline import solve
 from tests.benchmarks.hands.marker_exercises import exercise_errors
-from tests.benchmarks.hands.studio_takes import draw_take, errors_of
+from tests.benchmarks.hands.studio_takes import draw_take, errors_of, sides_right
 from tests.benchmarks.metric import Metric
 from tests.support.recordings import recordings_folder
 
@@ -27,7 +28,7 @@ EVERY = 6
 
 def run() -> list[Metric]:
     """Solve the takes with and without hands, print a table, and return the figures."""
-    found, lines, spent = [], [], np.zeros(2)
+    found, lines, spent, sides = [], [], np.zeros(2), np.zeros(2, int)
     for seed in SEEDS:
         take = draw_take(seed, FRAMES, FPS, RADIUS_M)
         assert take.capture.keypoints is not None
@@ -38,6 +39,7 @@ def run() -> list[Metric]:
             spent[which] += time.process_time() - began
         errors = errors_of(take, motion)
         found.append(errors)
+        sides += sides_right(take, motion)
         lines.append(
             f"  {seed}: palm {take.palm_px:.0f} px, seen {100 * errors.seen:.0f} %, tips {_rms(errors.tips_mm):.1f} mm "
             f"(of the hand itself {_rms(errors.own_tips_mm):.1f}), flexion {_rms(errors.angles_deg):.1f}°, "
@@ -55,6 +57,8 @@ def run() -> list[Metric]:
         Metric("flexion_rms_deg", _rms(all_of("angles_deg")), "deg"),
         Metric("wrists_rms_mm", _rms(all_of("wrists_mm")), "mm"),
         Metric("in_ellipsoids_percent", 100.0 * float(all_of("held").mean()), "%", "higher"),
+        Metric("sides_right_percent", 100.0 * float(sides[0] / sides[1]), "%", "higher"),
+        Metric("fingers_through_percent", 100.0 * float((all_of("overlap_mm") > 6.0).mean()), "%"),
         Metric("times_the_body_alone", float(spent[1] / spent[0]), "", rel_tol=0.2),
     ]
 

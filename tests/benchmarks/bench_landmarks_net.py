@@ -7,7 +7,8 @@ NumPy and of the live loop.
 Takes: CMU 02_01 and 135_02 (its first 20 s, every second frame), clips of UI-PRMD's held-out subjects 7 and 8, the
 nimble takes' markers that the superset has, and what is named of the unlabelled prone and kneeling take. Constants of
 the labelling were chosen on other takes, see docs/research-log/landmarks.md. The squat take's own MT1 and MT5 are
-exchanged (MT5 lies inside the foot), which is corrected first. One process, one thread.
+exchanged (MT5 lies inside the foot), which is corrected first. The IOR set is worn by our own body. One process and
+thread.
 """
 
 from __future__ import annotations
@@ -19,11 +20,12 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.fitters import solve
 from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.markers.read import read_markers
 from solver_backend.labelling.label_take import LabelledTake, label_take
-from solver_backend.labelling.outputs import GHOST
+from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.live.frames import replayed
 from solver_backend.live.session import LiveSession
@@ -33,7 +35,10 @@ from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import cmu, folder, part, ui_prmd
 from tests.benchmarks.metric import Metric
 from tests.support.unlabelled_takes import UnlabelledTake, in_the_superset, score, stripped
+from tests.support.worn_markers import worn_markers
 
+IOR_FRAMES = 300
+"""Frames of the IOR set, at 60 Hz."""
 _UI_PRMD = ("m01_s07_e02", "m06_s07_e05", "m03_s08_e05", "m08_s08_e02")
 
 
@@ -79,7 +84,24 @@ def run() -> list[Metric]:
             Metric(f"mean_{kind}_right", float(right), "%", "higher", abs_tol=0.3),
             Metric(f"mean_{kind}_wrong", float(wrong), "%", abs_tol=0.3),
         ]
-    return [*metrics, *_prone(), *_speed()]
+    return [*metrics, *ior(network), *_prone(), *_speed()]
+
+
+def ior(network: PointNetwork) -> list[Metric]:
+    """Label the 40 markers of the IOR set on our own body: seven are none that the network names."""
+    layouts = load_layouts()
+    places = list(dict.fromkeys(place for label in layouts.label_sets["IOR"] if (place := layouts.place_of(label))))
+    cloud = worn_markers(places, IOR_FRAMES).cloud
+    inside = [i for i, place in enumerate(places) if place in MARKERS]
+    others = [i for i in range(len(places)) if i not in inside]
+    bare = stripped(cloud.columns(inside, tuple(places[i] for i in inside)), 1)
+    points = np.concatenate([bare.cloud.positions, cloud.positions[:, others]], axis=1)
+    truth = np.concatenate([bare.truth, np.full((IOR_FRAMES, len(others)), GHOST)], axis=1)
+    found = score(label_take(MarkerCloud(points, cloud.fps), network, fit_average_person), truth)
+    return [
+        Metric("ior_right", found.right, "%", "higher", abs_tol=0.5),
+        Metric("ior_wrong", found.wrong, "%", abs_tol=0.5),
+    ]
 
 
 def _one_frame(bare: UnlabelledTake, labelled: LabelledTake, network: PointNetwork) -> float:

@@ -19,7 +19,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.partial_body.resting_spread import MOST_DEG, SPREAD_MM, TILT_DEG, grows
+from solver_backend.fitters.partial_body.resting_spread import SPREAD_MM, growth
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
@@ -101,7 +101,6 @@ def distances(poses: np.ndarray, anchor: str, joint: str) -> np.ndarray:
         forward_kinematics(body, *still, local, np.zeros((len(poses), 3))) for local in (poses[:, 1:], rested)
     )
     lean = np.degrees(np.arccos(np.clip(poses[:, 0, 2, 1], -1.0, 1.0)))
-    growth = 1.0 + np.minimum(lean, MOST_DEG) / TILT_DEG if grows(anchor, joint) else np.ones(len(poses))
     sides = ("left_", "right_") if f"left_{joint}" in SMPL_JOINTS else ("",)
     found = []
     for side in sides:
@@ -109,7 +108,7 @@ def distances(poses: np.ndarray, anchor: str, joint: str) -> np.ndarray:
         j = SMPL_JOINTS.index(side + joint)
         away = (true.joints[:, j] - true.joints[:, a]) - (rest.joints[:, j] - rest.joints[:, a])
         own = (np.swapaxes(true.G[:, a], -1, -2) @ away[..., None])[..., 0] * [-1 if side == "right_" else 1, 1, 1]
-        found.append(own / growth[:, None])
+        found.append(own / growth(lean, anchor, joint)[:, None])
     return np.concatenate(found)
 
 

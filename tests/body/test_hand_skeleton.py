@@ -46,7 +46,7 @@ def test_derivatives_agree_with_differences(side: int) -> None:
     sites = HandSites(RNG.integers(0, 5, count), RNG.integers(0, 4, count), RNG.normal(0, 0.02, (count, 3)))
     angles, step = random_angles(3), 1e-6
     posed = hand.pose(angles)
-    jacobian = hand.site_jacobian(posed, sites, hand.sites(posed, sites))
+    jacobian = hand.site_jacobian(posed, sites, hand.sites(posed, sites), np.tile(np.eye(3), (len(angles), 1, 1)))
     for a in range(NUM_ANGLES):
         moved = [hand.sites(hand.pose(angles + s * step * np.eye(NUM_ANGLES)[a]), sites) for s in (-1, 1)]
         np.testing.assert_allclose(jacobian[..., a], (moved[1] - moved[0]) / (2 * step), atol=1e-8)

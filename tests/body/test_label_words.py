@@ -30,8 +30,56 @@ def test_words_name_places_in_any_order_and_language(label, place):
 
 
 @pytest.mark.parametrize(
+    ("left", "right", "place"),
+    [
+        ("Knie_li", "Knie_re", "KNE"), ("Knie li.", "Knie re.", "KNE"), ("liKnie", "reKnie", "KNE"),
+        ("Ferseli", "Fersere", "HEE"), ("Knöchel_li_med", "Knöchel_re_med", "ANM"), ("KNIE_LI", "KNIE_RE", "KNE"),
+        ("Innenknöchel_li", "Innenknöchel_re", "ANM"), ("Schläfe_L", "Schläfe_R", "FHD"), ("M5_li", "M5_re", "MT5"),
+        ("Hinterkopf links", "Hinterkopf rechts", "BHD"), ("Stirn_L", "Stirn_R", "FHD"),
+        ("Beckenkamm_li", "Beckenkamm_re", "MWT"),
+        ("Front_G", "Front_D", "FHD"), ("Tempe_G", "Tempe_D", "FHD"), ("Tete_ar_G", "Tete_ar_D", "BHD"),
+        ("Poignet_ext_G", "Poignet_ext_D", "WRA"), ("Avant-bras gauche", "Avant-bras droit", "FRM"),
+        ("FLE_G", "FLE_D", "KNE"), ("Rodilla_I", "Rodilla_D", "KNE"), ("Codo izq", "Codo der", "ELB"),
+        ("Ginocchio_sx", "Ginocchio_dx", "KNE"), ("Ginocchio sinistro", "Ginocchio destro", "KNE"),
+        ("Lt_Heel", "Rt_Heel", "HEE"), ("LtHeel", "RtHeel", "HEE"), ("Knee LT", "Knee RT", "KNE"),
+        ("TempleL", "TempleR", "FHD"), ("LIC", "RIC", "MWT"), ("LLEK", "RLEK", "KNE"), ("LMH1", "RMH1", "MT1"),
+        ("LRS", "RRS", "WRA"), ("LUS", "RUS", "WRB"), ("LM5", "RM5", "MT5"), ("L5thMet", "R5thMet", "MT5"),
+        ("L 1st metatarsal", "R 1st metatarsal", "MT1"), ("LLatMal", "RLatMal", "ANK"), ("LGTroch", "RGTroch", "GTR"),
+    ],
+)  # fmt: skip
+def test_sides_stand_anywhere_in_several_languages(left, right, place):
+    assert known(left, right) == {left: "L" + place, right: "R" + place}
+
+
+def test_an_ending_that_many_pairs_show_is_a_side_of_what_stands_alone_too():
+    pairs = ["SHOl", "SHOr", "KNEl", "KNEr", "HEEl", "HEEr"]
+    assert known(*pairs, "BACr")["BACr"] == "RBAC"
+    assert "BACr" not in known(*pairs[:4], "BACr")
+
+
+def test_of_two_places_the_one_is_taken_that_other_labels_leave():
+    assert known("LateralEpicondyleL", "HandL", "HandR")["LateralEpicondyleL"] == "LELB"
+    assert known("LateralEpicondyleL", "AnkleL", "AnkleR")["LateralEpicondyleL"] == "LKNE"
+    both = ["HandL", "HandR", "AnkleL", "AnkleR"]
+    assert "LateralEpicondyleL" not in known("LateralEpicondyleL", *both)
+    assert known("LateralEpicondyleL", "KneeL", *both)["LateralEpicondyleL"] == "LELB"
+
+
+@pytest.mark.parametrize(
     "label",
-    ["L_Sternum", "heel", "r_thigh3", "Left Right Knee", "Tete.H", "R.MAIN", "KneeBrace_L", "L_sh2", "RightLeg"],
+    [
+        "L_Sternum",
+        "avant_gauche",
+        "anterior L",
+        "heel",
+        "r_thigh3",
+        "Left Right Knee",
+        "Tete.H",
+        "R.MAIN",
+        "KneeBrace_L",
+        "L_sh2",
+        "RightLeg",
+    ],
 )
 def test_what_no_phrase_fits_wholly_is_not_guessed(label):
     assert known(label) == {}

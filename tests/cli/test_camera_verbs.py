@@ -101,6 +101,7 @@ def test_what_a_method_lacks_is_named(tmp_path: Path, capsys) -> None:
     assert not Path(out).exists()
 
 
+@pytest.mark.slow
 def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path, capsys) -> None:
     pytest.importorskip("cv2", reason="the extra capture is not installed")
     pictures = recordings_folder() / "multiview" / "pose2sim" / "S00_Calibration"
@@ -136,6 +137,7 @@ def test_lenses_of_another_calibration_are_used(tmp_path: Path, capsys) -> None:
     assert np.abs(found.K - capture.cameras.K).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_an_earlier_calibration_a_take_and_clicks_are_adjusted_together(tmp_path: Path, capsys) -> None:
     truth = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
     path, start, out, clicks = (tmp_path / name for name in ("take.npz", "start.toml", "rig.toml", "clicks.csv"))

@@ -7,9 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe import describe_capture, describe_motion, frames_without_two_views
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Keypoints2D
 from tests.support.scenes import small_capture, small_markers, small_motion
+from tests.support.worn_markers import worn_markers
+
+LEGS = ("FWT", "BWT", "THI", "KNE", "SHN", "ANK", "HEE", "MT5", "TOE")
 
 
 def seen_in(capture: Capture, seen: np.ndarray) -> Capture:
@@ -55,3 +59,12 @@ def test_a_motion_counts_its_flags():
     assert "3 frames far from the detections or hardly known, 2 bridged" in text
     json.dumps(data, allow_nan=False)
     assert describe_motion(small_motion(optional=False), 0.0)[1]["reprojection_median_px"] is None
+
+
+def test_parts_without_known_markers_are_named_before_a_solve():
+    legs = [label for label in marker_layout("CMU_41") if label[1:] in LEGS]
+    text, data = describe_capture(Capture("legs", markers=worn_markers(legs, 8).cloud))
+    assert "Arms, trunk and head: no known marker informs them; a solve shows them at rest" in text
+    assert {"left_forearm", "head", "trunk"} <= set(data["marker_names"]["resting"])
+    whole, data = describe_capture(Capture("whole", markers=worn_markers(marker_layout("CMU_41"), 8).cloud))
+    assert "at rest" not in whole and "resting" not in data["marker_names"]

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pytest
-
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.io.native.capture_file import write_capture
@@ -24,7 +22,6 @@ def result_of(argv: list[str], capsys) -> dict:
     return result
 
 
-@pytest.mark.slow
 def test_a_capture_becomes_a_motion_and_a_report(tmp_path, capsys):
     capture, copy = tmp_path / "take.npz", tmp_path / "copy.npz"
     motion, report = tmp_path / "motion.npz", tmp_path / "report.html"

@@ -73,6 +73,21 @@ def test_solve_all_writes_a_motion_a_person(short_pair: Path, tmp_path: Path, ca
     assert np.abs(read_motion(again).transl - motions[1].transl).max() < 0.1
 
 
+@pytest.mark.slow
+def test_everybody_whom_a_single_camera_sees_is_solved(short_pair: Path, tmp_path: Path, capsys) -> None:
+    whole = read_capture(short_pair)
+    one = write_capture(tmp_path / "one.npz", whole.views([0]))
+    quick = ["--person", "all", "--iterations", "2", "--json"]
+    assert main(["solve", str(one), "--out", str(tmp_path / "take.npz"), *quick]) == 0
+    result = last_event(capsys)
+    assert not result["failed"] and [take["person"] for take in result["takes"]][:2] == ["Person 1", "Person 2"]
+    motions = [read_motion(take["motion"]) for take in result["takes"][:2]]
+    for motion in motions:
+        assert "one_camera" in {item["code"] for item in motion.provenance["diagnostics"]}
+    apart = np.linalg.norm(motions[0].transl[:, :2] - motions[1].transl[:, :2], axis=-1)
+    assert apart.min() > 0.5
+
+
 def test_one_who_fails_does_not_stop_the_others(short_pair: Path, tmp_path: Path, capsys) -> None:
     from dataclasses import replace
 

@@ -14,6 +14,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled
+from solver_backend.fitters.output.finger_turns import finger_turns_of, with_finger_turns
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion
@@ -184,3 +185,28 @@ def test_a_motion_is_fitted_anew_to_the_keypoints_of_one_view(tmp_path, capsys):
     assert main(["fit-keypoints", *files, "--overwrite", "--json"]) == 3
     assert "The motion has 3 frames, the capture 4" in capsys.readouterr().out
     assert main(["fit-keypoints", *files, "--noise-px", "0", "--overwrite"]) != 0
+
+
+@pytest.fixture
+def fingered(take: str, tmp_path: Path) -> str:
+    """Return the take with fingers that move."""
+    turns = 0.3 * np.random.default_rng(3).standard_normal((FRAMES, 30, 3))
+    return str(write_motion(tmp_path / "fingered.npz", with_finger_turns(read_motion(take), load_body(), turns)))
+
+
+def test_denoise_and_complete_keep_the_fingers(fingered, weights, tmp_path):
+    before = finger_turns_of(read_motion(fingered))
+    for verb in (["denoise"], ["complete"]):
+        out = tmp_path / f"{verb[0]}.npz"
+        more = ["--missing", "left_arm"] if verb == ["complete"] else []
+        assert main([*verb, fingered, str(out), "--prior", weights, *more]) == 0
+        np.testing.assert_allclose(finger_turns_of(read_motion(out)), before, atol=1e-6)
+
+
+def test_interpolated_fingers_turn_evenly(fingered, weights, tmp_path):
+    out, ends = tmp_path / "between.npz", exp_so3(finger_turns_of(read_motion(fingered))[[1, 6]])
+    assert main(["interpolate", fingered, str(out), "--frames", "1", "6", "--count", "3", "--prior", weights]) == 0
+    found = exp_so3(finger_turns_of(read_motion(out)))
+    np.testing.assert_allclose(found[[0, -1]], ends, atol=1e-5)
+    steps = np.linalg.norm(log_so3(np.swapaxes(found[:-1], -1, -2) @ found[1:]), axis=-1)
+    np.testing.assert_allclose(steps, np.broadcast_to(steps.mean(0), steps.shape), atol=1e-4)

@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from solver_backend.cli.arguments import parse
-from solver_backend.cli.setting_options import ROWS, given_settings, given_world, option
+from solver_backend.cli.setting_options import READING_ROWS, ROWS, given_reading, given_settings, option
 from solver_backend.exchange.diagnostics import REFUSALS
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.reading_settings import options_of
 from solver_backend.exchange.setting import defaults_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.job import Job
@@ -40,12 +41,24 @@ def test_a_setting_is_the_same_on_the_command_line_and_in_a_job_file(name: str) 
     assert SolveSettings.from_dict(given) == job.settings != SolveSettings()
 
 
-@pytest.mark.parametrize(("name", "value"), [("stature", 1.8), ("scale", 0.303), ("level", "on")])
-def test_the_world_is_the_same_on_the_command_line_and_in_a_job_file(name: str, value: object) -> None:
-    assert given_world(parse([*SOLVE, f"--{name}={value}"])) == {name: value}
+READING: dict[str, object] = {
+    "fps": 50.0, "joint_set": "COCO_17", "unit": "mm", "up_axis": "-y", "trim": True, "as_calibrated": True,
+    "subject_prefix": "Anna,Bo", "person": "2", "camera": ["hall=cam01", "door=cam02"], "offset": ["cam02=-60"],
+    "by_order": True, "frames": [3, 40], "stature": 1.8, "scale": 0.303, "level": "on",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("name", "value"), READING.items())
+def test_how_a_capture_is_read_is_the_same_on_the_command_line_and_in_a_job_file(name: str, value: object) -> None:
+    given = given_reading(parse([*SOLVE, *options_of({name: value})]))
+    assert {name: list(v) if isinstance(v, tuple) else v for name, v in given.items()} == {name: value}
     job = Job.from_dict({"version": 1, "capture": "take", "out": "motion.npz", name: value})
-    assert job.reading()[name] == value and job.as_dict()[name] == value
+    assert job.reading()[name] == given[name] and job.as_dict()[name] == value
     assert name not in Job.from_dict({"version": 1, "capture": "take", "out": "motion.npz"}).as_dict()
+
+
+def test_every_setting_of_how_a_capture_is_read_is_tried() -> None:
+    assert list(READING) == list(READING_ROWS)
 
 
 def test_no_setting_is_given_where_none_stands_on_the_command_line() -> None:

@@ -11,6 +11,10 @@ from pathlib import Path
 
 import pytest
 
+from solver_backend.cli.main import main
+from solver_backend.cli.outcome import Outcome
+from solver_backend.exchange.errors import Cancelled
+
 ROOT = Path(__file__).resolve().parents[2]
 
 
@@ -69,3 +73,21 @@ def test_without_the_option_standard_input_is_ignored(tmp_path):
     process.send_signal(signal.SIGTERM)
     process.stdin = None
     process.communicate(timeout=20)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="Windows ends a process without telling it")
+def test_an_error_that_a_library_makes_of_a_signal_is_the_signals(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A thread that is just started makes a KeyError of whatever comes then."""
+
+    def starting(*_: object) -> Outcome:
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except Cancelled:
+            raise KeyError("thread") from None
+        raise AssertionError("the signal did not come")
+
+    monkeypatch.setattr("solver_backend.cli.main.function_of", lambda name: starting)
+    assert main(["bodies"]) == 130
+    assert capsys.readouterr().err.startswith("error: The work was cancelled.")

@@ -60,3 +60,14 @@ def test_what_is_no_tree_of_named_joints_is_refused(change, message):
     assert good.solved == ("b",) and good.group("x") == (0, 1)
     with pytest.raises(BodyInvalid, match=message):
         replace(good, **change)
+
+
+def test_limits_are_the_layouts_and_follow_its_joints() -> None:
+    assert set(SMPL.limits) == set(SMPL.solved) and SMPL_H.limits == SMPL.limits
+    for j, joint in enumerate(SMPL.joints):
+        if joint in SMPL.limits:
+            assert SMPL.limits[joint] == SMPL.limits[SMPL.joints[SMPL.mirror[j]]].mirrored or SMPL.mirror[j] == j
+    knee = SMPL.limits["left_knee"]
+    assert knee.low_deg[0] < 0 < 140 < knee.high_deg[0], "a knee bends backwards"
+    one_arm = SMPL.without(("right_shoulder",), "one arm")
+    assert set(SMPL.limits) - set(one_arm.limits) == {"right_shoulder", "right_elbow", "right_wrist"}

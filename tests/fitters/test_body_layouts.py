@@ -32,6 +32,7 @@ QUICK = SolveSettings(contacts=False)
 TAIL, WINGS = [f"tail{i}" for i in range(8)], [f"{side}_wing{i}" for side in ("left", "right") for i in range(4)]
 CHAINS = ((TAIL, "pelvis", (0.0, -0.05, -0.12)), (WINGS[:4], "spine3", (0.15, 0.1, -0.1)),
           (WINGS[4:], "spine3", (-0.15, 0.1, -0.1)))  # fmt: skip
+METHODS = ["global", *(pytest.param(name, marks=pytest.mark.slow) for name in ("sliding", "frame"))]
 ONE_ARM = SMPL.without(("right_shoulder",), "one arm")
 
 
@@ -85,7 +86,7 @@ def solved(body: Body, points: np.ndarray, settings: SolveSettings) -> Any:
     return solve_problem(Problem.of(body, load_sposer(), measured), settings).motion
 
 
-@pytest.mark.parametrize("method", ["global", "sliding", "frame"])
+@pytest.mark.parametrize("method", METHODS)
 def test_joints_that_no_prior_covers_follow_what_is_seen_of_them_and_rest_where_nothing_is(method):
     body = dragon()
     assert body.layout.num_joints == 40
@@ -148,7 +149,7 @@ def narrow_prior(width: int = 24) -> SPoser:
     return Narrow(shipped._encoder, shipped._decoder, 2.0 * shipped.residual_sigma, {"sha256": "narrow"})
 
 
-@pytest.mark.parametrize("method", ["global", "sliding", "frame"])
+@pytest.mark.parametrize("method", METHODS)
 def test_a_prior_of_another_latent_size_solves_a_capture(method):
     capture = cut(demo_capture(), 100, 161)
     prior = narrow_prior()

@@ -40,6 +40,7 @@ def _made(first: str) -> tuple[int, float]:
     return int(made), float(returned)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(platform.libc_ver()[0] != "glibc", reason="the allocator is not glibc's")
 def test_freed_pages_are_used_again_and_given_back() -> None:
     plain, _ = _made("import ctypes; ctypes.CDLL(None).mallopt(-3, 2**17)")

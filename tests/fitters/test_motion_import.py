@@ -10,13 +10,22 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import Body, load_body
+from solver_backend.body.hand_angles import ANGLES
+from solver_backend.body.hand_on_body import finger_rotations
+from solver_backend.body.hands import with_fingers
+from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.cli.main import main
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
+from solver_backend.fitters.hands.hand_keys import FINGERS as FINGER_STATES
 from solver_backend.fitters.motion_import.import_motion import ImportedMotion, import_motion
+from solver_backend.fitters.output.finger_turns import finger_turns_of
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.foreign_skeleton import read_foreign_bvh
 from solver_backend.io.native.motion_file import read_motion
+from solver_backend.synthesis.embedded.choreography import author_motion
 from tests.support.bvh_texts import Y_UP, KnownMotion, known_motion, write_bvh
+from tests.support.moving_hand import drawn_states
 from tests.support.words import codes
 
 BETAS = np.array([0.8, -0.5, 0.6, 0.0, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0])
@@ -98,6 +107,7 @@ def test_a_clip_about_its_hips_stands_on_the_floor(tmp_path: Path, body: Body, k
     assert done.motion.contacts is not None and done.motion.contacts.any(axis=1).mean() > 0.5
 
 
+@pytest.mark.slow
 def test_real_clips_are_near_and_do_not_flip(shared_data: Path, body: Body) -> None:
     poses = shared_data / "poses_makehuman_cc0/makehuman_data_bvhs_10_01.bvh"
     clips = [*sorted((shared_data / "bvh_samples").glob("*daz*.bvh")), poses]
@@ -189,3 +199,42 @@ def test_axes_of_the_file_can_be_given(tmp_path: Path, body: Body, known: KnownM
     path = write_bvh(tmp_path / "clip.bvh", known, turn=Y_UP)
     given, roles, _ = read_foreign_bvh(path, unit="cm", up_axis="y")
     assert np.abs(given.joints[:, given.names.index(roles["pelvis"])] - known.posed.joints[:, 0]).max() < 1e-4
+
+
+def with_own_fingers(body: Body, betas: np.ndarray, frames: int = 60) -> tuple[KnownMotion, np.ndarray]:
+    """Return the choreography with fingers that move, and the fingers' rotations (F, 30, 3, 3)."""
+    played, fingered = author_motion(body, betas, frames, 30.0), with_fingers(body)
+    angles = np.stack([drawn_states(frames, side)[:, FINGER_STATES] for side in range(2)], axis=1)
+    angles[..., ANGLES.index("thumb_cmc_twist")] = 0.0
+    fingers = finger_rotations(fingered, angles)
+    local = np.concatenate([exp_so3(played.body_pose.reshape(frames, -1, 3))[:, :21], fingers], axis=1)
+    posed = forward_kinematics(fingered, betas, exp_so3(played.global_orient), local, played.transl)
+    parents = fingered.layout.parents
+    return KnownMotion(posed, fingered.rest_joints(betas), parents, fingered.layout.joints, 30.0), fingers
+
+
+def test_fingers_come_along(tmp_path: Path, body: Body) -> None:
+    known, fingers = with_own_fingers(body, BETAS)
+    done = bring(write_bvh(tmp_path / "clip.bvh", known), body)
+    off = log_so3(exp_so3(finger_turns_of(done.motion)).swapaxes(-1, -2) @ fingers).reshape(len(fingers), 2, 5, 3, 3)
+    degrees = np.rad2deg(np.linalg.norm(off, axis=-1))
+    # The file's last bones have no ends: where they point at rest is assumed.
+    assert np.sqrt((degrees[..., :2] ** 2).mean()) < 2.0 and degrees[..., :2].max() < 8.0
+    assert np.sqrt((degrees[..., 2] ** 2).mean()) < 6.0
+    assert done.motion.resting is None
+    again = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)
+    assert again[:, 22:].max() < 0.02
+
+
+def test_fingers_that_never_turn_leave_the_motion_as_it_was(tmp_path: Path, body: Body) -> None:
+    known, _ = with_own_fingers(body, BETAS)
+    G = known.posed.G.copy()
+    G[:, 22:37], G[:, 37:] = G[:, 20:21], G[:, 21:22]
+    still = replace(known, posed=replace(known.posed, G=G))
+    assert bring(write_bvh(tmp_path / "clip.bvh", still), body).motion.body_layout == SMPL
+
+
+def test_a_body_without_finger_joints_takes_the_body_alone(tmp_path: Path, body: Body) -> None:
+    known, _ = with_own_fingers(body, BETAS)
+    path = write_bvh(tmp_path / "clip.bvh", known)
+    assert bring(path, replace(body, id="another")).motion.body_layout == SMPL

@@ -52,7 +52,7 @@ def test_a_world_whose_origin_is_far_away_is_solved_as_well(capture):
     assert off_m.max() < 5e-4
 
 
-@pytest.mark.parametrize("backend", ["numpy", "torch"])
+@pytest.mark.parametrize("backend", ["numpy", pytest.param("torch", marks=pytest.mark.slow)])
 def test_the_same_input_gives_the_same_bytes(capture, backend):
     pytest.importorskip(backend)
     short, settings = cut(capture, 100, 140), replace(QUICK, backend=backend)
@@ -75,7 +75,7 @@ def test_the_record_names_the_prior_that_was_used(capture):
     assert other == {"name": "another", "weights": "abc"}
 
 
-@pytest.mark.parametrize("method", ["global", "sliding", "frame"])
+@pytest.mark.parametrize("method", ["global", *(pytest.param(m, marks=pytest.mark.slow) for m in ("sliding", "frame"))])
 def test_torch_equals_numpy(capture, method):
     pytest.importorskip("torch")
     short = cut(capture, 200, 241)
@@ -144,6 +144,7 @@ def test_two_views_still_place_the_body(capture):
     assert evaluate(short, solve(short, QUICK).motion).joints_mpjpe_mm < 60
 
 
+@pytest.mark.slow
 def test_keys_stand_as_close_in_time_at_half_the_frame_rate(capture):
     """Every second frame of the same take: as many keys, and no worse than the frames left out explain."""
     keypoints = capture.keypoints

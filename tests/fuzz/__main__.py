@@ -1,8 +1,10 @@
 """The long run: ``python -m tests.fuzz --count 100000 --seed 0``; exits with 1 where a reader broke.
 
-With ``--state FILE`` the counts are kept there, and the same command goes on where an earlier one was stopped. The
-table is printed after every 20,000 inputs. ``--coverage`` prints instead which share of the readers' lines the inputs
-reach, ``--bytes SECONDS`` lets atheris change bytes by what it sees executed.
+``--mutator grammar`` draws documents by the grammar of their format instead of changing files. With ``--state FILE``
+the counts are kept there, and the same command goes on where an earlier one was stopped. The table is printed after
+every 5,000 inputs. ``--coverage`` prints instead which share of the readers' lines the inputs reach, ``--bytes
+SECONDS`` lets atheris change bytes by what it sees executed, ``--minimise`` keeps of the corpus and of new inputs the
+fewest files that reach all their lines.
 """
 
 from __future__ import annotations
@@ -12,7 +14,7 @@ import sys
 from pathlib import Path
 
 from tests.fuzz.campaign import campaign, run_child
-from tests.fuzz.run import keep, turns
+from tests.fuzz.run import CHANGES, MUTATORS, keep, turns
 from tests.fuzz.tried import Tried
 
 
@@ -28,16 +30,22 @@ def main() -> int:
 
     targets = [target for target in TARGETS if target.name.startswith(args.only)]
     if args.child is not None:
-        run_child(targets, args.count, args.seed, args.first, args.child)
+        run_child(targets, args.count, args.seed, args.first, args.child, args.mutator)
         return 0
     if args.keep is not None:
         order = turns(targets)
-        sys.stdout.write(f"{keep(order[args.first % len(order)], args.seed, args.first, args.keep)}\n")
+        sys.stdout.write(f"{keep(order[args.first % len(order)], args.seed, args.first, args.keep, args.mutator)}\n")
+        return 0
+    if args.minimise:
+        from tests.fuzz.minimise import minimise
+
+        for kept in minimise(targets, args.count, args.seed, args.mutator):
+            sys.stdout.write(f"{kept.reader:<32}{kept.sound:>6} lines, {kept.added} more by {len(kept.files)} files\n")
         return 0
     if args.bytes is not None:
         from tests.fuzz.byte_fuzzing import fuzz_bytes
 
-        return fuzz_bytes(targets, args.bytes)
+        return fuzz_bytes(targets, args.bytes, args.state)
     return _long_run(args)
 
 
@@ -52,7 +60,7 @@ def _long_run(args: argparse.Namespace) -> int:
         if args.state is not None:
             whole.save(args.state, seed, following)
 
-    tried = campaign(tried, args.first + args.count - first, seed, first, args.only, told)
+    tried = campaign(tried, args.first + args.count - first, seed, first, args.only, told, mutator=args.mutator)
     return int(tried.broke)
 
 
@@ -66,8 +74,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--only", default="", help="readers whose name begins so")
     parser.add_argument("--state", type=Path, metavar="FILE", help="keep counts here, and go on from them")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write the files of input --first here")
+    parser.add_argument("--mutator", choices=tuple(MUTATORS), default=CHANGES, help="what makes the inputs")
     parser.add_argument("--coverage", action="store_true", help="share of the readers' lines that are reached")
     parser.add_argument("--bytes", type=float, metavar="SECONDS", help="atheris, for so long in all")
+    parser.add_argument(
+        "--minimise", action="store_true",
+        help="of the corpus and of --count new inputs a reader, keep the fewest files that reach all their lines",
+    )  # fmt: skip
     parser.add_argument("--child", type=Path, metavar="DIR", help=argparse.SUPPRESS)
     return parser
 

@@ -10,12 +10,12 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.fuzz.run import fuzz, scratch_folder
+from tests.fuzz.run import CHANGES, fuzz, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
 MEMORY_BYTES = 2 * 2**30
-BATCH = 20_000
+BATCH = 5_000
 """Inputs a child."""
 HANG_S, WAIT_S = 60, 600
 """A child that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
@@ -23,15 +23,18 @@ reach it."""
 _POLL_S = 0.2
 
 
-def run_child(targets: Sequence[Target], count: int, seed: int, first: int, folder: Path) -> None:
+def run_child(
+    targets: Sequence[Target], count: int, seed: int, first: int, folder: Path, mutator: str = CHANGES
+) -> None:
     """Be the child: try the inputs within the limit of memory, and leave the counts in the folder."""
     resource.setrlimit(resource.RLIMIT_AS, (MEMORY_BYTES, MEMORY_BYTES))
-    fuzz(targets, count, seed, first, folder / "current").save(folder / "tried", seed, first + count)
+    fuzz(targets, count, seed, first, folder / "current", mutator).save(folder / "tried", seed, first + count)
 
 
 def campaign(
-    whole: Tried, count: int, seed: int, first: int, only: str, told: Callable[[Tried, int], None], batch: int = BATCH
-) -> Tried:
+    whole: Tried, count: int, seed: int, first: int, only: str, told: Callable[[Tried, int], None], batch: int = BATCH,
+    mutator: str = CHANGES,
+) -> Tried:  # fmt: skip
     """Try inputs in children and return their counts, those of ``whole`` with them.
 
     Args:
@@ -42,20 +45,22 @@ def campaign(
         only: readers whose name begins so.
         told: called with the counts and the next input after every child.
         batch: inputs a child.
+        mutator: what makes the inputs.
     """
     at = first
     while at < first + count:
-        done, part = _one_child(min(batch, first + count - at), seed, at, only)
+        done, part = _one_child(min(batch, first + count - at), seed, at, only, mutator)
         whole.add(part)
         at += done
         told(whole, at)
     return whole
 
 
-def _one_child(count: int, seed: int, first: int, only: str) -> tuple[int, Tried]:
+def _one_child(count: int, seed: int, first: int, only: str, mutator: str) -> tuple[int, Tried]:
     """Return how many inputs were tried and their counts; the last of them may be one that ended its child."""
     with scratch_folder() as folder:
         options = {"--child": folder, "--count": count, "--seed": seed, "--first": first, "--only": only}
+        options |= {"--mutator": mutator}
         words = [str(word) for option in options.items() for word in option]
         child = subprocess.Popen([sys.executable, "-m", "tests.fuzz", *words])
         hung = _watch(child, folder / "current")
@@ -65,9 +70,9 @@ def _one_child(count: int, seed: int, first: int, only: str) -> tuple[int, Tried
             raise RuntimeError(f"The child ended with {child.returncode} before its first input.")
         number, _, reader = (folder / "current").read_text().partition(" ")
     before = int(number) - first
-    part = _one_child(before, seed, first, only)[1] if before else Tried()
-    part.count(reader, "hang" if hung else "crash")
-    part.bad[f"{reader}: the process ended with {child.returncode}"] = f"input {number} of seed {seed}"
+    part = _one_child(before, seed, first, only, mutator)[1] if before else Tried()
+    part.count(reader, mutator, "hang" if hung else "crash")
+    part.bad[f"{reader}: the process ended with {child.returncode}"] = f"input {number} of seed {seed} by {mutator}"
     return before + 1, part
 
 

@@ -42,7 +42,7 @@ flag: .Nan
 """
 
 
-def _trial(joint_set: JointSet, config: str = "[project]\nframe_rate = 30\n") -> Write:
+def small_trial(joint_set: JointSet, config: str = "[project]\nframe_rate = 30\n") -> Write:
     def write(folder: Path) -> None:
         names, calibrated = ("cam01", "cam02"), ("cam_1", "cam_2")
         trial = folder / "trial"
@@ -112,7 +112,7 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target(
         "OpenPose trial",
-        (_trial(JointSet.COCO_17), _trial(JointSet.BODY_25B), _trial(JointSet.HALPE_26, "")),
+        (small_trial(JointSet.COCO_17), small_trial(JointSet.BODY_25B), small_trial(JointSet.HALPE_26, "")),
         lambda f: load_capture(f / "trial"),
         {".json": "json", ".toml": "text", ".mp4": "binary", ".yml": "text", ".txt": "text"},
         3,
@@ -120,7 +120,7 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target(
         "OpenPose trial, told",
-        (_trial(JointSet.COCO_17),),
+        (small_trial(JointSet.COCO_17),),
         lambda f: load_capture(f / "trial", fps=25.0, joint_set=JointSet.COCO_17, unit="m", up_axis="z", trim=True),
         {".json": "json", ".toml": "text"},
         1,

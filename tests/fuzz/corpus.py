@@ -14,10 +14,10 @@ from tests.fuzz.target import Target
 FOLDER = Path(__file__).parent / "corpus"
 
 
-def corpus_files(targets: Sequence[Target]) -> list[tuple[Target, Path]]:
-    """Return the files of the corpus, each with its reader."""
+def corpus_files(targets: Sequence[Target], folder: Path = FOLDER) -> list[tuple[Target, Path]]:
+    """Return the files of the corpus, or of another folder of such files, each with its reader."""
     by_name = {file_name_of(target): target for target in targets}
-    found = [(by_name.get(path.name.partition("--")[0]), path) for path in sorted(FOLDER.iterdir())]
+    found = [(by_name.get(path.name.partition("--")[0]), path) for path in sorted(folder.iterdir())]
     return [(target, path) for target, path in found if target is not None]
 
 

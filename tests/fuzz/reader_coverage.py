@@ -70,7 +70,7 @@ _NOT_READING = frozenset(
 """Functions of the readers' files that write, or that compute on what was read."""
 
 
-class _Lines:
+class TracedLines:
     """A trace that notes the lines of the readers' files; a function whose lines are all seen costs no more time."""
 
     def __init__(self, files: Sequence[Path]) -> None:
@@ -104,8 +104,8 @@ def coverage_table(only: str, count: int, seed: int) -> str:
         count: of inputs, besides sound, odd and kept files.
         seed: of the mutations.
     """
-    files = _reader_files()
-    lines = _Lines(files)
+    files = reader_files()
+    lines = TracedLines(files)
     sys.settrace(lines)
     try:
         from tests.fuzz.targets import TARGETS  # readers that are built when their module is loaded are seen so
@@ -146,7 +146,8 @@ def _read_corpus(targets: Sequence[Target]) -> None:
             how_it_ends(target, home)
 
 
-def _reader_files() -> list[Path]:
+def reader_files() -> list[Path]:
+    """Return the files that hold the readers."""
     found: list[Path] = []
     for name in _READERS:
         path = _ROOT / name

@@ -10,7 +10,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -19,14 +19,16 @@ import numpy as np
 
 from blender_addon._exchange.errors import MocapError as AddonError
 from solver_backend.exchange.errors import MocapError
+from tests.fuzz.grammars.document import document
 from tests.fuzz.mutations import mutated
 from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
-LIMIT_S = 10
-"""Seconds of processor time that an input may take; the clock on the wall tells how busy the machine is."""
 _WAITING_S = 100
 """Seconds on the wall after which a reader that takes no processor time waits for what never comes."""
+CHANGES, GRAMMAR, BYTES = "changes", "grammar", "bytes"
+MUTATORS: dict[str, Callable[[bytes, str, np.random.Generator], bytes]] = {CHANGES: mutated, GRAMMAR: document}
+"""Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
 _MEMORY_FOLDER = Path("/dev/shm")
 
 
@@ -57,7 +59,10 @@ def turns(targets: Sequence[Target]) -> list[Target]:
     return [targets[k] for _, k in sorted(places)]
 
 
-def fuzz(targets: Sequence[Target], count: int, seed: int, first: int = 0, current: Path | None = None) -> Tried:
+def fuzz(
+    targets: Sequence[Target], count: int, seed: int, first: int = 0, current: Path | None = None,
+    mutator: str = CHANGES,
+) -> Tried:  # fmt: skip
     """Try so many inputs, spread over the readers by their weights.
 
     Args:
@@ -66,6 +71,7 @@ def fuzz(targets: Sequence[Target], count: int, seed: int, first: int = 0, curre
         seed: of the mutations; input n is the same whatever was tried before it.
         first: number of the first input.
         current: file that names the input being tried, for a parent that survives a crash.
+        mutator: what makes the inputs, of ``MUTATORS``.
     """
     tried, order, begun = Tried(), turns(targets), time.process_time()
     with scratch_folder() as folder, warnings.catch_warnings():
@@ -76,34 +82,36 @@ def fuzz(targets: Sequence[Target], count: int, seed: int, first: int = 0, curre
             if current is not None:
                 current.write_text(f"{number} {target.name}")
             start = time.process_time()
-            outcome, where = _outcome(target, homes, seed, number)
-            tried.count(target.name, outcome, time.process_time() - start)
+            outcome, where = _outcome(target, homes, seed, number, mutator)
+            tried.count(target.name, mutator, outcome, time.process_time() - start)
             if where:
-                tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed}")
+                tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed} by {mutator}")
     tried.processor_s = time.process_time() - begun
     tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return tried
 
 
-def mutate_one(target: Target, homes: Homes, seed: int, number: int) -> tuple[Path, Path, bytes]:
+def mutate_one(
+    target: Target, homes: Homes, seed: int, number: int, mutator: str = CHANGES
+) -> tuple[Path, Path, bytes]:
     """Change one file of one dialect, and return the folder, the file and what it held."""
     rng = np.random.default_rng([seed, number])
     home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
     before = path.read_bytes()
-    path.write_bytes(mutated(before, target.kinds[path.suffix], rng))
+    path.write_bytes(MUTATORS[mutator](before, target.kinds[path.suffix], rng))
     return home, path, before
 
 
-def keep(target: Target, seed: int, number: int, folder: Path) -> Path:
+def keep(target: Target, seed: int, number: int, folder: Path, mutator: str = CHANGES) -> Path:
     """Write the files of one input into a folder of its own, for a look."""
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    return mutate_one(target, Homes(folder), seed, number)[1]
+    return mutate_one(target, Homes(folder), seed, number, mutator)[1]
 
 
-def _outcome(target: Target, homes: Homes, seed: int, number: int) -> tuple[str, str]:
-    home, path, before = mutate_one(target, homes, seed, number)
+def _outcome(target: Target, homes: Homes, seed: int, number: int, mutator: str) -> tuple[str, str]:
+    home, path, before = mutate_one(target, homes, seed, number, mutator)
     try:
         return how_it_ends(target, home)
     finally:
@@ -113,13 +121,13 @@ def _outcome(target: Target, homes: Homes, seed: int, number: int) -> tuple[str,
 def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
     """Return 'read', 'named', 'unnamed' or 'slow', and for the last two where it broke."""
     try:
-        with _time_limit():
+        with _time_limit(target.limit_s):
             target.read(home)
         return "read", ""
     except (MocapError, AddonError):
         return "named", ""
     except TooSlow:
-        return "slow", f"more than {LIMIT_S} s"
+        return "slow", f"more than {target.limit_s:g} s"
     except Exception as error:
         last = traceback.extract_tb(error.__traceback__)
         ours = next(
@@ -137,11 +145,11 @@ def scratch_folder() -> Iterator[Path]:
 
 
 @contextmanager
-def _time_limit() -> Iterator[None]:
+def _time_limit(limit_s: float) -> Iterator[None]:
     def over(number: int, frame: FrameType | None) -> None:
         raise TooSlow
 
-    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, LIMIT_S), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING_S))
+    clocks = ((signal.SIGPROF, signal.ITIMER_PROF, limit_s), (signal.SIGALRM, signal.ITIMER_REAL, _WAITING_S))
     earlier = [signal.signal(kind, over) for kind, _, _ in clocks]
     for _, clock, seconds in clocks:
         signal.setitimer(clock, seconds)

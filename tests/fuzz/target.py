@@ -27,6 +27,8 @@ class Target:
     """More files that mutations begin from; they may be refused by name."""
     once: tuple[Write, ...] = ()
     """What is too large to be changed again and again, or is no file at all: only read as it is."""
+    limit_s: float = 10.0
+    """Seconds of CPU time that an input may take; the clock on the wall shows how busy the machine is."""
 
     @property
     def dialects(self) -> tuple[Write, ...]:

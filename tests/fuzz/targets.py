@@ -1,8 +1,16 @@
-"""Every reader of both halves, through its public entry."""
+"""Every reader of both halves, and verbs that read, through their public entries."""
 
 from __future__ import annotations
 
-from tests.fuzz import capture_targets, marker_targets, motion_targets, rig_targets, sensor_targets, studio_targets
+from tests.fuzz import (
+    capture_targets,
+    marker_targets,
+    motion_targets,
+    rig_targets,
+    sensor_targets,
+    studio_targets,
+    verb_targets,
+)
 from tests.fuzz.target import Target
 
 TARGETS: tuple[Target, ...] = (
@@ -12,4 +20,5 @@ TARGETS: tuple[Target, ...] = (
     *rig_targets.TARGETS,
     *studio_targets.TARGETS,
     *sensor_targets.TARGETS,
+    *verb_targets.TARGETS,
 )

@@ -18,8 +18,8 @@ OUTCOMES = (*GOOD, "unnamed", "slow", "hang", "crash")
 class Tried:
     """Counts of a run, or of a part of one."""
 
-    counts: Counter[tuple[str, str]] = field(default_factory=Counter)
-    """By reader and outcome."""
+    counts: Counter[tuple[str, str, str]] = field(default_factory=Counter)
+    """By reader, mutator and outcome."""
     bad: dict[str, str] = field(default_factory=dict)
     """Where it broke, by reader and sentence, with the input: one of each kind."""
     slowest: dict[str, float] = field(default_factory=dict)
@@ -37,11 +37,11 @@ class Tried:
     @property
     def broke(self) -> bool:
         """Whether an input was neither read nor refused by name."""
-        return any(outcome not in GOOD for _, outcome in self.counts)
+        return any(outcome not in GOOD for *_, outcome in self.counts)
 
-    def count(self, reader: str, outcome: str, seconds: float = 0.0) -> None:
+    def count(self, reader: str, mutator: str, outcome: str, seconds: float = 0.0) -> None:
         """Count one input."""
-        self.counts[reader, outcome] += 1
+        self.counts[reader, mutator, outcome] += 1
         self.slowest[reader] = max(seconds, self.slowest.get(reader, 0.0))
 
     def add(self, part: Tried) -> None:
@@ -54,16 +54,19 @@ class Tried:
         self.peak_mb = max(self.peak_mb, part.peak_mb)
 
     def table(self) -> str:
-        """Return the counts by reader and outcome, and below what broke."""
-        lines = [f"{'reader':<28}" + "".join(f"{name:>10}" for name in OUTCOMES) + f"{'slowest s':>12}"]
-        for name in sorted({reader for reader, _ in self.counts}):
-            counts = "".join(f"{self.counts[name, outcome]:>10,}" for outcome in OUTCOMES)
-            lines.append(f"{name:<28}{counts}{self.slowest.get(name, 0.0):>12.2f}")
-        ends = Counter({end: sum(n for (_, o), n in self.counts.items() if o == end) for end in OUTCOMES})
-        lines.append(f"{'all':<28}" + "".join(f"{ends[end]:>10,}" for end in OUTCOMES))
+        """Return the counts by reader, mutator and outcome, and below what broke."""
+        lines = [f"{'reader':<32}{'mutator':<10}" + "".join(f"{o:>10}" for o in OUTCOMES) + f"{'slowest s':>12}"]
+        for reader, mutator in sorted({(reader, mutator) for reader, mutator, _ in self.counts}):
+            counts = "".join(f"{self.counts[reader, mutator, outcome]:>10,}" for outcome in OUTCOMES)
+            lines.append(f"{reader:<32}{mutator:<10}{counts}{self.slowest.get(reader, 0.0):>12.2f}")
+        for mutator in sorted({mutator for _, mutator, _ in self.counts}):
+            lines.append(f"{'all':<32}{mutator:<10}" + "".join(f"{self._by(mutator, o):>10,}" for o in OUTCOMES))
         rate = self.total / self.processor_s if self.processor_s else 0.0
         lines.append(f"{self.total:,} inputs, {rate:,.0f} a second of processor time, at most {self.peak_mb:,.0f} MB")
         return "\n".join([*lines, *(f"{where}: {what}" for what, where in self.bad.items())])
+
+    def _by(self, mutator: str, outcome: str) -> int:
+        return sum(n for (_, m, o), n in self.counts.items() if (m, o) == (mutator, outcome))
 
     def save(self, path: Path, seed: int, following: int) -> None:
         """Write the counts, and the number of the input that comes next."""
@@ -76,6 +79,6 @@ class Tried:
     def load(cls, path: Path) -> tuple[Tried, int, int]:
         """Return what was saved: the counts, the seed and the number of the next input."""
         values = json.loads(path.read_text(encoding="utf-8"))
-        counts = Counter({(reader, outcome): n for reader, outcome, n in values["counts"]})
+        counts = Counter({(reader, mutator, outcome): n for reader, mutator, outcome, n in values["counts"]})
         tried = cls(counts, values["bad"], values["slowest"], values["processor_s"], values["peak_mb"])
         return tried, values["seed"], values["next"]

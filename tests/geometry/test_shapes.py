@@ -22,6 +22,10 @@ from solver_backend.metrics import mpjpe_mm
 
 jaxtyping = pytest.importorskip("jaxtyping")
 pytest.importorskip("beartype")
+from jaxtyping import Bool, Float  # noqa: E402
+
+from tests.support.annotation_checks import checked  # noqa: E402
+
 KINDS = ["numpy", "torch"]
 SHAPED = re.compile(r"\b(Float|Int|Bool)\[")
 
@@ -63,6 +67,21 @@ def test_the_fields_of_a_value_belong_together():
     assert found.of_keypoints(np.array([2, 0])).covariance.shape == (5, 2, 3, 3)
     with pytest.raises(jaxtyping.TypeCheckError, match="parameter covariance="):
         Triangulation(found.points[:, :3], found.covariance, found.inliers, found.residual_px, found.sigma_px)
+
+
+def test_what_has_passed_before_is_checked_again_where_its_shapes_differ():
+    def chosen(values: Float[np.ndarray, "n 1"], keep: Bool[np.ndarray, " n"]) -> Float[np.ndarray, "2 1"]:
+        return values[keep]
+
+    check, values = checked(chosen), np.zeros((3, 1))
+    for _ in range(2):
+        assert len(check(values, np.array([True, False, True]))) == 2
+    with pytest.raises(jaxtyping.TypeCheckError, match="return"):
+        check(values, np.array([True, True, True]))
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter keep="):
+        check(values, np.array([True, False]))
+    with pytest.raises(jaxtyping.TypeCheckError, match="parameter keep="):
+        check(values, np.array([1.0, 0.0, 1.0]))
 
 
 def annotated() -> Iterator[tuple[str, Any, dict[str, Any]]]:

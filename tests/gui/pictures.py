@@ -9,6 +9,7 @@ from typing import Any
 
 import bpy
 
+from tests.gui.characters import support
 from tests.gui.scene import PACKAGE, extension, mocap
 
 _SHOWN_FRAME = 200
@@ -16,7 +17,7 @@ _SETTLED_S = 3.0
 """A screen without a graphics card needs a while."""
 _SHOWN_STAGE = "Global bundle"
 """The longest of a solve, and the last before the report."""
-_NEAR_M = 3.4
+_NEAR_M, _BESIDE_M = 3.4, 1.2
 
 
 def steps(user: Any) -> Any:
@@ -70,6 +71,23 @@ def delivered(user: Any) -> Any:
     yield from user.move(view.x + view.width // 3, view.y + view.height // 2)  # off the button, whose tip would show
     yield _SETTLED_S
     yield from user.shot("deliver")
+    yield from retargeted(user)
+
+
+def retargeted(user: Any) -> Any:
+    """Take the picture of a Mixamo-named character beside the body, which plays the same motion."""
+    with bpy.context.temp_override(window=user.window, area=user.viewport, region=user.region("WINDOW")):
+        rig, _ = support("retarget_rigs").mixamo()
+    body = mocap().review.armature
+    rig.location.x = body.pose.bones["pelvis"].head.x + _BESIDE_M
+    mocap().retarget.target = rig
+    yield from user.open_panel("VIEW3D_PT_mocap_retarget", at_the_end=True)
+    yield from user.press("mocap.retarget()")
+    yield from user.until(lambda: rig.animation_data and rig.animation_data.action, "the character plays", 240)
+    bpy.context.scene.frame_set(_SHOWN_FRAME)
+    user.look_at(body.pose.bones["pelvis"].head, _NEAR_M + _BESIDE_M)
+    yield _SETTLED_S
+    yield from user.shot("retarget")
 
 
 def markers(user: Any) -> Any:

@@ -24,7 +24,7 @@ def steps(user: Any) -> Any:
     """Make the rigs' files, solve, retarget thrice each."""
     empty()
     yield 0.5
-    rigs, _ = support()
+    rigs = support("retarget_rigs")
     files = {}
     for name, make in (("mixamo", rigs.mixamo), ("rigify", rigs.rigify)):
         with bpy.context.temp_override(window=user.window, area=user.viewport, region=user.region("WINDOW")):

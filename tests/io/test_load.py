@@ -78,6 +78,7 @@ def test_folders_of_json_with_yaml_beside(tmp_path: Path) -> None:
     assert (found.fps, found.keypoints and found.keypoints.joint_set) == (25.0, JointSet.HALPE_26)
 
 
+@pytest.mark.slow
 def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Path) -> None:
     cameras = ring_of_cameras(4)
     people = [detected(cameras, walker(JointSet.COCO_17, 12, (-1.0, 0.6), (0.2, 0)), np.random.default_rng(0))]

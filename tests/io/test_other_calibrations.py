@@ -84,3 +84,22 @@ def test_fisheye_and_fields_of_view_of_nerf_tools(tmp_path: Path) -> None:
     )
     with pytest.raises(CalibrationInvalid, match="no focal length.*camera_angle_x"):
         read_calibration(_transforms(tmp_path, fl_x=None, fl_y=None), unit="m")
+
+
+@pytest.mark.parametrize("fisheye", [False, True])
+def test_cameras_of_named_terms_and_poses_in_the_world(fisheye: bool, tmp_path: Path) -> None:
+    terms = {"k1": -0.1, "k2": 0.02, "k3": 0.003, "k4": 0.0004}
+    written = []
+    for c, name in enumerate(NAMES):
+        pose = np.eye(4)
+        pose[:3, :3], pose[:3, 3] = CAMERAS.R[c].T, CAMERAS.centres[c]
+        width, height = CAMERAS.image_size[c].tolist()
+        written.append({"id": name, "cameraMatrix": CAMERAS.K[c].tolist(), "distCoeffs": terms, "pose": pose.tolist(),
+                        "width": width, "height": height, "fisheye": fisheye})  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps({"cameras": written}))
+    found = read_calibration(tmp_path / "cameras.json", unit="m").cameras
+    assert found.names == NAMES
+    np.testing.assert_allclose(found.R, CAMERAS.R, atol=1e-9)
+    np.testing.assert_allclose(found.t, CAMERAS.t, atol=1e-9)
+    listed = [-0.1, 0.02, 0.003, 0.0004] if fisheye else [-0.1, 0.02, 0.0, 0.0, 0.003, 0.0004]
+    np.testing.assert_allclose(found.distortion[:, : len(listed)], [listed] * len(NAMES))

@@ -1,4 +1,4 @@
-"""``python -m tests.kills --count 200 --seed 0`` kills solve, bake, batch and save at random; exits with 1 where one is
+"""``python -m tests.kills --count 200 --seed 0`` kills programs at random; exits with 1 where one is
 not resumed with every file whole. ``--only`` names one operation."""
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ def main() -> int:
     parser = argparse.ArgumentParser(prog="python -m tests.kills", description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--seed", type=int, default=0)
-    parser.add_argument("--only", default="", help="operations whose name begins so")
+    parser.add_argument("--only", default="", help="operations, commas between")
     args = parser.parse_args()
-    operations = [operation for operation in OPERATIONS if operation.name.startswith(args.only)]
+    operations = [operation for operation in OPERATIONS if not args.only or operation.name in args.only.split(",")]
     rng, failures = np.random.default_rng(args.seed), 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)

@@ -1,34 +1,22 @@
-"""What is killed: each operation as a command, the files it begins from, and what it leaves when it ends well."""
+"""The operations that are killed."""
 
 from __future__ import annotations
 
 import json
 import shutil
 import sys
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.kills.operation import Operation
+from tests.kills.recordings import RECORDINGS
 from tests.support.short_solves import cut
 
 FRAMES = 16
 SETTINGS = {"window": 8, "iterations": 4}
 _EARLIER = b"what the user had there before"
-
-
-@dataclass(frozen=True)
-class Operation:
-    """One command that writes files."""
-
-    name: str
-    prepare: Callable[[Path, Path], object]
-    """Fills an empty folder from the folder of what was solved."""
-    command: tuple[str, ...]
-    """After the interpreter; run in the prepared folder."""
-    outputs: frozenset[str]
-    """Files it adds or replaces, relative to the folder."""
 
 
 def write_solved(folder: Path) -> None:
@@ -68,6 +56,11 @@ def _batch(folder: Path, solved: Path) -> None:
     _job(folder)
 
 
+def _watch(folder: Path, solved: Path) -> None:
+    _batch(folder, solved)
+    (folder / "captures").rename(folder / "arriving")
+
+
 def _save(folder: Path, solved: Path) -> None:
     shutil.copytree(solved, folder / "elsewhere")
     (folder / "project").mkdir()
@@ -75,6 +68,12 @@ def _save(folder: Path, solved: Path) -> None:
 
 
 _OF_A_TAKE = ("{0}.npz", "{0}.html", "{0}.job.json", "{0}_capture.npz", "take.json")
+_OF_A_BATCH = frozenset(
+    {f"out/{take}/{name.format(take)}" for take in "ab" for name in _OF_A_TAKE}
+    | {"out/summary.json", "out/summary.txt", "out/summary.html"}
+)
+_INTO_OUT = ("--out", "out", "--job", "job.json")
+_BATCH_COMMAND = ("-m", "blender_addon", "batch")
 OPERATIONS: tuple[Operation, ...] = (
     Operation(
         "solve", _solve, ("-m", "solver_backend", "solve", "--job", "job.json"), frozenset({"take.npz", "take.html"})
@@ -88,11 +87,8 @@ OPERATIONS: tuple[Operation, ...] = (
     Operation(
         "batch",
         _batch,
-        ("-m", "blender_addon", "batch", "captures", "--out", "out", "--job", "job.json"),
-        frozenset(
-            {f"out/{take}/{name.format(take)}" for take in "ab" for name in _OF_A_TAKE}
-            | {"out/summary.json", "out/summary.txt", "out/summary.html"}
-        ),
+        (*_BATCH_COMMAND, "captures", *_INTO_OUT),
+        _OF_A_BATCH,
     ),
     Operation(
         "bake",
@@ -100,6 +96,28 @@ OPERATIONS: tuple[Operation, ...] = (
         ("-m", "blender_addon", "bake", "take.npz", "--capture", "capture.npz", "--out", "out", "--no-pictures"),
         frozenset({"out/take.blend"}),
     ),
+    Operation(
+        "cluster",
+        _batch,
+        (*_BATCH_COMMAND, "captures", *_INTO_OUT, "--workers", "2"),
+        _OF_A_BATCH,
+    ),
+    Operation(
+        "watch",
+        _watch,
+        (
+            *_BATCH_COMMAND,
+            "--watch",
+            "arriving",
+            *_INTO_OUT,
+            "--settled",
+            "0.5",
+            "--idle",
+            "2",
+        ),
+        _OF_A_BATCH,
+    ),
+    *RECORDINGS,
     Operation("save", _save, ("-m", "tests.kills.save_program"), frozenset({"project/scene.blend"})),
 )
 

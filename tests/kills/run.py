@@ -5,8 +5,8 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import re
 import shutil
-import signal
 import subprocess
 import sys
 import time
@@ -17,10 +17,18 @@ from pathlib import Path
 
 from solver_backend.exchange.npz import read_npz
 from solver_backend.exchange.unfinished import is_leftover, sweep
-from tests.kills.operations import Operation, solve_command, write_solved
+from solver_backend.io.markers.read import read_markers
+from solver_backend.io.png import read_png
+from tests.kills.frames import lost_frames, recorded_frames
+from tests.kills.operation import Operation
+from tests.kills.operations import solve_command, write_solved
+from tests.kills.processes import MARK, wait_for_the_end
+from tests.support.verb_inputs import PLAYED_OAK
 
 ROOT = Path(__file__).resolve().parents[2]
 _LONG_AGO_S = 120.0
+_KEPT = ("already there", "there already")
+"""Of the sentences by which an operation refuses to replace what is whole."""
 _BLEND_BEGINS = (b"BLENDER", b"\x28\xb5\x2f\xfd", b"\x1f\x8b")
 """Plain, and packed by Zstandard or gzip."""
 
@@ -64,19 +72,23 @@ def kill_once(measured: Measured, folder: Path, solved: Path, share: float) -> t
     with suppress(subprocess.TimeoutExpired):
         process.wait(share * measured.seconds)
     ended = process.poll() is not None
-    with suppress(ProcessLookupError):
-        os.killpg(process.pid, signal.SIGKILL)
+    process.kill()  # it alone, as a system short of memory does: what it has started must find out
     process.communicate()
-    left = contents(folder)
+    stuck = wait_for_the_end(str(folder))
+    left, recorded = contents(folder), recorded_frames(folder)
     when = "after its end" if ended else f"with {len(operation.outputs & set(left))} of {len(operation.outputs)} files"
-    wrong = [f"killed: {what}" for what in [*damaged(folder, left), *_changed(before, left, operation, folder)]]
+    wrong = [f"still running after its parent was killed: {command}" for command in stuck]
+    wrong += [f"killed: {what}" for what in [*damaged(folder, left), *_changed(before, left, operation, folder)]]
     if failed := _resume(operation, folder, again=bool(operation.outputs & set(left))):
         wrong.append(failed)
     _age_leftovers(folder)
     after = contents(folder)
     wrong += [f"resumed: {what}" for what in [*damaged(folder, after), *_changed(before, after, operation, folder)]]
-    backups = _backups(left)
-    wrong += [f"{name} is not what was saved over" for name in backups & set(after) if after[name] != left[name[:-1]]]
+    wrong += lost_frames(folder, recorded)
+    backups = _backups(left) | {name for name in after if re.fullmatch(operation.kept, name)}
+    wrong += [
+        f"{name} is not what was saved over" for name in _backups(left) & set(after) if after[name] != left[name[:-1]]
+    ]
     lost, doubled = measured.files - set(after), set(after) - measured.files - backups
     wrong += [f"lost {name}" for name in sorted(lost)] + [f"doubled {name}" for name in sorted(doubled)]
     return when, wrong
@@ -115,6 +127,10 @@ def _require_whole(path: Path) -> None:
         json.loads(path.read_text(encoding="utf-8"))
     elif path.suffix == ".html" and not path.read_text(encoding="utf-8").rstrip().endswith("</html>"):
         raise ValueError("it does not end as a page does")
+    elif path.suffix == ".c3d":
+        read_markers(path)
+    elif path.suffix == ".png":
+        read_png(path)
     elif path.suffix == ".blend" and not path.read_bytes().startswith(_BLEND_BEGINS):
         raise ValueError("it does not begin as Blender's files do")
 
@@ -145,7 +161,7 @@ def _resume(operation: Operation, folder: Path, *, again: bool = False) -> str:
     """Run the operation to its end and return what went wrong; outputs that are there may be kept, with exit code 3."""
     process = _started(operation, folder)
     said = process.communicate()[1].decode("utf-8", "replace")
-    if process.returncode == 0 or (again and process.returncode == 3 and "already there" in said):
+    if process.returncode == 0 or (again and process.returncode == 3 and any(words in said for words in _KEPT)):
         return ""
     return f"resumed with exit code {process.returncode}: {said[-300:]}"
 
@@ -161,4 +177,5 @@ def _age_leftovers(folder: Path) -> None:
 
 
 def _environment(folder: Path) -> dict[str, str]:
-    return os.environ | {"PYTHONPATH": str(ROOT), "HOME": str(folder / "home"), "PYTHONDONTWRITEBYTECODE": "1"}
+    own = {"PYTHONPATH": f"{ROOT}{os.pathsep}{PLAYED_OAK}", "HOME": str(folder / "home"), MARK: str(folder)}
+    return os.environ | own | {"PYTHONDONTWRITEBYTECODE": "1"}

@@ -48,6 +48,7 @@ def test_a_take_that_the_network_does_not_know_is_refused_with_its_share(shared_
     assert labelled_capture(capture, always=True)[1] is not None
 
 
+@pytest.mark.slow
 def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
     bare = stripped(cloud, 4, missing=5, ghosts=3)

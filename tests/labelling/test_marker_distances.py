@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import tracemalloc
+
 import numpy as np
 import pytest
 
@@ -131,3 +133,16 @@ def test_a_table_of_other_places_is_refused(tmp_path):
     write_weights(tmp_path / f"{NAME}.npz", PriorWeights(NAME, arrays, {}))
     with pytest.raises(WeightsInvalid, match="other places"):
         load_distances(tmp_path / f"{NAME}.npz")
+
+
+def test_a_thousand_points_are_compared_a_few_frames_at_a_time() -> None:
+    rng = np.random.default_rng(0)
+    points = np.repeat(rng.uniform(-3, 3, (1, 1000, 3)), 20, axis=0)
+    tracks = tracklets_of(points, FPS)
+    tracemalloc.start()
+    found = distances_of(points, np.arange(20), tracks, FPS)
+    peak = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert peak < 200e6
+    order = tracks.column[np.argsort(tracks.chain)]
+    assert np.allclose(found.mean, np.linalg.norm(points[0][order][:, None] - points[0][order], axis=-1), atol=1e-6)

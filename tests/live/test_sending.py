@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import tracemalloc
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,17 @@ def test_another_programs_clip_is_sent_on_our_body(tmp_path: Path, receiver):
     own = np.asarray(known.posed.joints)[:, SMPL_HANDS.numbers("left_wrist", "pelvis")]
     reached = np.linalg.norm(np.array(wrists) - np.array(hips), axis=1)
     assert np.abs(reached - np.linalg.norm(own[:, 0] - own[:, 1], axis=1)).max() < 0.01
+
+
+def test_what_the_fit_of_another_programs_clip_found_is_reported(tmp_path: Path, receiver, capsys):
+    known = known_motion(load_body(), np.zeros(10), frames=3)
+    raised = replace(known, posed=replace(known.posed, joints=np.asarray(known.posed.joints) + [0.0, 0.0, 0.4]))
+    clip = write_bvh(tmp_path / "clip.bvh", raised)
+    lines = str(tmp_path / "poses.jsonl")
+    assert main(["live", str(clip), "--send", receiver.address, "--lines", lines]) == 0
+    assert "Lowered" in capsys.readouterr().err
+    assert main(["motion", str(clip), "--out", str(tmp_path / "motion.npz")]) == 0
+    assert "Lowered" in capsys.readouterr().out
 
 
 def test_fingers_are_sent_where_a_motion_has_them(tmp_path: Path, receiver):

@@ -77,12 +77,14 @@ def scaled(xy: np.ndarray, x: float, y: float, bars: float = 0.0, chosen: tuple[
     [
         (lambda xy: scaled(xy, 0.75, 1.0), [CameraCorrection(shape="squeezed")] * 4),
         (lambda xy: scaled(xy, 1 / 3, 1 / 3, 140), [CameraCorrection(1 / 3, shape="boxed")] * 4),
-        (
+        (lambda xy: xy - [320, 180], [CameraCorrection(shape="middle 2/3")] * 4),
+        pytest.param(
             lambda xy: scaled(xy, 0.75, 1.0, 0, (1,)),
             [CameraCorrection(shape="squeezed" if c == 1 else "") for c in range(4)],
+            marks=pytest.mark.slow,
         ),
     ],
-    ids=["anamorphic", "a square with bars", "one anamorphic"],
+    ids=["anamorphic", "a square with bars", "cropped", "one anamorphic"],
 )  # fmt: skip
 def test_pictures_of_another_shape(spoil: Callable[[np.ndarray], np.ndarray], expected: list[CameraCorrection]) -> None:
     fit = fit_calibration(CAMERAS, detections(spoil(filmed())))
@@ -96,6 +98,7 @@ def test_a_size_that_is_no_standard() -> None:
     assert fit.corrections[0].factor == pytest.approx(0.4375, rel=0.01) and len(set(fit.corrections)) == 1
 
 
+@pytest.mark.slow
 def test_one_camera_with_another_fault_does_not_hide_what_all_have() -> None:
     xy = filmed()
     xy[2, ..., 0] = CAMERAS.image_size[2, 0] - 1 - xy[2, ..., 0]
@@ -143,10 +146,12 @@ def late(xy: np.ndarray) -> np.ndarray:
         (replace(CAMERAS, t=100 * CAMERAS.t), lambda xy: xy),
         (CAMERAS, late),
         (CAMERAS, lambda xy: xy[[1, 0, 2, 3]]),
-        (CAMERAS, lambda xy: xy[[1, 2, 3, 0]]),
-        (CAMERAS, lambda xy: np.stack([xy[0], [1919, 0] + xy[1] * [-1, 1], xy[2], xy[3]])),
+        pytest.param(CAMERAS, lambda xy: xy[[1, 2, 3, 0]], marks=pytest.mark.slow),
+        pytest.param(
+            CAMERAS, lambda xy: np.stack([xy[0], [1919, 0] + xy[1] * [-1, 1], xy[2], xy[3]]), marks=pytest.mark.slow
+        ),
         (CAMERAS, lambda xy: np.random.default_rng(1).uniform(0, 1000, xy.shape)),
-        (CAMERAS, lambda xy: xy + np.random.default_rng(2).normal(0, 20, xy.shape)),
+        pytest.param(CAMERAS, lambda xy: xy + np.random.default_rng(2).normal(0, 20, xy.shape), marks=pytest.mark.slow),
     ],
     ids=["as it should be", "cm", "late", "exchanged", "all exchanged", "mirrored", "nonsense", "noise"],
 )
@@ -167,6 +172,7 @@ def test_corrections_move_pictures_and_nothing_else() -> None:
     np.testing.assert_allclose(found, np.stack([height - 1 - small[..., 1], small[..., 0]], axis=-1), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
     count, calls, scored = 40, [], reading_scores.pair_agreement
     kind = np.arange(count) % len(CAMERAS)
@@ -186,7 +192,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
     assert len(calls) < 30_000
 
 
-@pytest.mark.parametrize("places", [1, 2])
+@pytest.mark.parametrize("places", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_exchanged_cameras_are_no_shape_of_pictures(places: int) -> None:
     """The views agree by 85 % as pictures of half the rows, and the person would be a seventh as broad as tall."""
     ring = Detections(

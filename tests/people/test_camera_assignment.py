@@ -79,6 +79,7 @@ def test_names_that_count():
     assert counted_order(["cam0"], ["cam01", "cam02"]) is None
 
 
+@pytest.mark.slow
 def test_other_names_and_exchanged_names_are_found_and_reported(tmp_path, demo):
     cameras, keypoints = demo.require_multiview()
     names = ["front", "left", "back", "right"]

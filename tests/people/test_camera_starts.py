@@ -76,6 +76,7 @@ def test_several_people_in_any_order_share_their_cameras_starts(demo):
     np.testing.assert_allclose(found([demo, other], starts, 240).offsets, against_first(starts), atol=1)
 
 
+@pytest.mark.slow
 def test_steps_that_repeat_leave_it_open():
     still = walk(500)
     in_place = filmed(replace(still, root=still.root * [1.0, 1.0, 0.0]))
@@ -94,6 +95,7 @@ def test_a_person_who_stands_still_tells_nothing():
         assert result.evidence is StartEvidence.STILL and not result.offsets.any()
 
 
+@pytest.mark.slow
 def test_a_camera_that_has_nothing_in_common_is_no_finding():
     result = found([filmed(circling(600))], [0, 400, 0, 0], 180)
     assert 1 in result.doubtful and not result.offsets.any()

@@ -43,7 +43,11 @@ def half(seen: Detections, chosen: list[int]) -> Detections:
 
 @pytest.mark.parametrize(
     ("starts", "rates"),
-    [([0, 0, 0, 0], [1, 1, 0.5, 0.5]), ([0, 45, 90, 20], [1, 5 / 6, 1, 1]), ([60, 0, 0, 9], [0.5, 0.5, 0.5, 1])],
+    [
+        ([0, 0, 0, 0], [1, 1, 0.5, 0.5]),
+        ([0, 45, 90, 20], [1, 5 / 6, 1, 1]),
+        pytest.param([60, 0, 0, 9], [0.5, 0.5, 0.5, 1], marks=pytest.mark.slow),
+    ],
 )
 def test_other_frame_rates_are_found(starts: list[int], rates: list[float]) -> None:
     readings = explain_unlike(CAMERAS, recorded(starts, rates))
@@ -54,6 +58,7 @@ def test_other_frame_rates_are_found(starts: list[int], rates: list[float]) -> N
     assert not any(reading.correction.changes for reading in readings)
 
 
+@pytest.mark.slow
 def test_pictures_of_another_size_are_found_whenever_cameras_started() -> None:
     seen = recorded([0, 45, 90, 20], [1, 1, 1, 1])
     readings = explain_unlike(CAMERAS, half(seen, [0, 1, 2, 3]))
@@ -70,6 +75,7 @@ def test_matching_views_stay_as_they_are() -> None:
         assert explain_unlike(CAMERAS, recorded(starts, [1, 1, 1, 1])) is None
 
 
+@pytest.mark.slow
 def test_what_nothing_explains_stays() -> None:
     seen = recorded([0, 0, 0, 0], [1, 1, 1, 1])
     xy = seen.xy.copy()

@@ -32,6 +32,7 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return next((place / SHOTS).iterdir())
 
 
+@pytest.mark.slow
 def test_what_was_live_is_recorded_and_solved(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:  # fmt: skip

@@ -112,6 +112,7 @@ def test_one_camera_runs_eight_milliseconds_before_the_others(ours: WandCalibrat
     assert [i.values["lost"] for i in ours.rig.findings if i.code == "wand_times_back"] == [4]
 
 
+@pytest.mark.slow
 def test_the_verb_writes_calibration_and_page(folder: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out, page = tmp_path / "rig.toml", tmp_path / "rig.html"
     command = ["calibrate-wand", str(folder), "--wand", "0.13", "0.26", "--out", str(out), "--report", str(page)]

@@ -10,10 +10,13 @@ _STRETCH = (("thigh", 0.94), ("shin", 0.94), ("upper_arm", 1.06), ("forearm", 1.
 _BALL_HEIGHT = 0.02
 
 
-def rigify_rig() -> bpy.types.Object:
-    """Generate the basic human in the current scene and return its control rig."""
+def rigify_rig(*, fingers: bool = False) -> bpy.types.Object:
+    """Generate the basic human in the current scene, or the whole one with fingers and face; return its control rig."""
     addon_utils.enable("rigify", default_set=True)
-    bpy.ops.object.armature_basic_human_metarig_add()
+    if fingers:
+        bpy.ops.object.armature_human_metarig_add()
+    else:
+        bpy.ops.object.armature_basic_human_metarig_add()
     metarig = bpy.context.object
     bpy.ops.object.mode_set(mode="EDIT")
     for part, factor in _STRETCH:

@@ -59,7 +59,7 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "Another assignment: --camera {camera}={calibrated} and so on.",
     ),
     "camera_names_exchanged": warning(
-        "Cameras bear each other's names: by the agreement of the views {pairs}",
+        "Cameras have each other's names: by the agreement of the views {pairs}",
         "Folders of cameras were named in another order than the calibration's.",
         _KEEP,
     ),

@@ -10,6 +10,13 @@ _READ: dict[str, DiagnosticEntry] = {
         "Labels name no places on a body, or the file holds a part of the recording.",
         "Name the points with `label`, or write the labels' places with `layout` and solve with `--layout`.",
     ),
+    "labels_left_to_network": note(
+        "The labels name too few places on a body ({count} of {total}): the solve names the markers by the labelling "
+        "network, which knows whole bodies, and refuses where it does not know the layout",
+        "Labels such as numbers name no place on a body.",
+        "Write the labels' places with `layout` and solve with `--layout`, or name a take after a labelled one with "
+        "`label --like`.",
+    ),
     "labels_doubled": warning(
         "Labels are there more than once: {markers}; the later ones are numbered",
         "A marker was named twice, or two people have labels without prefixes.",

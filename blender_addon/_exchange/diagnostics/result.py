@@ -81,7 +81,7 @@ RESULT: dict[str, DiagnosticEntry] = {
         _FAR_MARKERS,
         "Look for markers that are labelled wrongly, exchanged or loose there.",
     ),
-    "parts_at_rest": note(
+    "parts_at_rest": warning(
         "{part} by two cameras: shown at rest",
         "Cameras see the body in part, or the recording's keypoints are of a part.",
         "Their posture is assumed, and its stated deviation is what people do; add cameras if it matters.",

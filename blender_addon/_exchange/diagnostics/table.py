@@ -6,6 +6,7 @@ from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
+from .gloves import GLOVES
 from .labels import LABELS
 from .markers import MARKERS
 from .motions import MOTIONS
@@ -35,6 +36,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Calibrating sensors by a wand": WAND,
     "Recordings": RECORDING,
     "Motions of other programs": MOTIONS,
+    "Hands of gloves": GLOVES,
     "Results of a solve": RESULT,
     "Files of earlier versions": _EARLIER,
 }
@@ -43,5 +45,5 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
 TABLE: dict[str, DiagnosticEntry] = {code: entry for group in GROUPS.values() for code, entry in group.items()}
 """All of them by code."""
 
-READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys() - MOTIONS.keys()
+READING = frozenset(TABLE) - RECORDING.keys() - RESULT.keys() - MOTIONS.keys() - GLOVES.keys()
 """Codes of what is found before a solve."""

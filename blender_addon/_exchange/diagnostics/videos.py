@@ -9,6 +9,16 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Detector: {detector}; {moments} moments at {rate:g} a second that all {videos} videos show",
         "The detections of videos come from this detector.",
     ),
+    "hand_without_wrist": warning(
+        "No two views agree on the {joint} in any frame; that hand is not looked for",
+        "A hand is looked for at the end of its forearm. The views are not in step, their calibration is wrong, or the "
+        "wrist is hidden.",
+        "Check the cameras: the console names views that disagree.",
+    ),
+    "hand_not_found": note(
+        "The hand at the {joint} is found in no picture",
+        "It is hidden or gloved, it holds something, or it is smaller than about 15 pixels.",
+    ),
     "camera_turns": note(
         "Camera {camera}: turns by up to {size:.1f}°; the detections are as if it had stayed as in the first picture",
         "The camera was panned or held by hand. The background beside the person shows by how much.",
@@ -70,6 +80,15 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     "calibration_unchecked": note(
         "The take is too short to check the calibration",
         "No two cameras see the person at once for long enough.",
+    ),
+    "hands_found": note(
+        "Two views show the left hand in {left:.0f} % of the frames, the right one in {right:.0f} %",
+        "Hands were looked for where the body has its wrists.",
+    ),
+    "hands_need_views": warning(
+        "Hands are not looked for in a single video",
+        "Crops of hands are placed by wrists that two cameras or more show.",
+        "Film with two cameras, or let MediaPipe find hands: --hands.",
     ),
     "motion_written": note("Motion: {file}", "The capture was solved, or the motion is as it was before."),
     "clocks_as_filmed": note(

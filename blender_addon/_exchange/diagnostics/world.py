@@ -82,7 +82,7 @@ WORLD: dict[str, DiagnosticEntry] = {
         "The world was to be levelled by the person.",
     ),
     "floor_by_feet": warning(
-        "The feet stand {depth:.2f} m below z = 0, so the floor is put there",
+        "The feet stand {depth:.2f} m below z = 0, so the floor is laid there",
         "The calibration's origin is not on the floor.",
         "To keep it: --level off.",
     ),

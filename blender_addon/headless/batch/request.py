@@ -8,22 +8,14 @@ from typing import Any
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
-from ..._exchange.setting import settings_of_class
-from ..._exchange.world_settings import WorldSettings
+from ..._exchange.reading_settings import ROWS as READING
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
 from .work import take_name
 
-READING = {
-    "fps": "--fps", "joint_set": "--joint-set", "unit": "--unit", "up_axis": "--up-axis",
-    "subject_prefix": "--subject-prefix", "person": "--person",
-    **{name: f"--{name}" for name in settings_of_class(WorldSettings)},
-}  # fmt: skip
-"""Options of the solver's command line by the keys of a batch's job file that set how captures are read."""
-SWITCHES = {"trim": "--trim", "by_order": "--by-order", "as_calibrated": "--as-calibrated"}
-"""The same of options without a value."""
-_SHARED_KEYS = frozenset({"version", "strict", "settings", *SWITCHES, *READING})
+_SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})
+"""Keys of a batch's job file."""
 
 
 @dataclass(frozen=True)
@@ -165,4 +157,8 @@ def _shared(path: Path | None) -> dict[str, Any]:
             where=str(path),
             hint=f"It may hold {', '.join(sorted(_SHARED_KEYS))}.",
         )
+    for name, row in READING.items():
+        if (value := values.get(name)) is not None and not row.accepts(value):
+            expected = f"{name} is {value!r}; {row.expected} is expected."
+            raise BatchInvalid(f"The batch's job file is not valid: {expected}", where=str(path))
     return values

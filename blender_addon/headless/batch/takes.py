@@ -10,13 +10,14 @@ from typing import Any, ClassVar
 
 from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from ..._exchange.outputs import atomic_outputs
+from ..._exchange.reading_settings import options_of
 from ..bake import BakeRequest, run_bake
 from ..child_verb import run_verb
 from ..export import ExportRequest, run_export
 from ..solver import run_solver
 from .limits import TakeLimits, TakeWatch
 from .record import fingerprint, read_record, step_key
-from .request import READING, SWITCHES, BatchRequest
+from .request import BatchRequest
 from .work import Place, Step
 
 
@@ -86,10 +87,8 @@ class Takes:
 def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
     folder, name = place.folder, place.folder.name
     copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
-    given = {flag: str(shared[key]) for key, flag in READING.items() if shared.get(key) is not None}
-    reading = [text for option in given.items() for text in option]
-    reading += [flag for key, flag in SWITCHES.items() if shared.get(key)]
-    reading += [f"--sync={value}" for value in [(shared.get("settings") or {}).get("sync")] if value]
+    sync = (shared.get("settings") or {}).get("sync")
+    reading = options_of(shared) + [f"--sync={sync}"] * bool(sync)
     watch = TakeWatch(request.limits)
     solver = partial(
         run_solver,

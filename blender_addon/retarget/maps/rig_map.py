@@ -85,7 +85,7 @@ def map_of(values: Any, where: str) -> RigMap:
         raise MapInvalid(f"The map cannot be read: {error!r}.", where=where) from error
     if wrong := sorted(role for role in bones if not is_role(role)):
         hint = "Roles are pelvis, spine (a list), neck (a list), head, clavicle, … (docs/how-to/retarget.md)."
-        raise MapInvalid(f"The map names what is no role: {', '.join(wrong)}.", where=where, hint=hint)
+        raise MapInvalid(f"The map has unknown roles: {', '.join(wrong)}.", where=where, hint=hint)
     return RigMap(str(values.get("label", Path(where).stem)), bones, switches, pose)
 
 

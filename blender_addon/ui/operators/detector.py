@@ -13,22 +13,37 @@ from ..locations import RELATIVE
 from ..preferences import detector_python, note_detector
 from .solver_operator import SolverOperator
 
+_HAND_MODEL = "hand_landmark_full.tflite"
 VERB = "set-up-detector"
 """Name of such a run; it is no verb of the solver's."""
 
 
+_KINDS = (
+    ("mediapipe", "MediaPipe", "Finds people, and hands; its models are in its wheel; Python 3.9 to 3.12"),
+    ("litert", "LiteRT", "Runs MediaPipe's models of people and hands as files; Python 3.10 to 3.14"),
+)
+_ABOUT = {
+    "mediapipe": ("MediaPipe 0.10.21 and what it needs, 150 MB, are installed from",),
+    "litert": (
+        "Google's LiteRT and NumPy, 60 MB, are installed. Models are files of the npm packages",
+        "@mediapipe/pose and @mediapipe/hands (.tgz): put them beside the wheels. Installed from",
+    ),
+}
+
+
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
-    """Makes an environment with MediaPipe, after asking."""
+    """Makes an environment with MediaPipe or LiteRT, after asking."""
 
     bl_idname = "mocap.set_up_detector"
     bl_label = "Set Up Detector…"
     bl_description = (
-        "Make an environment with MediaPipe, which finds people in videos; asks before anything is installed"
+        "Make an environment with MediaPipe or LiteRT, which find people in videos; asks before anything is installed"
     )
     bl_options = {"REGISTER", "INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
 
     is_of_capture = False
 
+    kind: bpy.props.EnumProperty(name="Detector", description="What is set up", items=_KINDS)
     wheels: bpy.props.StringProperty(
         name="Wheels", subtype="DIR_PATH", options=RELATIVE,
         description="Folder of wheels to install from without a network; empty for the package registry",
@@ -43,9 +58,11 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         from ...solving.detector.find_python import environment_folder
 
         column = self.layout.column()
-        column.label(text="MediaPipe 0.10.21 and what it needs, 150 MB, are installed from", translate=False)
+        column.row().prop(self, "kind", expand=True)
+        for line in _ABOUT[self.kind]:
+            column.label(text=line, translate=False)
         column.label(text="the folder below" if self.wheels else "the package registry (pypi.org)", translate=False)
-        column.label(text=f"into {environment_folder()}", icon="FILE_FOLDER", translate=False)
+        column.label(text=f"into {environment_folder(self.kind)}", icon="FILE_FOLDER", translate=False)
         column.prop(self, "wheels")
 
     def work(self, context: bpy.types.Context) -> set[str]:
@@ -59,16 +76,20 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         if not self.wheels and not getattr(bpy.app, "online_access", True):
             hint = "Allow Online Access in Blender's preferences (System), or choose a folder of wheels."
             raise PythonUnsuitable("Blender is set to stay offline.", where="Set Up Detector", hint=hint)
-        folder = find_python.environment_folder()
+        folder = find_python.environment_folder(self.kind)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        python = find_python.python_to_make_with()
-        arguments = [str(folder), *([str(absolute(self.wheels))] if self.wheels else [])]
+        python = find_python.python_to_make_with() if self.kind == "mediapipe" else Path(sys.executable)
+        arguments = [str(folder), self.kind, *([str(absolute(self.wheels))] if self.wheels else [])]
         own = python if python != Path(sys.executable) else None
         return self.follow(context, start_script(VERB, Path(make_environment.__file__), arguments, own, folder.parent))
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Report what there is now."""
         found = note_detector(context, Path(result["python"]))
+        videos = context.scene.mocap.videos
+        hands = [path for path in result["models"] if Path(path).name == _HAND_MODEL]
+        if hands and not videos.hands:
+            videos.hands = hands[0]
         self.report({"INFO"}, f"The detector is set up. {found}")
         return {"FINISHED"}
 

@@ -18,7 +18,7 @@ class MOCAP_OT_leave_camera_out(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.leave_camera_out"
     bl_label = "Leave Out"
-    bl_description = "Solve without this camera from now on; its checkbox under Cameras takes it back"
+    bl_description = "Solve without this camera from now on; tick it under Cameras to use it again"
 
     camera: bpy.props.StringProperty(options={"HIDDEN"})
 

@@ -19,6 +19,7 @@ from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
+from ...body.looks import bodies_of, show_look
 from ...body.sliders import body_mesh
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
@@ -208,10 +209,17 @@ def take_motion(
     review.armature = armature
     settings.stage = "EDIT"
     if needs_body:
+        show_looks(scene)
         frame_body(context, armature)
     colour_markers(scene)
     bring_home()
     return action
+
+
+def show_looks(scene: bpy.types.Scene) -> None:
+    """Let new bodies look as the scene's others do."""
+    for mesh in bodies_of(scene):
+        show_look(mesh, scene.mocap.look)
 
 
 def error_text(result: dict[str, Any]) -> str:
@@ -261,6 +269,7 @@ def add_motion(
     if whom := person_of(motion.provenance):
         take.action[PERSON] = whom
     adopt(context.scene)
+    show_looks(context.scene)
     context.scene.mocap.stage = "EDIT"
     if settings.set_scene:
         for obj in context.selected_objects:

@@ -225,7 +225,7 @@ class MOCAP_OT_dismiss(bpy.types.Operator):
 
     bl_idname = "mocap.dismiss"
     bl_label = "Dismiss"
-    bl_description = "Take this message off the panel; the log goes with it"
+    bl_description = "Remove this message; the log is removed with it"
     bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
 
     @classmethod

@@ -12,7 +12,7 @@ from ..._exchange.errors import OutputNotWritable, sentence
 from ...conventions.file_paths import absolute, file_of, stored
 from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
-from ..preferences import detector_python, named_detector
+from ..preferences import detector_python, litert_python, named_detector
 from ..settings_layout import draw_setting, settings_layout
 from ..video_properties import STEPS
 from .base import MocapOperator, ViewportDrop
@@ -40,6 +40,8 @@ class VideosOperator(SolverOperator):
         arguments = [str(folder), "--out", str(usable(results)), "--until", until, *videos.arguments()]
         python = (detector_python if videos.detector == "mediapipe" else named_detector)(context)
         arguments += ["--python", str(python)] if python is not None else []
+        hands = litert_python(context) if videos.hands else None
+        arguments += ["--hand-python", str(hands)] if hands is not None else []
         arguments += ["--redo", redo] if redo else []
         return self.launch(context, "from-videos", arguments, results)
 
@@ -193,6 +195,7 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     draw_setting(layout, context, videos, "detector")
     if videos.detector == "model":
         draw_setting(layout, context, videos, "model")
+    draw_setting(layout, context, videos, "hands")
     draw_setting(layout, context, videos, "people")
 
 

@@ -67,15 +67,11 @@ class VIEW3D_PT_mocap_reading(StagePanel, bpy.types.Panel):
         layout.enabled = not current.busy
         for name in (
             "scene_setup",
-            "fps",
             "joint_set",
             "unit",
             "up_axis",
-            "trim",
-            "as_calibrated",
             *READING_ROWS,
             "footage_anywhere",
-            "subject_prefix",
         ):
             draw_setting(layout, context, settings.reading, name)
         if settings.capture.source:

@@ -43,7 +43,7 @@ class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
         _draw_takes(layout, context.scene.mocap.capture, take)
         if take is None:
             return
-        _draw_worst(layout, review)
+        _draw_worst(layout, review, context.scene.frame_current)
         layout.operator(MOCAP_OT_show_confidence.bl_idname, icon="COLOR", depress=review.colours)
         row = layout.row(align=True)
         row.operator(MOCAP_OT_next_bad_range.bl_idname, text="Previous", icon="TRIA_LEFT").backwards = True
@@ -155,11 +155,16 @@ def _kept(take: bpy.types.Action) -> str:
     return ", ".join(part for part in (counted(most, "key"), str(take.get(ERROR, ""))) if part)
 
 
-def _draw_worst(layout: bpy.types.UILayout, review: MocapReview) -> None:
+def _draw_worst(layout: bpy.types.UILayout, review: MocapReview, frame: int) -> None:
     from ...animation.confidence import sigma_of
     from ...animation.confidence_lane import current_confidence
+    from ...animation.resting_lane import resting_bones
 
-    confidence = current_confidence(review.armature)
+    resting = resting_bones(review.armature, frame)
+    if resting:
+        text = counted(len(resting), "joint") + " at rest: nothing measured"
+        layout.label(text=text, icon="GHOST_ENABLED", translate=False)
+    confidence = {name: c for name, c in current_confidence(review.armature).items() if name not in resting}
     if not confidence:
         return
     worst = min(confidence, key=lambda name: confidence[name])

@@ -1,10 +1,10 @@
-"""Body shape: ten sliders that move skin and joints together."""
+"""Body shape: what the body looks like, and ten sliders that move skin and joints together."""
 
 from __future__ import annotations
 
 import bpy
 
-from ...body.sliders import body_mesh, effect_of, sliders
+from ...body.sliders import body_mesh, effect_of, look_key, sliders
 from ..settings_layout import is_slim
 from ..translation import CONTEXT
 from .parts import StagePanel
@@ -30,6 +30,8 @@ class VIEW3D_PT_mocap_shape(StagePanel, bpy.types.Panel):
         """Draw one slider a component."""
         mesh = body_mesh(context.scene.mocap.review.armature)
         assert mesh is not None  # polled
+        if look_key(mesh) is not None:
+            self.layout.row().prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
         column = self.layout.column(align=True)
         for key in sliders(mesh):
             effect = effect_of(key)

@@ -109,7 +109,7 @@ class Machine:
         else:
             method = getattr(self, "_" + name.lower(), None)
             if method is None:
-                raise self._refusal(f"The pickle uses the operation {name}, which a body model has no business with.")
+                raise self._refusal(f"The pickle uses the operation {name}, which no body model holds.")
             method()
 
     # ---------------------------------------------------------------------------------------------- containers
@@ -192,9 +192,7 @@ class Machine:
     def _name(self, module: str, name: str) -> None:
         known = PickledName(module, name)
         if known.dotted not in self._classes and known.dotted not in CALLS:
-            raise self._refusal(
-                f"The pickle asks for {known.dotted}, which a body model has no business with; nothing was run."
-            )
+            raise self._refusal(f"The pickle asks for {known.dotted}, which no body model holds; nothing was run.")
         self._stack.append(known)
 
     def _newobj(self) -> None:

@@ -25,8 +25,14 @@ from solver_backend.geometry.rotations import exp_so3, skew
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float
 
+Watch = Callable[[int, float], None]
+"""Receives each step of an adjustment and its cost."""
 _LENS, _DELAY = slice(6, 6 + PARAMETERS), 6 + PARAMETERS
 _LEAST_DAMPING, _MOST_DAMPING = 1e-9, 1e9
+
+
+def unwatched(step: int, cost: float) -> None:
+    """Ignore the steps."""
 
 
 def adjust(
@@ -40,7 +46,7 @@ def adjust(
     steps: int = 60,
     gauge: int = 6,
     tolerance: float = 1e-8,
-    watch: Callable[[int, float], None] = lambda step, cost: None,
+    watch: Watch = unwatched,
 ) -> Adjusted:
     """Minimise ``Σ c²/2 ln(1 + |e/σ|²/c²)`` (Cauchy) over cameras, lenses and bodies.
 
@@ -59,7 +65,7 @@ def adjust(
     Reference: Triggs et al. 2000; Levenberg 1944, Marquardt 1963; Black and Rangarajan 1996 (the penalty).
     """
     free, columns = _free_matrix(unknowns)
-    now = _State(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
+    now = _BundleState(cameras, bodies, np.zeros(len(cameras)) if delays is None else delays)
     task = _Task(cameras, seen, unknowns, robust_scale, columns, slice(0 if seen.local.any() else 3, 6))
     damping, best = 1e-4, task.cost(now)
     step = 0
@@ -86,14 +92,14 @@ def adjust(
 
 
 @dataclass(frozen=True)
-class _State:
+class _BundleState:
     """Cameras, bodies and delays (C,) at one step."""
 
     cameras: Cameras
     bodies: Bodies
     delays: np.ndarray
 
-    def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _State:
+    def moved(self, by_cameras: np.ndarray, by_bodies: np.ndarray) -> _BundleState:
         """Return the state after a step of all cameras (19C,) and bodies (B, 6), or (B, 3) where none turns."""
         step = by_cameras.reshape(len(self.cameras), CAMERA_PARAMETERS)
         turn = exp_so3(step[:, :3])
@@ -102,7 +108,7 @@ class _State:
         bodies = replace(self.bodies, t=self.bodies.t + by_bodies[:, -3:])
         if by_bodies.shape[1] == 6:
             bodies = replace(bodies, R=exp_so3(by_bodies[:, :3]) @ bodies.R)
-        return _State(cameras, bodies, self.delays + step[:, _DELAY])
+        return _BundleState(cameras, bodies, self.delays + step[:, _DELAY])
 
 
 @dataclass(frozen=True)
@@ -126,7 +132,7 @@ class _Task:
         full[:, self.columns] = values.reshape(C, len(self.columns), *values.shape[1:])
         return full.reshape(C * CAMERA_PARAMETERS, *values.shape[1:])
 
-    def in_cameras(self, now: _State) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def in_cameras(self, now: _BundleState) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return the points in camera axes (N, 3), about their body (N, 3), and what they should project to (N, 2)."""
         seen, bodies, cameras = self.seen, now.bodies, now.cameras
         arm = (bodies.R[seen.body] @ seen.local[..., None])[..., 0]
@@ -137,7 +143,7 @@ class _Task:
             target = target - seen.velocity * now.delays[seen.camera, None]
         return x_cam, arm, target
 
-    def errors(self, now: _State) -> np.ndarray:
+    def errors(self, now: _BundleState) -> np.ndarray:
         """Return (N, 2) px, projected minus seen, NaN behind a camera."""
         x_cam, _, target = self.in_cameras(now)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -156,7 +162,7 @@ class _Task:
         bent = cameras.distortion - self.start.distortion
         return np.concatenate([np.log(after / before), centre, bent], axis=1)
 
-    def cost(self, now: _State) -> float:
+    def cost(self, now: _BundleState) -> float:
         """Return the robust cost; a point behind a camera costs as much as a very large error."""
         square = (self.errors(now) ** 2).sum(-1) / self.seen.sigma**2 / self.scale**2
         cost = 0.5 * self.scale**2 * float(np.log1p(np.where(np.isfinite(square), square, 1e6)).sum())
@@ -182,7 +188,7 @@ class _Equations:
     by_body: np.ndarray
 
     @classmethod
-    def at(cls, now: _State, task: _Task) -> _Equations:
+    def at(cls, now: _BundleState, task: _Task) -> _Equations:
         cameras, bodies, seen, unknowns = now.cameras, now.bodies, task.seen, task.unknowns
         x_cam, arm, target = task.in_cameras(now)
         with np.errstate(invalid="ignore", over="ignore", divide="ignore"):

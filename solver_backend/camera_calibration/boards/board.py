@@ -113,7 +113,7 @@ def board_named(text: str) -> Board:
         elif field.lower() == "inverted":
             other["inverted"] = True
         else:
-            raise JobInvalid(f"'{field}' means nothing of a board.", where=text, hint=f"Write {EXAMPLE}.")
+            raise JobInvalid(f"'{field}' is no property of a board.", where=text, hint=f"Write {EXAMPLE}.")
     if counts is None or not lengths:
         raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Write {EXAMPLE}.")
     marker = lengths[1] if len(lengths) > 1 else round(MARKER_SHARE * lengths[0], 9)

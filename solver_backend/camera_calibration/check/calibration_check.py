@@ -3,21 +3,23 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import combinations
 from typing import Any
 
 import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.from_person import refined_by_person
 from solver_backend.camera_calibration.extrinsics.two_views import sampson_distance
+from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.cameras.projection import project, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
 from solver_backend.report.calibration import COLUMNS, ROWS, CameraFits
 from solver_backend.types import Cameras, Keypoints2D
 
+STAGE = "Checking the calibration"
 FRAMES = 240
 """Frames at most that are looked at."""
 WINDOWS = 6
@@ -95,12 +97,13 @@ class CalibrationCheck:
         }  # fmt: skip
 
 
-def check_calibration(cameras: Cameras, keypoints: Keypoints2D) -> CalibrationCheck:
+def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progress = silent) -> CalibrationCheck:
     """Hold a calibration against the keypoints of one person.
 
     Args:
         cameras: C cameras.
         keypoints: of one person in the same views.
+        progress: called as the cameras are compared and adjusted.
 
     Raises:
         NoDetections: no two cameras see the person at once.
@@ -110,8 +113,9 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D) -> CalibrationCh
     points = triangulate(cameras, xy, confidence).points
     error = _errors(cameras, xy, points)
     regions = _by_region(cameras, xy, error)
-    epipolar = _epipolar(cameras, xy)
-    refined = refined_by_person(cameras, keypoints)
+    epipolar = _epipolar(cameras, xy, progress)
+    refined = refined_by_person(cameras, keypoints, watch=lambda step, _: progress(STAGE, min(50 + step, 99), 100))
+    progress(STAGE, 100, 100)
     after = np.linalg.norm(refined.adjusted.error, axis=-1)
     best = float(np.nanmedian(after))
     of = refined.adjusted.seen.camera
@@ -152,13 +156,15 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
     return grid
 
 
-def _epipolar(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
-    """Return (C, windows) the median distance to the epipolar lines of all other cameras."""
+def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
+    """Return (C, windows) the median distance to the epipolar lines of the other cameras."""
     C, F = xy.shape[:2]
     n = undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model)
     windows = np.array_split(np.arange(F), min(WINDOWS, F))
     values: list[list[list[np.ndarray]]] = [[[] for _ in windows] for _ in range(C)]
-    for i, j in combinations(range(C), 2):
+    pairs = compared_pairs(C)
+    for number, (i, j) in enumerate(pairs):
+        progress(STAGE, 50 * number // len(pairs), 100)
         R = cameras.R[j] @ cameras.R[i].T
         t = cameras.t[j] - R @ cameras.t[i]
         cross = np.array([[0, -t[2], t[1]], [t[2], 0, -t[0]], [-t[1], t[0], 0]])

@@ -8,7 +8,7 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Watch, adjust, unwatched
 from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
 from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.resection import resected_pose
@@ -74,7 +74,7 @@ def rig_from_person(
     "Joint camera pose estimation and 3D human pose estimation in a multi-camera setup" (a person's joints as points).
     """
     rng = np.random.default_rng(seed)
-    task = _Views.of(names, lenses, keypoints, START_FRAMES)
+    task = _FlatViews.of(names, lenses, keypoints, START_FRAMES)
     watch("Pairs of cameras")
     pair, poses = task.best_pair(rng)
     joined = list(pair)
@@ -86,34 +86,44 @@ def rig_from_person(
     watch("All cameras at once")
     order = np.argsort(joined)
     cameras = found.cameras.subset(order.tolist())
-    return _finished(_Views.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
+    return _finished(_FlatViews.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)
 
 
-def refined_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> PersonRig:
+def refined_by_person(
+    cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
+) -> PersonRig:
     """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
+
+    Args:
+        cameras: C cameras as they were calibrated.
+        keypoints: of one person in the same views.
+        free_focal: whether focal lengths change, too.
+        watch: called with each step of an adjustment and its cost.
 
     Raises:
         NoDetections: no two cameras see the person at the same moment.
     """
     lenses = [lens_of(cameras, c) for c in range(len(cameras))]
-    views = _Views.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
-    return _finished(views, cameras, START_SIGMA_PX, free_focal)
+    views = _FlatViews.of(cameras.names, lenses, keypoints, FINAL_FRAMES)
+    return _finished(views, cameras, START_SIGMA_PX, free_focal, watch)
 
 
-def _finished(views: _Views, cameras: Cameras, sigma: float, free_focal: bool) -> PersonRig:
+def _finished(
+    views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool, watch: Watch = unwatched
+) -> PersonRig:
     """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
     everyone = list(range(len(cameras)))
-    found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal)
+    found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal, watch=watch)
     sigma = _sigma(found)
     found, numbers = views.adjusted(
-        everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras
+        everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras, watch
     )  # fmt: skip
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
     return PersonRig(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
 
 @dataclass(frozen=True)
-class _Views:
+class _FlatViews:
     """Keypoints of C views at F frames, flat: N = F K points."""
 
     lenses: Cameras
@@ -125,7 +135,7 @@ class _Views:
     keypoints: int
 
     @classmethod
-    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _Views:
+    def of(cls, names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, most: int) -> _FlatViews:
         seen = (keypoints.confidence >= LEAST_CONFIDENCE).sum(2)
         useful = np.flatnonzero((seen > 3).sum(0) >= 2)
         if not len(useful):
@@ -207,7 +217,7 @@ class _Views:
 
     def adjusted(
         self, which: list[int], poses: tuple[np.ndarray, np.ndarray], sigma: float, free_focal: bool,
-        lenses: Cameras | None = None,
+        lenses: Cameras | None = None, watch: Watch = unwatched,
     ) -> tuple[Adjusted, np.ndarray]:  # fmt: skip
         """Return the bundle adjustment of these cameras, and which of the N points its bodies are."""
         base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
@@ -231,7 +241,9 @@ class _Views:
             lens_sigma = np.full((len(which), PARAMETERS), 1.0)
             lens_sigma[:, list(FOCAL)] = FOCAL_SIGMA
         unknowns = Unknowns(np.ones(len(which), bool), lens, True, lens_sigma)
-        found = adjust(cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40)
+        found = adjust(
+            cameras, bodies, sightings, unknowns, robust_scale=2.5, gauge=7, tolerance=1e-6, steps=40, watch=watch
+        )
         return found, np.flatnonzero(used)
 
     def points(self, found: Adjusted, numbers: np.ndarray) -> np.ndarray:

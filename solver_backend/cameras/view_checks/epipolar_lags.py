@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
-
 import numpy as np
 
+from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
 from solver_backend.cameras.projection import undistort
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import Cameras
 
@@ -14,18 +14,20 @@ ROBUST_SIGMAS = 3.0
 """Scale of the Geman-McClure penalty of a distance to an epipolar line."""
 LEAST_SHARE = 0.3
 """A lag is evaluated where at least this share of the most common points is left."""
+STAGE = "Comparing the clocks"
 ROUNDS = 10
 """Rounds of reweighting at most; chosen by hand."""
 
 
 def whole_lags(
-    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray, reach: int
-) -> np.ndarray:
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray, reach: int,
+    progress: Progress = silent,
+) -> np.ndarray:  # fmt: skip
     """Return (C,) whole frames by which cameras lag behind the first, that make all pairs of views agree best.
 
-    For every pair a table over its lags holds how far points are from the other's epipolar lines; the lags of all
-    cameras are those of least sum over the pairs, by descent along one camera after the other from each camera's own
-    view of the others.
+    For every pair (``compared_pairs``) a table over its lags holds how far points are from the other's epipolar lines;
+    the lags of all cameras are those of least sum over the pairs, by descent along one camera after the other from the
+    own view of the others that each of ``COMPARED`` cameras has.
 
     Args:
         cameras: C cameras.
@@ -33,6 +35,7 @@ def whole_lags(
         frames: (N,) numbers of the frames that are compared.
         sigma_px: (K,) standard deviation of the detections, px.
         reach: largest lag looked for.
+        progress: called as pairs are compared.
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 9.6 (the essential matrix) and eq. 11.9
     (Sampson's distance); Besag 1986 (descent along one variable after the other).
@@ -45,13 +48,20 @@ def whole_lags(
     normalised = undistort(cameras.K, cameras.distortion, tracks[:, looked_at], cameras.distortion_model)
     seen = np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
     place, outside = np.searchsorted(looked_at, inside), at != inside
-    for i, j in itertools.combinations(range(count), 2):
+    pairs = compared_pairs(count)
+    for number, (i, j) in enumerate(pairs):
+        progress(STAGE, number, len(pairs))
         distance = _distances(cameras, i, j, seen, place)
         distance[outside] = np.nan
         tables[i, j] = _robust_means(distance, ROBUST_SIGMAS * sigma_px)
         tables[j, i] = tables[i, j, ::-1]
-    starts = [tables[start].argmin(axis=-1) - reach for start in range(count)]
-    found = [_descended(tables, np.where(np.arange(count) == s, 0, lags)) for s, lags in enumerate(starts)]
+    progress(STAGE, len(pairs), len(pairs))
+    compared = tables.any(axis=-1, keepdims=True)
+    firsts = np.unique(np.linspace(0, count - 1, min(count, COMPARED)).astype(int))
+    starts = [np.where(compared[start, :, 0], tables[start].argmin(axis=-1) - reach, 0) for start in firsts]
+    found = [
+        _descended(tables, np.where(np.arange(count) == s, 0, lags)) for s, lags in zip(firsts, starts, strict=True)
+    ]
     return min(found, key=lambda lags: _total(tables, lags))
 
 

@@ -8,8 +8,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.cameras.view_checks.epipolar_lags import whole_lags
+from solver_backend.cameras.view_checks.epipolar_lags import STAGE, whole_lags
 from solver_backend.cameras.view_checks.joint_delays import DelayStep, delay_step
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
 
 REACH_S, LEAST_REACH_FRAMES = 0.4, 20
@@ -62,8 +63,9 @@ class Delays:
 
 
 def estimate_delays(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D] = ()
-) -> Delays:
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D] = (),
+    progress: Progress = silent,
+) -> Delays:  # fmt: skip
     """Estimate the delays of all cameras against each other, in one.
 
     Whole frames first, by epipolar lines (``whole_lags``), then the rest by Gauss-Newton steps on the reprojection
@@ -75,6 +77,7 @@ def estimate_delays(
         keypoints: detections of one person.
         triangulation: of these detections.
         others: detections of everybody else, in the same joint set: a delay is a camera's, whomever it films.
+        progress: called as pairs of cameras are compared.
     """
     frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
@@ -90,14 +93,14 @@ def estimate_delays(
     lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
     joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
     seen = cameras.subset(np.flatnonzero(moving).tolist())
-    lags[moving], beyond[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual)
+    lags[moving], beyond[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual, progress)
     if lags.any() or others:
         xy = tracks_at(tracks, frames + lags[:, None])
         points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
     else:
         points = triangulation.of_keypoints(limbs).points[frames]
     search = _Search(cameras, tracks, frames, sigma_px)
-    delay, drift, sigma = search.converged(lags, np.asarray(points))
+    delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
     known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
     reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
     reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
@@ -116,10 +119,13 @@ class _Search:
     sigma_px: np.ndarray
     """(K,)."""
 
-    def converged(self, delay: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def converged(
+        self, delay: np.ndarray, points: np.ndarray, progress: Progress
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return delays, drifts and the delays' deviations, each (C,), from whole frames and (N, K, 3) points on."""
         drift, drifting, sigma = np.zeros(len(delay)), False, np.full(len(delay), np.nan)
-        for _ in range(ROUNDS):
+        for number in range(ROUNDS):
+            progress(STAGE, number, ROUNDS)
             found = self._step(delay, drift, points, drifting=drifting)
             sigma = found.sigma
             points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
@@ -134,6 +140,7 @@ class _Search:
             drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
             if not drifting:
                 break
+        progress(STAGE, ROUNDS, ROUNDS)
         return delay, drift, sigma
 
     def _step(self, delay: np.ndarray, drift: np.ndarray, points: np.ndarray, *, drifting: bool) -> DelayStep:
@@ -168,7 +175,9 @@ def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
     return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0), hands=hands)
 
 
-def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) -> tuple[np.ndarray, np.ndarray]:
+def _whole(
+    cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float, progress: Progress
+) -> tuple[np.ndarray, np.ndarray]:
     """Return (C,) whole frames by which cameras lag, their median 0, and which of them are at the search's end."""
     num_frames = tracks.shape[1]
     reach = min(max(round(REACH_S * fps), LEAST_REACH_FRAMES), num_frames // 3)
@@ -177,7 +186,7 @@ def _whole(cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float) ->
     middles = np.linspace(0, num_frames - 1, 2 * LAG_STRETCHES + 1).round().astype(int)[1::2]
     near = LAG_STEP * (np.arange(count // LAG_STRETCHES) - count // LAG_STRETCHES // 2)
     frames = np.unique(np.clip(middles[:, None] + near, 0, num_frames - 1))
-    lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach)
+    lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach, progress)
     lags = lags - _median(lags)
     return lags, np.abs(lags) >= reach
 

@@ -7,7 +7,7 @@ from .entry import DiagnosticEntry, note, warning
 RECORDING: dict[str, DiagnosticEntry] = {
     "joints_doubted": warning(
         "Labels name a skeleton's joint centres, but the points fit none: the hips are {size:.0f} % of a thigh apart, "
-        "limb joints up to {off:.0f} mm from the body's",
+        "limb joints up to {off:.0f} mm from the body's, the shape up to {shape:.1f} deviations from the mean",
         "Markers on the skin are named like a skeleton's joints.",
         "Write the markers' places with `layout`, and solve with `--layout`.",
     ),
@@ -16,6 +16,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The names mean other places, or the markers are on a chair or a tool. The solve finds the bone that each "
         "moves with, or leaves it out.",
         "Write how labels are read with `layout`, correct the places, and solve with `--layout`.",
+    ),
+    "marker_in_two_places": warning(
+        "Markers sit elsewhere in one take than in another: {places}. They are left out of the person",
+        "Two different markers have one name in different takes, or a marker fell off and was attached elsewhere.",
+        "Give the marker its own name in each take, or calibrate from the takes that agree.",
     ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
@@ -62,6 +67,21 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "A single camera does not show where {joints} are. They are not used",
         "The place of an own point on its bone is found from two cameras or more.",
         "Give the detections of a second camera.",
+    ),
+    "hands_one_view": warning(
+        "A single camera does not show how fingers bend in depth. Hands are not solved",
+        "A palm and its mirror image in depth look alike in one view.",
+        "Give the detections of a second camera.",
+    ),
+    "fingers_through_fingers": warning(
+        "Fingers of the {joint} run through one another, by up to {size_mm:.1f} mm",
+        "Views disagree on which finger is which, or fingers are crossed.",
+        "Compare with the footage there, and set the fingers by hand.",
+    ),
+    "hand_markers_left_out": warning(
+        "Markers near the {side} hand that move with none of its segments are not used: {markers}",
+        "They slip, flicker, or are a prop's that the hand holds.",
+        "Name them in a layout (L_FT2), or leave them out there (an empty text).",
     ),
     "hands_without_fingers": warning(
         "Hands were detected, and the body has no finger joints",

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.fitters.hands.hand_view_term import HandViewTerm
+from solver_backend.fitters.hands.located_hands import HandNoise
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types.shapes import Float
@@ -20,9 +22,7 @@ ALONE = 0.04
 wrist that follows the wrong one turns by half a circle."""
 
 
-def hand_term(
-    views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], sigma_px: Float[np.ndarray, " points"]
-) -> ReprojectionTerm:
+def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
     """Return the data term of one hand.
 
     ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
@@ -31,20 +31,21 @@ def hand_term(
         views: detected points.
         side: 0 left, 1 right.
         wrists: (F, 3) metres.
-        sigma_px: (21,) of the detector.
+        noise: of the detector.
     """
     px_per_m = pixels_per_metre(views, wrists)[..., None]
     small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
-    sigma = np.hypot(sigma_px * small, MODEL_ERROR_M * px_per_m)
+    sigma = np.hypot(noise.own_px * small, MODEL_ERROR_M * px_per_m)
     xy, confidence = views.xy[:, :, side], views.confidence[:, :, side]
     seen = np.isfinite(xy).all(-1) & (confidence > 0)
     alone = seen.any(axis=-1).sum(axis=0) < 2
     confidence = np.where(alone[:, None], ALONE * confidence, confidence)
     cameras = views.cameras
-    return ReprojectionTerm(
+    points = ReprojectionTerm(
         cameras.K, cameras.distortion, cameras.R, cameras.t, cameras.distortion_model,
         np.where(seen[..., None], xy, 0.0), np.where(seen, confidence, 0.0) / sigma**2, np.where(seen, confidence, 0.0),
     )  # fmt: skip
+    return HandViewTerm(points, noise.whole_px)
 
 
 def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:

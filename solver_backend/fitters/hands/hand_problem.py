@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.hand_angles import NUM_ANGLES
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
+from solver_backend.fitters.hands.finger_contact import contact_equations
 from solver_backend.fitters.hands.hand_keys import DOF, FINGERS, SHIFT, TURN, KeyEquations, states_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
@@ -18,8 +19,9 @@ from solver_backend.types.shapes import Float
 
 TURN_SIGMA = float(np.deg2rad(35.0))
 """How far a wrist is turned from where the body's keypoints have it: they hardly constrain twist."""
-ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 250.0}
-"""Standard deviations of accelerations, rad/s² and m/s². Fingers of the recorded exercises reach 150 rad/s²."""
+ACCELERATION = {"turn": 120.0, "shift": 12.0, "fingers": 30.0}
+"""Standard deviations of accelerations over a tenth of a second, rad/s² and m/s². Those of fingers in the recorded
+exercises (Ganguly et al. 2021) are 5 rad/s² RMS, 22 in one frame of a hundred, 150 at most."""
 
 
 @dataclass(frozen=True)
@@ -50,6 +52,8 @@ class HandProblem:
     """What fingers do together."""
     fps: float
     """Frames per second."""
+    keeps_apart: bool = False
+    """Whether the points are those of ``HAND_POINTS``, whose fingers keep out of one another."""
 
     @property
     def num_frames(self) -> int:
@@ -58,7 +62,10 @@ class HandProblem:
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
         """Return (n, L, 3) world places of the points in states (n, D) of these frames, or of all."""
-        return self._placed(states, np.arange(self.num_frames) if frames is None else frames)[0]
+        frames = np.arange(self.num_frames) if frames is None else frames
+        own = self.skeleton.sites(self.skeleton.pose(states[:, FINGERS]), self.sites)
+        arms = own @ np.swapaxes(self._turns(states, frames), 1, 2)
+        return (self.wrist.places[frames] + states[:, SHIFT])[:, None] + arms
 
     def evaluate(
         self, states: np.ndarray, frames: np.ndarray, scale: float
@@ -70,7 +77,14 @@ class HandProblem:
         carried = (found.information @ jacobian).reshape(len(states), -1, DOF)
         flat_T = np.swapaxes(flat, 1, 2)
         gradient = (flat_T @ found.gradient.reshape(len(states), -1, 1))[..., 0]
-        return found.cost, gradient, flat_T @ carried
+        hessian = flat_T @ carried
+        if found.shared is not None:
+            rows = found.shared.reshape(*found.shared.shape[:2], -1) @ flat
+            hessian -= np.swapaxes(rows, 1, 2) @ rows
+        if self.keeps_apart:
+            contact = contact_equations(points, jacobian)
+            return found.cost + contact[0], gradient + contact[1], hessian + contact[2]
+        return found.cost, gradient, hessian
 
     def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
         """Return (F, L, 3, D) derivatives of the points by the states of all frames."""
@@ -84,13 +98,17 @@ class HandProblem:
         """Return points (n, L, 3) and their derivatives (n, L, 3, D): ``y = t + δ + exp(ω) R q(angles)``."""
         posed = self.skeleton.pose(states[:, FINGERS])
         own = self.skeleton.sites(posed, self.sites)
-        R = exp_so3(states[:, TURN]) @ self.wrist.rotations[frames]
-        arms = (R[:, None] @ own[..., None])[..., 0]
+        R = self._turns(states, frames)
+        arms = own @ np.swapaxes(R, 1, 2)
         jacobian = np.zeros((*own.shape, DOF))
         jacobian[..., TURN] = -skew(arms) @ left_jacobian_so3(states[:, TURN])[:, None]
         jacobian[..., SHIFT] = np.eye(3)
-        jacobian[..., FINGERS] = R[:, None] @ self.skeleton.site_jacobian(posed, self.sites, own)
+        jacobian[..., FINGERS] = self.skeleton.site_jacobian(posed, self.sites, own, R)
         return (self.wrist.places[frames] + states[:, SHIFT])[:, None] + arms, jacobian
+
+    def _turns(self, states: np.ndarray, frames: np.ndarray) -> np.ndarray:
+        """Return (n, 3, 3) rotations from the hand's frame to the world."""
+        return exp_so3(states[:, TURN]) @ self.wrist.rotations[frames]
 
 
 @dataclass(frozen=True)

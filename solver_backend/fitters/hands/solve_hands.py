@@ -10,20 +10,21 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.body.hand_markers import hand_markers
+from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
+from solver_backend.fitters.hands.extra_markers import worn_hand
 from solver_backend.fitters.hands.hand_noise import hand_term
 from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
-from solver_backend.fitters.hands.marker_hand import calibrated_hand, marker_size
+from solver_backend.fitters.hands.located_hands import locate_hands
+from solver_backend.fitters.hands.marker_hand import marker_size
 from solver_backend.fitters.hands.sides import sort_hands
 from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
 from solver_backend.fitters.hands.start import hand_size
@@ -32,14 +33,17 @@ from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.priors.hand_prior import load_hand_prior
 
 STAGE = "Hands"
 USUAL_WRIST_M = 0.02
 """Standard deviation per axis of a wrist where the method knows none."""
-NOISE_FRAMES = 30
-"""Frames on which the detector's noise is measured, and twice as many at most."""
+THROUGH_M = 0.006
+"""Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
+THROUGH_FRAMES = 3
+"""Frames of a stretch that is named."""
 LEAST_FRAMES = 4
 """Shorter takes have no keys."""
 
@@ -83,8 +87,8 @@ def solve_hands(
     if isinstance(measured, HandViews):
         kept = sort_hands(measured, wrists.places, elbows)
         measured, found = kept.views, kept.diagnostics
-        located = {side: _located(measured, side) for side in range(2) if (measured.confidence[:, :, side] > 0).any()}
-        sizes = [hand_size(skeletons[side], hand.points) for side, hand in located.items()]
+        located = locate_hands(measured)
+        sizes = [hand_size(skeletons[side], hand.points, hand.spread_m2) for side, hand in located.items()]
     else:
         located = {}
         sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
@@ -95,15 +99,15 @@ def solve_hands(
         alive, path, skeleton = partial(progress, STAGE, number, len(seen)), wrists.of(side), skeletons[side]
         alive()
         if isinstance(measured, HandViews):
-            term = hand_term(measured, side, path.places, located[side].sigma_px)
-            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps)
+            term = hand_term(measured, side, path.places, located[side].noise)
+            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps, True)
             start = located[side].points
         else:
-            markers = hand_markers(skeleton, measured.labels[side])
-            cloud = measured.positions[side]
-            problem = calibrated_hand(cloud, markers, skeleton, path, measurements.fps, settings).problem
-            start = np.full((len(cloud), NUM_HAND_POINTS, 3), np.nan)
+            problem, doubts = worn_hand(measured, side, skeleton, path, measurements.fps, settings)
+            found = (*found, *doubts)
+            start = np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan)
         hands[side] = solve_hand(problem, start, settings, alive)
+        found += through_fingers(hands[side], side)
         solved = _with_arm(solved, hands[side], side, betas)
     progress(STAGE, len(seen), len(seen))
     solved = replace(solved, diagnostics=(*solved.diagnostics, *found))
@@ -125,16 +129,6 @@ class _Wrists:
         return WristPath(self.rotations[:, side], self.places[:, side], self.covariance[:, side])
 
 
-@dataclass(frozen=True)
-class _Located:
-    """One hand as the views alone have it."""
-
-    points: np.ndarray
-    """(F, 21, 3) metres, NaN where no two views agree or nobody looked."""
-    sigma_px: np.ndarray
-    """(21,) of the detector."""
-
-
 def _joints_of_arms(solved: SolvedFrames) -> tuple[_Wrists, np.ndarray]:
     """Return the wrists and the (F, 2, 3) elbows of the poses."""
     body, frames = solved.subject.body, solved.frames
@@ -148,15 +142,15 @@ def _joints_of_arms(solved: SolvedFrames) -> tuple[_Wrists, np.ndarray]:
     return _Wrists(posed.G[:, wrists], posed.joints[:, wrists], covariance), posed.joints[:, elbows]
 
 
-def _located(views: HandViews, side: int) -> _Located:
-    """Return a hand's points where the views agree on them, in every other frame, which is enough to begin with."""
-    xy, confidence = views.xy[:, :, side].astype(np.float64), views.confidence[:, :, side].astype(np.float64)
-    shown = np.flatnonzero(((confidence > 0).any(axis=-1).sum(axis=0)) >= 2)
-    sample = shown[:: max(1, len(shown) // NOISE_FRAMES)]
-    sigma_px = np.asarray(triangulate(views.cameras, xy[:, sample], confidence[:, sample]).sigma_px)
-    points, used = np.full((xy.shape[1], NUM_HAND_POINTS, 3), np.nan), shown[::2]
-    points[used] = triangulate(views.cameras, xy[:, used], confidence[:, used], sigma_px).points
-    return _Located(points, sigma_px)
+def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
+    """Return where fingers that are seen run through one another for several frames."""
+    deep = np.where(hand.informed.any(axis=1), finger_overlap(hand.points), 0.0)
+    runs = [run for run in true_runs(deep > THROUGH_M) if run[1] - run[0] + 1 >= THROUGH_FRAMES]
+    if not runs:
+        return ()
+    most = max(float(deep[first : last + 1].max()) for first, last in runs)
+    joint = f"{SIDES[side]}_hand"
+    return (diagnostic("fingers_through_fingers", joints=[joint], frames=runs, size_mm=1000.0 * most),)
 
 
 def _with_arm(solved: SolvedFrames, hand: SolvedHand, side: int, betas: np.ndarray) -> SolvedFrames:

@@ -19,11 +19,12 @@ from solver_backend.geometry.arrays import Array, index
 from solver_backend.geometry.symmetric import packed
 
 CHUNK_WINDOWS = 100
-"""Windows solved at a time."""
+"""Windows solved at a time: what bounds memory, chosen by hand."""
 OVERLAP_WINDOWS = 8
-"""Windows on both sides of a chunk that are solved along with it: what lies beyond does not affect what is kept."""
+"""Windows on both sides of a chunk that are solved along with it: what lies beyond does not affect what is kept
+(``tests/fitters/keyframes/test_chunked.py``)."""
 SINGLE_TO_M = 100.0
-"""Nearer to the origin than this single precision resolves places to 8 µm."""
+"""Nearer to the origin than this single precision resolves places to 8 µm (2⁻²⁴ · 128 m)."""
 
 
 @dataclass(frozen=True)

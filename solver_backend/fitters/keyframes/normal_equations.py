@@ -23,13 +23,15 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
 BLOCK_FRAMES = 256
-"""Frames worked on at a time: their matrices stay in the cache, and blocks run side by side."""
+"""Frames worked on at a time: their matrices stay in the cache, and blocks run side by side. Changes time,
+no result."""
 HESSIAN_FRAMES = 4
-"""Frames of a window whose Hessians are formed: they change slowly, and the keys' weights on them are quartics."""
+"""Frames of a window whose Hessians are formed: they change slowly, and the keys' weights on them are quartics.
+Chosen by hand."""
 FLOOR = 1e-2
-"""Precision that everything has."""
+"""Precision that everything has, so that no matrix is singular; chosen by hand."""
 FIXED = 1e12
-"""Precision of what is fixed."""
+"""Precision of what is fixed: beside it no measurement counts. Chosen by hand."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Pairs of the three keyframes that a frame depends on."""
 

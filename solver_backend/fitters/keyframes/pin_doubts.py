@@ -11,7 +11,8 @@ from solver_backend.geometry.symmetric import mean_sigma
 from solver_backend.types import FLAG_UNSURE, Motion
 
 MOVED_M = 0.02
-"""A joint that a pin moved by more than this, against the views, is doubtful beside the pinned frame."""
+"""A joint that a pin moved by more than this, against the views, is doubtful beside the pinned frame; chosen
+by hand."""
 DOUBTFUL_M = 0.046
 """Standard deviation that such a joint has at least: confidence 0.3, that of an unsure frame."""
 _DIAGONAL = [0, 3, 5]

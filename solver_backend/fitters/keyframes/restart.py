@@ -17,7 +17,7 @@ from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.runs import true_runs
 
 BESIDE = 3
-"""Windows on both sides that are solved along; the outermost keys of them stay."""
+"""Windows on both sides that are solved along; the outermost keys of them stay. Chosen by hand."""
 
 Start = Callable[[slice], Keyframes]
 """Makes the keys of a range of windows from the points of single frames."""

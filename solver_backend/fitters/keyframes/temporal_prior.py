@@ -15,7 +15,7 @@ from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
 FADING_S = 0.15
-"""Where nobody is seen, speeds fade within this time."""
+"""Where nobody is seen, speeds fade within this time; chosen by hand."""
 
 
 @dataclass(frozen=True)

@@ -29,7 +29,9 @@ class Attachment:
     """Standard deviation around it per axis, metres."""
 
 
-def attach(points: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> Attachment | None:
+def attach(
+    points: np.ndarray, joints: np.ndarray, rotations: np.ndarray, named: str | None = None
+) -> Attachment | None:
     """Return the bone to which a marker has the most constant offset; None where it has none.
 
     For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, the median of each axis, which single wrong points
@@ -40,11 +42,14 @@ def attach(points: np.ndarray, joints: np.ndarray, rotations: np.ndarray) -> Att
         points: (F, 3) metres, NaN where missing.
         joints: (F, 24, 3) metres.
         rotations: (F, 24, 3, 3) global rotations of the bones.
+        named: joint of the bone that the marker's label names, the only one that it may be on.
     """
     if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
         return None
     offset, spread, reach = bone_offsets(points, joints, rotations)
     spread = np.where(reach > REACH_M, np.inf, spread)
+    if named is not None:
+        spread = np.where(np.arange(len(spread)) == SMPL_JOINTS.index(named), spread, np.inf)
     near = np.flatnonzero(spread <= 1.1 * spread.min() + 1e-4)
     best = int(near[np.argmin(reach[near])])
     if not spread[best] < RESIDUAL_M:

@@ -14,11 +14,14 @@ detections; markers on the outer hip or the waist have 0.7 and more."""
 FAR_M = 0.025
 """A calibrated limb joint this far from the body's is none: an inertial suit's differ by up to 11 mm, markers on the
 skin by 40 and more."""
+STRANGE = 4.0
+"""Deviations of a shape coefficient that no person has: a suit's skeleton gives 1.3, markers on waist and knees that
+are named hips and knees 6.5, where their width alone passes for a body's."""
 _CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
 
 
 def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
-    """Return that points with a skeleton's names are no joint centres, by their distances or by the fit.
+    """Return that points with a skeleton's names are no joint centres, by their distances, the fit or the shape.
 
     Args:
         cloud: the take.
@@ -29,10 +32,11 @@ def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
     chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
     off = np.linalg.norm(person.offsets[chain], axis=-1)
     far = [person.labels[m] for m, distance in zip(chain, off, strict=True) if distance > FAR_M]
-    wide = _width(cloud, person)
-    if wide <= WIDEST and 2 * len(far) < len(chain):
+    wide, shape = _width(cloud, person), float(np.abs(person.betas).max())
+    if wide <= WIDEST and 2 * len(far) < len(chain) and shape <= STRANGE:
         return []
-    return [diagnostic("joints_doubted", markers=far, size=100 * wide, off=1000 * float(off.max(initial=0.0)))]
+    most = 1000 * float(off.max(initial=0.0))
+    return [diagnostic("joints_doubted", markers=far, size=100 * wide, off=most, shape=shape)]
 
 
 def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:

@@ -10,9 +10,9 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
-from solver_backend.body.label_places import read_label_places
+from solver_backend.body.label_places import places_given
+from solver_backend.body.label_segments import named_bone
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
-from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
@@ -22,8 +22,11 @@ from solver_backend.fitters.marker_calibration.exchanged_sides import check_side
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
+from solver_backend.fitters.marker_calibration.one_body import check_one_body
+from solver_backend.fitters.marker_calibration.person_doubts import MISPLACED, TWO_PLACES, doubts_of
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
+from solver_backend.fitters.marker_calibration.two_places import two_places
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.model.subject import pose
@@ -38,8 +41,6 @@ from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, Mark
 
 EXCHANGED = "exchanged"
 """What a person's provenance calls pairs of labels that name each other's markers."""
-MISPLACED = "misplaced"
-"""What it calls labels whose names are not used, each with the place that it names and its distance in metres."""
 
 
 def marker_problem(
@@ -67,11 +68,12 @@ def marker_problem(
     if person is None:
         person = calibrated([cloud], body, prior, like, settings, progress)
         found = [_throughout(cloud, *pair) for pair in person.provenance.get(EXCHANGED, ())]
-        doubts = [*doubt_joints(cloud, person), *_misplaced(person)]
+        doubts = [*doubt_joints(cloud, person), *doubts_of(person)]
     person, columns = matched(person, cloud.labels or ())
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
 
+    check_one_body(worn.positions, subject.landmarks, body)
     check_handedness(worn.positions, subject.landmarks)
     check_sides(worn.positions, subject.landmarks)
 
@@ -152,19 +154,6 @@ def _throughout(cloud: MarkerCloud, *labels: str) -> Diagnostic:
     return diagnostic("markers_exchanged", markers=sorted(labels), frames=frames, remedy=Remedy.REPAIRED)
 
 
-def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
-    """Return that names of markers were not used."""
-    found = person.provenance.get(MISPLACED, ())
-    if not found:
-        return []
-    named = sum(not place.startswith(ON_BONE) for place in person.places) + len(found)
-    if 2 * len(found) >= named:
-        labels = [label for label, *_ in found]
-        return [diagnostic("markers_of_nobody", markers=labels, count=len(found), named=named)]
-    texts = [f"{label} as {place} ({1000 * off:.0f} mm)" for label, place, off in found]
-    return [diagnostic("markers_off_place", markers=[label for label, *_ in found], places=", ".join(texts))]
-
-
 def calibrated(
     clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array, settings: SolveSettings,
     progress: Progress, provenance: dict[str, Any] | None = None,
@@ -177,12 +166,13 @@ def calibrated(
         FileMissing, FileDamaged: the settings' layout cannot be read.
     """
     cloud = joined(clouds)
-    own = read_label_places(settings.layout) if settings.layout else {}
+    own = places_given(settings.layout)
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
     # The chosen labels alone may identify less than all together: their places go with them.
     own = {**names.known, **own}
     problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+    check_one_body(problem.measurements.points, problem.measurements.landmarks, body)
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
     check_sides(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names
@@ -203,7 +193,21 @@ def calibrated(
         known = known.columns(kept, tuple(labels[m] for m in kept))
         problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
         places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
+    doubled = list[tuple[str, float, int, int]]()
+    takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
+    for _ in range(LEAST_MARKERS if len(clouds) > 1 else 0):
+        two = two_places(found, problem.measurements.points, takes)
+        if not two or len(places) - len(two) < LEAST_MARKERS:
+            break
+        labels, gone = known.labels or (), {m for m, *_ in two}
+        doubled += [(labels[m], round(apart, 3), a + 1, b + 1) for m, apart, a, b in two]
+        kept = [m for m in range(len(places)) if m not in gone]
+        known = known.columns(kept, tuple(labels[m] for m in kept))
+        problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
+        places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
     record = {"frames": found.frames.tolist(), **(provenance or {})}
+    if doubled:
+        record[TWO_PLACES] = [list(item) for item in doubled]
     if exchanged:
         record[EXCHANGED] = [sorted((labels[a], labels[b])) for a, b in exchanged]
     if misplaced:
@@ -226,7 +230,7 @@ def with_attached(
     props = {columns[m] for group in loose_groups(some, BonePoses(joints, rotations)) for m in group.columns}
     for column, label in enumerate(cloud.labels or ()):
         if column in columns and column not in props:
-            attachment = attach(cloud.positions[found.frames, column], joints, rotations)
+            attachment = attach(cloud.positions[found.frames, column], joints, rotations, named_bone(label))
             added |= {} if attachment is None else {label: attachment}
     if not added:
         return person

@@ -1,20 +1,24 @@
-"""Markers of hands among a body's: known by their labels, solved beside the body."""
+"""Markers of hands among a body's: known by their labels, or unnamed and near; solved beside the body."""
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 
-from solver_backend.body.hand_markers import PLACES
-from solver_backend.exchange.hand_points import SIDES
+from solver_backend.body.hand_markers import hand_place
+from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.types import MarkerCloud
 
 LEAST = 3
 """Markers of one hand that make it one: a single label such as LMP1 may be a foot's."""
-_LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)
+NEAR_M = 0.06
+"""Median distance of a marker without a place from the nearest one of a hand, up to which it is the hand's: half of a
+hand's length."""
+OFTEN = 0.8
+"""Share of the frames that show both, in which it is so near."""
 
 
 @dataclass(frozen=True)
@@ -25,25 +29,58 @@ class HandClouds:
     """Places of ``hand_markers`` by side, 0 left and 1 right."""
     positions: Mapping[int, np.ndarray]
     """(F, L, 3) metres by side, NaN where missing."""
+    extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
+    """Labels of markers that are near and say no place, by side."""
+    extra: Mapping[int, np.ndarray] = field(default_factory=dict)
+    """(F, N, 3) metres of these by side."""
 
 
-def split_hands(cloud: MarkerCloud) -> tuple[MarkerCloud, HandClouds | None]:
+def split_hands(
+    cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})
+) -> tuple[MarkerCloud, HandClouds | None]:
     """Return a body's markers without those of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
+
+    Markers whose labels say no place go with a hand that they stay near to.
 
     Args:
         cloud: everybody's markers; the same object comes back where it has none of hands.
+        own: the user's place by label, see ``read_label_places``.
     """
+    labels = cloud.labels or ()
     found: dict[int, dict[str, int]] = {0: {}, 1: {}}
-    for column, label in enumerate(cloud.labels or ()):
-        if (match := _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())) is not None:
-            side = [name[0] for name in SIDES].index(match[1][0].lower())
-            found[side].setdefault(match[2].upper(), column)
+    for column, label in enumerate(labels):
+        if (place := hand_place(own.get(label, label))) is not None:
+            found[place[0]].setdefault(place[1], column)
     found = {side: columns for side, columns in found.items() if len(columns) >= LEAST}
     if not found:
         return cloud, None
-    taken = {column for columns in found.values() for column in columns.values()}
-    kept = [i for i in range(cloud.positions.shape[1]) if i not in taken]
-    assert cloud.labels is not None
-    body = cloud.columns(kept, tuple(cloud.labels[i] for i in kept))
-    positions = {side: np.asarray(cloud.positions)[:, list(columns.values())] for side, columns in found.items()}
-    return body, HandClouds({side: tuple(columns) for side, columns in found.items()}, positions)
+    near = _near(cloud, found, own)
+    taken = {column for columns in found.values() for column in columns.values()} | set(near)
+    kept = [i for i in range(len(labels)) if i not in taken]
+    beside = {side: [column for column, whose in near.items() if whose == side] for side in found}
+    points = np.asarray(cloud.positions)
+    return cloud.columns(kept, tuple(labels[i] for i in kept)), HandClouds(
+        {side: tuple(columns) for side, columns in found.items()},
+        {side: points[:, list(columns.values())] for side, columns in found.items()},
+        {side: tuple(labels[c] for c in columns) for side, columns in beside.items() if columns},
+        {side: points[:, columns] for side, columns in beside.items() if columns},
+    )  # fmt: skip
+
+
+def _near(cloud: MarkerCloud, found: Mapping[int, Mapping[str, int]], own: Mapping[str, str]) -> dict[int, int]:
+    """Return the side by column of the markers without a place that stay near to a hand's."""
+    labels = cloud.labels or ()
+    places = {label: place for label, place in own.items() if hand_place(place) is None}
+    unknown = set(name_markers([label for label in labels if not is_unnamed(label)], places).unknown)
+    points, near = np.asarray(cloud.positions), dict[int, int]()
+    hands = {column for columns in found.values() for column in columns.values()}
+    for column, label in enumerate(labels):
+        if column in hands or label not in unknown or label in own:
+            continue
+        for side, columns in found.items():
+            away = np.linalg.norm(points[:, list(columns.values())] - points[:, column, None], axis=-1)
+            known = np.isfinite(away).any(axis=1)
+            least = np.nanmin(np.where(known[:, None], away, np.inf), axis=1)[known]
+            if len(least) and (least < NEAR_M).mean() >= OFTEN:
+                near[column] = side
+    return near

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from solver_backend.body.label_places import read_label_places
+from solver_backend.body.label_places import places_given
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.types import MarkerCloud
 
@@ -18,8 +18,7 @@ def loose_markers(cloud: MarkerCloud, worn: Sequence[str], layout: str = "") -> 
         layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
     """
     labels = cloud.labels or ()
-    own = read_label_places(layout) if layout else {}
-    names = name_markers([label for label in labels if not is_unnamed(label)], own)
+    names = name_markers([label for label in labels if not is_unnamed(label)], places_given(layout))
     used = {*worn, *names.virtual, *names.doubled}
     kept = [i for i, label in enumerate(labels) if label not in used]
     return cloud.columns(kept, tuple(labels[i] for i in kept)) if kept else None

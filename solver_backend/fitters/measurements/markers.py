@@ -33,11 +33,19 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
     names = name_markers(labels, own)
     if len(names.known) < LEAST_MARKERS:
         read = [label for label in labels if label not in names.virtual]
+        words = load_layouts().words
+        sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
+        hint = "Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open."
+        if sideless:
+            hint = (
+                f"Labels name a limb without its side: {_listed(tuple(sideless))}. Write the limb's places (as LELB, "
+                "RWRA) with `layout`, and solve with --layout."
+            )
         raise MarkersUnknown(
             f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows; {len(names.known)} of the "
             f"{len(labels)} labels are known: {_listed(tuple(names.known))}. Read were {_listed(tuple(read))}.",
             where="markers",
-            hint="Label the markers by a layout such as Plug-in Gait, or add markers: fewer leave limbs open.",
+            hint=hint,
         )
     kept = [i for i, label in enumerate(labels) if label in names.known]
     return cloud.columns(kept, tuple(labels[i] for i in kept))

@@ -83,7 +83,7 @@ def check_capture(
     timed, triangulation, late = views.keypoints, views.triangulation, list[Diagnostic]()
     if sync != SYNC_OFF:
         others = _others(capture, again | skipped, views.found)
-        timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync)
+        timed, triangulation, late = _in_time(cameras, timed, triangulation, others, estimate_sync, progress)
     if sync == SYNC_ON and (unknown := [item for item in late if item.code in _UNKNOWN]):
         raise NotSynchronised(
             sentence(unknown[0]),
@@ -125,10 +125,15 @@ def _others(capture: Capture, repeated: np.ndarray, faults: Sequence[ViewFault])
 
 
 def _in_time(
-    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D], every: bool
+    cameras: Cameras,
+    keypoints: Keypoints2D,
+    triangulation: Triangulation,
+    others: Sequence[Keypoints2D],
+    every: bool,
+    progress: Progress,
 ) -> tuple[Keypoints2D, Triangulation, list[Diagnostic]]:
     """Return the detections, those of late (or all) cameras moved, their triangulation, and what is late or unknown."""
-    delays = estimate_delays(cameras, keypoints, triangulation, others)
+    delays = estimate_delays(cameras, keypoints, triangulation, others, progress)
     late = np.abs(delays.frames) >= np.maximum(LEAST_DELAY_FRAMES, LEAST_DELAY_SIGMAS * delays.sigma)
     drifting = np.nan_to_num(delays.drift) != 0
     moved = late | drifting

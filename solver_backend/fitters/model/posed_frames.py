@@ -14,7 +14,7 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Motion
 
 BLOCK_POSES = 500
-"""Frames posed at a time."""
+"""Frames posed at a time; changes time and memory, no result."""
 
 
 @dataclass(frozen=True)

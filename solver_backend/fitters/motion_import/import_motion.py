@@ -7,14 +7,22 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.hand_angles import informed_joints
+from solver_backend.body.hand_on_body import JOINTS_OF_A_HAND, by_joint, hand_skeletons
+from solver_backend.body.hands import with_fingers
+from solver_backend.body.skeleton_fingers import finger_angles, finger_points, fingers_move
 from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.joint_sets import NUM_JOINTS, SMPL_PARENTS
 from solver_backend.exchange.rigs.roles import JOINT_OF
 from solver_backend.fitters.motion_import.correspondence import NUM_TURNED, measure
 from solver_backend.fitters.motion_import.floor import floor_height, standing_feet
 from solver_backend.fitters.motion_import.pose_fit import deviations, fit_poses
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
+from solver_backend.fitters.output.finger_turns import with_finger_turns
 from solver_backend.geometry.rotations import log_so3
+from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion, SkeletonMotion
 
 _ARMS = tuple(zip(*map(SMPL.both, ("elbow", "wrist", "hand")), strict=True))
@@ -36,7 +44,7 @@ class ImportedMotion:
 def import_motion(
     source: SkeletonMotion, roles: dict[str, str], body: Body, *, keep_height: bool = False
 ) -> ImportedMotion:
-    """Return the motion of a skeleton on our body, with the shape of its bones' lengths.
+    """Return the motion of a skeleton on our body, with the shape of its bones' lengths, and its fingers if they move.
 
     Args:
         source: the skeleton's motion.
@@ -65,8 +73,30 @@ def import_motion(
         contacts=standing_feet(body, betas, joints, source.fps), joint_sigma=sigma, resting=resting,
         provenance={"source": source.name, "method": "motion import", "roles": roles},
     )  # fmt: skip
+    motion = _with_own_fingers(motion, body, source, roles)
     distances = {role: float(off[joint]) for role, joint in JOINT_OF.items() if np.isfinite(off[joint])}
     return ImportedMotion(motion, distances, raised)
+
+
+def _with_own_fingers(motion: Motion, body: Body, source: SkeletonMotion, roles: dict[str, str]) -> Motion:
+    """Return the motion with the skeleton's fingers, where they turn at any time and the body has finger joints."""
+    moving = [side for side in range(len(SIDES)) if fingers_move(source, roles, side)]
+    try:
+        fingered = with_fingers(body)
+    except BodyInvalid:
+        return motion
+    shape = (motion.num_frames, len(SIDES), JOINTS_OF_A_HAND)
+    turns, resting, prior = np.zeros((*shape, 3)), np.ones(shape, bool), load_hand_prior()
+    for side, skeleton in enumerate(hand_skeletons(fingered)):
+        points = finger_points(source, roles, side) if side in moving else None
+        if points is not None:
+            angles = finger_angles(points, side)[0]
+            turns[:, side] = log_so3(by_joint(skeleton.local_rotations(prior.completed(angles))))
+            resting[:, side] = by_joint(~informed_joints(np.isfinite(angles)))
+    if resting.all():
+        return motion
+    flat = (motion.num_frames, len(SIDES) * JOINTS_OF_A_HAND)
+    return with_finger_turns(motion, body, turns.reshape(*flat, 3), resting.reshape(flat))
 
 
 def _resting(places: np.ndarray) -> np.ndarray | None:

@@ -16,6 +16,8 @@ _PAIRS = (
     (_HIPS, _SHOULDERS), (_SHOULDERS, SMPL.numbers("head")),
 )  # fmt: skip
 """Ends of what is compared: bones of the limbs, widths, trunk, and shoulders to head; of several joints the middle."""
+_STARTS, _ENDS = (np.array([(pair[end][0], pair[end][-1]) for pair in _PAIRS]) for end in (0, 1))
+"""(12, 2) the one or two joints at each end."""
 _SIGMA_M = np.array([0.004] * 8 + [0.008, 0.006, 0.008, 0.04])
 """Metres by which lengths may differ. Where widths and trunk may differ by 20 mm, collars fold to make up for it (44
 degrees on `cmu_daz_martial_07`); the head's joint is drawn anywhere."""
@@ -44,20 +46,20 @@ def shape_from_lengths(body: Body, rest: np.ndarray) -> np.ndarray:
 def _nearest(body: Body, wanted: np.ndarray, known: np.ndarray, certainty: float) -> np.ndarray:
     betas = np.zeros(body.joints_shapedirs.shape[-1])
     weight = certainty / _SIGMA_M[known]
+    by_shape = _ways(body.joints_shapedirs)
     for _ in range(_ROUNDS):
-        joints = body.rest_joints(betas)[:NUM_JOINTS]
-        slopes = np.stack([_slope(joints, body.joints_shapedirs[:NUM_JOINTS], pair) for pair in _PAIRS])
-        J = slopes[known] * weight[:, None]
-        r = (wanted - _lengths(joints))[known] * weight
+        ways = _ways(body.rest_joints(betas))
+        lengths = np.linalg.norm(ways, axis=1)
+        J = np.einsum("pa,pab->pb", ways / lengths[:, None], by_shape)[known] * weight[:, None]
+        r = (wanted - lengths)[known] * weight
         betas = betas + np.linalg.solve(J.T @ J + np.eye(len(betas)), J.T @ r - betas)
     return betas
 
 
 def _lengths(joints: np.ndarray) -> np.ndarray:
-    return np.array([np.linalg.norm(joints[list(b)].mean(0) - joints[list(a)].mean(0)) for a, b in _PAIRS])
+    return np.asarray(np.linalg.norm(_ways(joints), axis=1))
 
 
-def _slope(joints: np.ndarray, shapedirs: np.ndarray, pair: tuple[tuple[int, ...], tuple[int, ...]]) -> np.ndarray:
-    a, b = (list(ends) for ends in pair)
-    way = joints[b].mean(0) - joints[a].mean(0)
-    return (way / np.linalg.norm(way)) @ (shapedirs[b].mean(0) - shapedirs[a].mean(0))
+def _ways(joints: np.ndarray) -> np.ndarray:
+    """Return (12, ...) from the middle of the starts to the middle of the ends, of (J, ...) places or their slopes."""
+    return np.asarray(joints[_ENDS].mean(axis=1) - joints[_STARTS].mean(axis=1))

@@ -60,6 +60,8 @@ def measure_one_view(
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
         found.append(diagnostic("own_points_one_view", joints=[point.name for point in whole.own]))
+    if whole.hands is not None and (whole.hands[view, ..., 2] > 0).any():
+        found.append(diagnostic("hands_one_view"))
     detected, exchanged = restore_sides(cameras.names[view], detected)
     found += exchanged
     keypoints = _with_view(keypoints, view, detected)

@@ -84,10 +84,13 @@ def resting_shares(
 
 def uninformed_parts(body: Body, measurements: Measurements) -> tuple[str, ...]:
     """Return the parts that are informed in no frame, by landmarks without offsets."""
-    landmarks, once = measurements.landmarks, np.ones(1, dtype=bool)
-    located = measurements.located.any(axis=0)[None]
-    offsets = np.zeros((len(landmarks), 3))
-    return tuple(resting_shares(body, landmarks, offsets, located, once, measurements.fps).rest)
+    return parts_without(body, measurements.landmarks, measurements.located.any(axis=0))
+
+
+def parts_without(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
+    """Return the parts that no landmark of those located, (L,) bool, informs, all of them without offsets."""
+    once, offsets = np.ones(1, dtype=bool), np.zeros((len(landmarks), 3))
+    return tuple(resting_shares(body, landmarks, offsets, located[None], once, 1.0).rest)
 
 
 def levers(body: Body, landmarks: Landmarks, offsets: np.ndarray) -> np.ndarray:

@@ -17,13 +17,15 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.output.finger_turns import finger_turns_of, with_finger_turns
+from solver_backend.fitters.output.wide_motion import without_fingers
 from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
 from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
 from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, fit_keypoints
 from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
-from solver_backend.geometry.rotations import log_so3
+from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import Capture, Motion
@@ -87,11 +89,14 @@ def interpolated_motion(
     between = interpolate_poses(prior, frames.local[ends[:1]], frames.local[ends[1:]], count, progress=progress)[0]
     local = np.concatenate([frames.local[ends[:1]], between, frames.local[ends[1:]]])
     share = np.linspace(0.0, 1.0, count + 2)
-    a, b = quat_from_matrix(frames.root[ends])
-    root = matrix_from_quat(slerp(np.tile(a, (count + 2, 1)), np.tile(b if a @ b >= 0 else -b, (count + 2, 1)), share))
+    root = _on_the_way(frames.root[ends][:, None], share)[:, 0]
     transl = (1 - share)[:, None] * frames.transl[first] + share[:, None] * frames.transl[last]
     edit = {"verb": "interpolate", "frames": ends, "count": count}
-    return _new_motion(motion, body, prior, PosedFrames(root, local, transl), edit)
+    made, fingers = _new_motion(motion, body, prior, PosedFrames(root, local, transl), edit), finger_turns_of(motion)
+    return (
+        made if fingers is None
+        else with_finger_turns(made, body, log_so3(_on_the_way(exp_so3(fingers[ends]), share)))
+    )  # fmt: skip
 
 
 def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float = 30.0) -> Motion:
@@ -144,15 +149,17 @@ def fitted_motion(
     term = ReprojectionTerm.of(cameras, keypoints, np.full(joints.num_keypoints, noise_px), np.zeros(1))
     found = fit_keypoints(person, prior, term, frames, settings)
     edit = {"verb": "fit-keypoints", "noise_px": noise_px, "adaptive": settings.adaptive, "cost": found.cost}
-    return _new_motion(replace(motion, betas=np.asarray(found.betas)), body, prior, found.frames, edit)
+    made = _new_motion(replace(motion, betas=np.asarray(found.betas)), body, prior, found.frames, edit)
+    return _with_own_fingers(made, motion, body)
 
 
 def frames_of(motion: Motion, body: Body) -> PosedFrames:
-    """Return a motion's poses as rotations.
+    """Return the poses of a motion's body as rotations, without its fingers.
 
     Raises:
         MotionInvalid: the motion belongs to another body.
     """
+    motion = without_fingers(motion)
     motion.require_body(body.id, body.layout.recorded, where="body")
     return PosedFrames.of_motion(motion, motion.transl.astype(np.float64))
 
@@ -166,10 +173,24 @@ def skin_of(motion: Motion, body: Body) -> Subject:
 def _with_frames(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:
     """Return the motion with other poses: what was measured frame by frame no longer holds and is left out."""
     made, solved = _new_motion(motion, body, prior, frames, edit), 3 * frames.layout.num_joints
-    pose = np.concatenate([made.body_pose[:, :solved], motion.body_pose[:, solved:]], axis=1)
-    return replace(
-        made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags
-    )  # fmt: skip
+    pose = np.concatenate([made.body_pose[:, :solved], without_fingers(motion).body_pose[:, solved:]], axis=1)
+    kept = replace(made, body_pose=pose, keyframes=motion.keyframes, contacts=motion.contacts, flags=motion.flags)
+    return _with_own_fingers(kept, motion, body)
+
+
+def _with_own_fingers(made: Motion, motion: Motion, body: Body) -> Motion:
+    """Return a motion of the same frames with the fingers of the one that it was made of, where that has any."""
+    fingers = finger_turns_of(motion)
+    return made if fingers is None else with_finger_turns(made, body, fingers)
+
+
+def _on_the_way(ends: np.ndarray, share: np.ndarray) -> np.ndarray:
+    """Return (n, K, 3, 3) rotations at shares (n,) of the geodesics between two sets, (2, K, 3, 3)."""
+    a, b = quat_from_matrix(ends)
+    b = np.where((a * b).sum(-1, keepdims=True) >= 0, b, -b)
+    shape = (len(share), *a.shape)
+    shares = np.broadcast_to(share[:, None], shape[:-1])
+    return matrix_from_quat(slerp(np.broadcast_to(a, shape), np.broadcast_to(b, shape), shares))
 
 
 def _new_motion(motion: Motion, body: Body, prior: PoseNDF, frames: PosedFrames, edit: dict[str, Any]) -> Motion:

@@ -35,7 +35,8 @@ NEAR_M = 0.01
 """A body between two frames of a rough motion is off by ``a h² / 8``; where that is less for all but the fastest
 twentieth of the markers, no pass has to come near."""
 LOOSENESS = 2.0
-"""So many times as far as beside free codes joints may turn: codes that follow take a part of every turn."""
+"""So many times as far as beside free codes joints may turn: codes that follow take a part of every turn. Chosen by
+hand."""
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from solver_backend.residuals.learned_positions import LearnedPositionTerm
 MARKER_SIGMA_M = 0.012
 """First standard deviation of a seen marker per axis: how far an uncalibrated body has it from where it is."""
 LEAST_SIGMA_M = 0.02
-"""The network's positions are never trusted more than this."""
+"""The network's positions are never trusted more than this; chosen by hand."""
 SAME_ERROR_S = 1.0
 """Time over which the network's positions of unseen markers have the same error: repeated, they add no information.
 

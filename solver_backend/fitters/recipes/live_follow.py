@@ -23,13 +23,14 @@ TURN_RAD_S, MOVE_M_S = 4.0, 6.0
 VELOCITY_S = 0.1
 """Time in which the velocity that predicts the next frame fades (0.05 and 0.1 s differ by 0.1 mm)."""
 USUAL_SHAPE = 2.0
-"""Pull towards the mean shape: places that are off by a centimetre must not make another person."""
+"""Pull towards the mean shape: places that are off by a centimetre must not make another person. Chosen
+by hand."""
 START_STEPS, START_PART, STEPS = 24, 3, 2
 """Steps of a start in all, those of a frame of it, so that none comes late by it, and those of later frames."""
 SHORT_S = 0.012
-"""Frames that follow sooner need one step."""
+"""Frames that follow sooner need one step; chosen by hand."""
 SHAPE_FRAMES = 240
-"""Frames over which the shape is learned; then it stays."""
+"""Frames over which the shape is learned; then it stays. Two seconds at 120 Hz, chosen by hand."""
 NEW_SHARE = 0.02
 """Share of a frame in the shape's information: the errors of placed markers are the same in all frames."""
 ROBUST_SCALE = np.inf

@@ -11,6 +11,7 @@ from solver_backend.fitters.keyframes.chunked import Stretches
 from solver_backend.fitters.keyframes.optimise import Schedule
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.open_depth import diagnose_one_view, with_open_depth
+from solver_backend.fitters.one_view.steady_depth import steady_depth
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.passes import Pass, run_passes
@@ -47,5 +48,6 @@ def solve_one_view(
     bundle = start_take(problem, subject, settings, passes[0].schedule, each)
     solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE))
     joints = np.asarray(solved.subject.body.recorded_joints)
+    solved = steady_depth(solved, one, problem.fps)
     solved = with_open_depth(solved, one, joints)
     return replace(solved, diagnostics=(*solved.diagnostics, *diagnose_one_view(solved, one, problem))), convergence

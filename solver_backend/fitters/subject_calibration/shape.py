@@ -40,7 +40,7 @@ class ShapePrior:
 
 
 @dataclass(frozen=True)
-class _State:
+class _ShapeState:
     subject: Subject
     frames: FrameStates
 
@@ -60,18 +60,18 @@ def fit_shape(
         settings: of each scale.
         shape_prior: what is known of shape and offsets.
     """
-    state, layout = _State(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
+    state, layout = _ShapeState(subject, start), state_layout(prior).without(UNCOVERED, RESIDUAL)
     precision, mean = _prior_precision(subject, shape_prior), _prior_mean(subject, shape_prior)
 
-    def retract(s: _State, step: Array) -> _State:
+    def retract(s: _ShapeState, step: Array) -> _ShapeState:
         m = precision.shape[0]
         xp = array_namespace(step)
         by_frame = xp.reshape(step[0, m:], (len(start.z), -1))
-        return _State(moved(s.subject, step[0, :m]), s.frames.retract(by_frame, layout))
+        return _ShapeState(moved(s.subject, step[0, :m]), s.frames.retract(by_frame, layout))
 
     for scale in scales:
 
-        def linearise(s: _State, scale: float = scale) -> tuple[Array, Arrowhead]:
+        def linearise(s: _ShapeState, scale: float = scale) -> tuple[Array, Arrowhead]:
             return _arrowhead(prior, s, objective, scale, precision, mean)
 
         state = levenberg_marquardt(state, linearise, retract, settings).state
@@ -79,7 +79,7 @@ def fit_shape(
 
 
 def _arrowhead(
-    prior: PosePrior, state: _State, objective: FrameObjective, scale: float, precision: Array, mean: Array
+    prior: PosePrior, state: _ShapeState, objective: FrameObjective, scale: float, precision: Array, mean: Array
 ) -> tuple[Array, Arrowhead]:
     """Return cost and equations: each frame's pose is a block, shape and offsets are shared."""
     xp = array_namespace(state.frames.z)

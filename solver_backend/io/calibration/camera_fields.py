@@ -26,6 +26,7 @@ _NAMES: dict[str, tuple[str, ...]] = {
     "rotation": ("rotation", "r", "rvec", "rot", "rotationvector", "rotationmatrix"),
     "translation": ("translation", "t", "tvec", "translationvector"),
     "extrinsics": ("extrinsics", "extrinsic", "extrinsicmatrix", "rt", "worldtocamera"),
+    "pose": ("pose", "cameratoworld", "camtoworld", "c2w", "cam2world", "camera2world"),
     "size": ("size", "imagesize", "imgsize", "resolution"),
     "width": ("imagewidth", "width", "w"),
     "height": ("imageheight", "height", "h"),
@@ -33,6 +34,8 @@ _NAMES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 _FOCAL = {"fx", "fy", "cx", "cy"}
 """The four numbers of an intrinsic matrix."""
+_TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
+"""Distortion terms in OpenCV's order; fisheye lenses have the k alone."""
 _FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "kannalabrandt4", "equi")
 
 
@@ -73,6 +76,8 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
         CalibrationInvalid: intrinsics, rotation or translation are missing or of a wrong size, or vary over time.
     """
     own = node.get("name", node.get("camera_name"))
+    if own in (None, "") and isinstance(node.get("id"), str):
+        own = node["id"]
     name = str(own) if own not in (None, "") else name
     place = f"{where}, camera {name}"
     intrinsics = _find(node, "K") if _find(node, "K") is not None else node if set(node) >= _FOCAL else None
@@ -84,16 +89,27 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
             node = {key: _constant(value, place) for key, value in node.items()}
             K = _K(_find(node, "K"), place)
         R, t = _pose(node, place)
-    distortion = _find(node, "distortion")
+    fisheye = _is_fisheye(node)
     return CameraEntry(
         name=name,
         K=K,
-        distortion=np.zeros(0) if distortion is None else numbers(distortion, place).reshape(-1),
+        distortion=_distortion(node, fisheye, place),
         R=R,
         t=t,
         image_size=_size(node, place),
-        fisheye=_is_fisheye(node),
+        fisheye=fisheye,
     )
+
+
+def _distortion(node: Mapping[str, Any], fisheye: bool, place: str) -> np.ndarray:
+    """Return the terms in OpenCV's order, listed or by their names; empty where there are none."""
+    written = _find(node, "distortion")
+    named = written if isinstance(written, Mapping) and "data" not in written else node if written is None else {}
+    terms = {plain(str(key)): value for key, value in named.items() if plain(str(key)) in _TERMS}
+    if not terms:
+        return np.zeros(0) if written is None else numbers(written, place).reshape(-1)
+    order = sorted(term for term in terms if term.startswith("k")) if fisheye else _TERMS
+    return numbers([terms.get(term, 0.0) for term in order], place).reshape(-1)
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
@@ -153,24 +169,34 @@ def _constant(value: Any, place: str) -> Any:
 
 
 def _pose(node: Mapping[str, Any], place: str) -> tuple[np.ndarray, np.ndarray]:
-    rotation, translation, extrinsics = (_find(node, key) for key in ("rotation", "translation", "extrinsics"))
+    rotation, translation, extrinsics, pose = (
+        _find(node, key) for key in ("rotation", "translation", "extrinsics", "pose")
+    )
     if rotation is not None and translation is not None:
         t = numbers(translation, place).reshape(-1)
         if t.shape != (3,):
             raise CalibrationInvalid(f"The translation has {t.size} numbers; 3 are expected.", where=place)
         return rotation_matrix(rotation, place), t
     if extrinsics is not None:
-        E = numbers(extrinsics, place)
-        E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
-        if E.shape not in ((3, 4), (4, 4)):
-            raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}; (3, 4) is expected.", where=place)
-        return E[:3, :3], E[:3, 3]
+        return _rigid(extrinsics, place)
+    if pose is not None:
+        R, centre = _rigid(pose, place)
+        return R.T, -R.T @ centre
     lacking = "rotation" if rotation is None else "translation"
     raise CalibrationInvalid(
         f"The camera has no {lacking}.",
         where=place,
         hint="Calibrate the extrinsics too, so that all cameras share one world.",
     )
+
+
+def _rigid(value: Any, place: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return rotation and translation of a matrix of three or four rows of four."""
+    E = numbers(value, place)
+    E = E.reshape(-1, 4) if E.ndim == 1 and E.size in (12, 16) else E
+    if E.shape not in ((3, 4), (4, 4)):
+        raise CalibrationInvalid(f"The extrinsic matrix has shape {E.shape}; (3, 4) is expected.", where=place)
+    return E[:3, :3], E[:3, 3]
 
 
 def rotation_matrix(value: Any, place: str) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.marker_names import LEAST_MARKERS, MarkerNames, is_unnamed, name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, LEAST_NETWORK_PLACES, MarkerNames, is_unnamed, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
@@ -53,6 +53,9 @@ def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagno
     """Return notes on how labels are read, and on the markers that the solve leaves out."""
     if names is None:
         return []
+    if left_to_network(names):
+        count, total = len(names.known), len(names.known) + len(names.unknown)
+        return [diagnostic("labels_left_to_network", count=count, total=total)]
     shared = (("label_prefix_shared", names.affixes.prefix), ("label_suffix_shared", names.affixes.suffix))
     notes = [diagnostic(code, text=text) for code, text in shared if text]
     if names.ambiguous:
@@ -70,9 +73,14 @@ def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagno
     return notes + [diagnostic(code, markers=labels, count=len(labels)) for code, labels in groups if labels]
 
 
+def left_to_network(names: MarkerNames) -> bool:
+    """Return whether labels name too few places for a solve, and there are markers enough to be named otherwise."""
+    return len(names.known) < LEAST_MARKERS and len(names.known) + len(names.unknown) >= LEAST_NETWORK_PLACES
+
+
 def _few(names: MarkerNames) -> list[Diagnostic]:
     """Return a diagnostic if the known markers are too few for a solve."""
-    if len(names.known) >= LEAST_MARKERS:
+    if len(names.known) >= LEAST_MARKERS or left_to_network(names):
         return []
     known = list(names.known)
     return [diagnostic("few_markers_known", markers=known, count=len(known), least=LEAST_MARKERS)]

@@ -11,6 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.io.detections.camera_frames import CameraFrames, People
+from solver_backend.io.detections.named_hands import HAND_LANDMARKS
 from solver_backend.io.files import read_json
 from solver_backend.types import BONES, JointSet, OwnPoint
 
@@ -84,7 +85,7 @@ def read_own_keypoints(path: Path) -> OwnKeypoints:
             hint='Such as {"landmarks": {"kneeR_lateral": "right_knee", "tail": null}, "points": {"watch": {"bone": '
             '"left_forearm"}}}; "order" lists column names.',
         )  # fmt: skip
-    known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints})
+    known = sorted({name for s in JointSet if s is not JointSet.SMPL_24 for name in s.keypoints} | {*HAND_LANDMARKS})
     unknown = [f"'{name}' is '{m}'" for name, m in landmarks.items() if m is not None and m not in known]
     if unknown:
         raise FileDamaged(

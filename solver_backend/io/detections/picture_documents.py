@@ -28,9 +28,13 @@ _HAND_LISTS = tuple(
     (*(name.format(side) for name in _OPENPOSE_HANDS[0]), _OPENPOSE_HANDS[1][s]) for s, side in enumerate(SIDES)
 )
 """Of each side, the names under which its list may stand."""
+_ANY_HAND = tuple(name for names in _HAND_LISTS for name in names)
 _LISTS = ("instances", "instance_info", "predictions", "poses", "persons", "people", "detections")
 """Names of the list of people where an object holds it."""
-_POINTS = ("keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints")
+_POINTS = (
+    "keypoints", "pose_keypoints_2d", "landmarks", "pose_landmarks", "poseLandmarks", "joints", "joints2d",
+    "keypoints2d", "keypoints_2d", "kpts",
+)  # fmt: skip
 _SCORES = ("keypoint_scores", "keypoints_scores", "scores")
 """Names of a person's points and of the scores beside them."""
 _TRIPLE = "x", "y", "score"
@@ -45,7 +49,9 @@ def people_in_picture(document: Any, where: str) -> People:
         FileDamaged: the document is of none of these programs, or a person in it is damaged.
         KeypointCountMismatch: a list of keypoints is not made of triples.
     """
-    if isinstance(document, dict) and isinstance(document.get("people"), list):
+    if _is_empty(document):
+        return []
+    if isinstance(document, dict) and isinstance(document.get("people"), list) and not _are_objects(document["people"]):
         return _kept(_openpose_person(entry, where) for entry in document["people"])
     if isinstance(document, dict) and isinstance(document.get("annots"), list):
         return _kept(_easymocap_person(entry, where) for entry in document["annots"])
@@ -61,6 +67,19 @@ def people_in_picture(document: Any, where: str) -> People:
         hint="Also read: EasyMocap's 'annots', MMPose's instances with 'keypoints' and 'keypoint_scores', OpenPifPaf's "
         "predictions, and points that are objects with x, y and score.",
     )  # fmt: skip
+
+
+def _is_empty(document: Any) -> bool:
+    """Whether a document is what programs write of a picture without people: null, or an object whose list is null."""
+    return document is None or (isinstance(document, dict) and document.get("people", ...) is None)
+
+
+def _are_objects(people: list[Any]) -> bool:
+    """Whether people are of another form than OpenPose's: all have points of another name."""
+    return bool(people) and all(
+        isinstance(entry, dict) and not any(name in entry for name in _OPENPOSE) and _points_of(entry) is not None
+        for entry in people
+    )
 
 
 def is_openpose(document: Any) -> bool:
@@ -95,7 +114,7 @@ def hands_in_picture(document: Any, where: str) -> Hands:
         KeypointCountMismatch: a hand has another number of points than 21.
         FileDamaged: its list holds no numbers.
     """
-    entries = document.get("people", document.get("annots", ())) if isinstance(document, dict) else ()
+    entries = (document.get("people", document.get("annots")) or ()) if isinstance(document, dict) else ()
     return [_hands(entry, where) for entry in entries if isinstance(entry, dict) and _is_somebody(entry)]
 
 
@@ -104,9 +123,9 @@ def _is_somebody(entry: dict[str, Any]) -> bool:
 
 
 def _hands(entry: dict[str, Any], where: str) -> np.ndarray | None:
-    names = [next((name for name in names if entry.get(name)), "") for names in _HAND_LISTS]
-    if not any(names):
+    if not any(map(entry.get, _ANY_HAND)):
         return None
+    names = [next((name for name in names if entry.get(name)), "") for names in _HAND_LISTS]
     hands = np.zeros((len(SIDES), NUM_HAND_POINTS, 3))
     for s, name in enumerate(names):
         if not name:

@@ -13,12 +13,13 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
+from solver_backend.io.detections.named_hands import with_named_hands
 from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_cameras
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import shared_range
-from solver_backend.io.recognition.joint_sets import choose_joint_set, require_known_count
+from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.people.detections import Detections
 from solver_backend.types import JointSet, OwnPoint
@@ -73,6 +74,7 @@ def read_detections(
     listed = {name: source.frames() for name, source in sources.items()}
     if own is not None:
         listed = {name: own.apply(frames) for name, frames in listed.items()}
+    listed = {name: with_named_hands(frames) for name, frames in listed.items()}
     spans = {name: (int(frames.numbers[0]), int(frames.numbers[-1])) for name, frames in listed.items()}
     apart = apart and len(set(spans.values())) > 1
     if not apart:
@@ -90,7 +92,9 @@ def read_detections(
     written = _keypoint_count(pictures)
     if written == 0:
         raise NoDetections(
-            "The files hold nobody: every list of people is empty.", where=where, hint="Run the detector again."
+            "The files hold nobody: every list of people is empty.",
+            where=where,
+            hint=f"Run the detector again. {HANDS_ALONE}",
         )
     count = written - len(points)
     require_known_count(count, joint_set, where=where)

@@ -85,7 +85,7 @@ def read_nexus_csv(
 
 
 @dataclass(frozen=True)
-class _Block:
+class _TrajectoryBlock:
     """One section of trajectories."""
 
     numbers: np.ndarray
@@ -99,7 +99,7 @@ class _Block:
     """Points that are no positions."""
 
 
-def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _Block]:
+def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _TrajectoryBlock]:
     """Return what separates cells, and the section whose name stands in a line."""
     at = next((i for i in range(start, min(start + 6, len(lines))) if _is_axes_row(lines[i])), None)
     if at is None:
@@ -116,7 +116,7 @@ def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _Block]:
     has_units = bool(units) and not units[0]
     first = at + (2 if has_units else 1)
     values = number_table(_rows(lines[first:], delimiter), first + 1, path, comma=delimiter != ",")
-    return delimiter, _Block(
+    return delimiter, _TrajectoryBlock(
         numbers=values[:, 0] if len(values) else np.zeros(0),
         positions=triples(values, tuple(markers)),
         labels=tuple(markers.values()),

@@ -7,6 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.body.label_segments import named_bone
 from solver_backend.body.label_words import LabelWords
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
@@ -43,9 +44,11 @@ def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
                 f"The file holds {len(subjects)} subjects: {_counts(take)}.", where="subject_prefix",
                 hint=_hint(bodies, places),
             )  # fmt: skip
-        chosen = _part(take, (bodies[0],), [name for name in subjects if not places[name]])
-        others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name != bodies[0]]
-        note = diagnostic("subject_chosen", person=bodies[0], others=others)
+        # Rigid bodies that are named by a bone are that person's, where they name no places of their own.
+        names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
+        chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
+        others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]
+        note = diagnostic("subject_chosen", person=listing(names), others=others)
         return replace(chosen, report=replace(chosen.report, notes=(*chosen.report.notes, note)))
     names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
     for name in names:

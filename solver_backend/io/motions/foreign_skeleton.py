@@ -14,6 +14,7 @@ from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
+from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
 from solver_backend.io.motions.first_frame import first_frame_apart
 from solver_backend.io.motions.mvnx import read_mvnx
 from solver_backend.io.motions.segments import read_c3d_segments
@@ -58,28 +59,15 @@ def read_foreign_bvh(
         twice = next(name for name in clip.names if clip.names.count(name) > 1)
         hint = "Give every joint a name of its own."
         raise MotionInvalid(f"Several joints are called '{twice}'.", where=str(path), hint=hint)
-    skeleton = _skeleton(clip)
+    skeleton = bvh_skeleton(clip)
     roles, found = _roles(skeleton, str(path))
     metres, units = _metres(skeleton, roles, unit, str(path))
     found += units
     if not up_axis and (up := _up_axis(clip, roles)) != "y":
         found.append(diagnostic("motion_up_detected", axis=up.upper()))
         clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
-    motion = _checked(_motion(clip, skeleton, metres, path.stem), str(path))
+    motion = _checked(bvh_motion(clip, skeleton, metres, path.stem), str(path))
     return motion, roles, [*found, *first_frame_apart(motion)]
-
-
-def _skeleton(clip: BvhClip) -> Skeleton:
-    places: dict[str, np.ndarray] = {}
-    parents: dict[str, str] = {}
-    for j, (name, parent) in enumerate(zip(clip.names, clip.parents, strict=True)):
-        places[name] = clip.offsets[j] + (places[clip.names[parent]] if parent >= 0 else 0.0)
-        if parent >= 0:
-            parents[name] = clip.names[parent]
-    for name, offset in clip.end_offsets.items():
-        if np.linalg.norm(offset) > 0.0:
-            places[f"{name} end"], parents[f"{name} end"] = places[name] + offset, name
-    return Skeleton(places, parents)
 
 
 def read_foreign_clip(
@@ -193,16 +181,3 @@ def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
     own = np.array([world[0], world[2], -world[1]])  # the reader turned Y up to Z up
     axis = int(np.abs(own).argmax())
     return "xyz"[axis] if own[axis] > 0.8 and axis != 1 else "y"
-
-
-def _motion(clip: BvhClip, skeleton: Skeleton, metres: float, name: str) -> SkeletonMotion:
-    joints, turns = clip.posed()
-    ends = [(clip.names.index(end.removesuffix(" end")), end) for end in skeleton.names[len(clip.names) :]]
-    if ends:
-        bones = [bone for bone, _ in ends]
-        offsets = np.array([clip.end_offsets[clip.names[bone]] for bone in bones])
-        tips = joints[:, bones] + (turns[:, bones] @ offsets[..., None])[..., 0]
-        joints, turns = np.concatenate([joints, tips], axis=1), np.concatenate([turns, turns[:, bones]], axis=1)
-    return SkeletonMotion(
-        name, skeleton.names, tuple(skeleton.parents), metres * skeleton.heads, metres * joints, turns, clip.fps
-    )

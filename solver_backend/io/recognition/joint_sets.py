@@ -6,6 +6,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.types import JointSet
 
 _BONES: tuple[tuple[str, str], ...] = (
@@ -24,6 +25,8 @@ CLEAR_RATIO = 1.15
 UNLIKE = 0.3
 """Bones over the person's height beyond which the order of the keypoints is another: on the demo every set reaches 0.12
 to 0.19 in its own order, and 0.42 to 0.57 in the median of others; who crouches comes near."""
+HANDS_ALONE = "Hands alone are not solved, for they lie at the wrists of a body: detect that too."
+"""What to do about files of hands."""
 _ENOUGH = 10
 """People from which an order is called unlike."""
 
@@ -52,6 +55,12 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
     if given is not None:
         require_fit(given, num_keypoints, where=where)
     elif not JointSet.fitting(num_keypoints):
+        if num_keypoints in (NUM_HAND_POINTS, 2 * NUM_HAND_POINTS):
+            raise KeypointCountMismatch(
+                f"The files hold {num_keypoints} keypoints a person: points of hands, without a body.",
+                where=where,
+                hint=HANDS_ALONE,
+            )
         raise KeypointCountMismatch(
             f"No joint set we know has {num_keypoints} keypoints.", where=where, hint=_fitting_hint(num_keypoints)
         )

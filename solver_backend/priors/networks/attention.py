@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.geometry.products import times_transposed
+
 Arrays = dict[str, np.ndarray]
 """Parameters by name."""
 _EPSILON = np.float32(1e-5)
@@ -32,7 +34,7 @@ def layer(arrays: Arrays, x: np.ndarray, name: str, heads: int, bias: np.ndarray
 
 def dense(arrays: Arrays, x: np.ndarray, name: str) -> np.ndarray:
     """Return ``W x + b`` of the last axis; without b where there is none."""
-    product = x.reshape(-1, x.shape[-1]) @ arrays[name + ".weight"].T
+    product = times_transposed(x.reshape(-1, x.shape[-1]), arrays[name + ".weight"])
     bias = arrays.get(name + ".bias")
     if bias is not None:
         product += bias

@@ -10,6 +10,7 @@ from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.products import times_transposed
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")
 """Names of the activations: ``x sigmoid(x)``; ``x`` or ``exp(x) - 1``; ``x`` or ``0.01 x``."""
@@ -48,9 +49,8 @@ class DenseStack:
 
     def __call__(self, x: Array) -> Array:
         """(N, in) -> (N, out)."""
-        xp = array_namespace(x)
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = xp.matmul(x, weight.T) + bias
+            x = times_transposed(x, weight) + bias
             if self._is_active(number):
                 x = activate(x, self.activation)[0]
         return x
@@ -65,10 +65,10 @@ class DenseStack:
         count, width = x.shape
         jacobian = self.weights[0].T
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x = xp.matmul(x, weight.T) + bias
+            x = times_transposed(x, weight) + bias
             if number > 0:
                 flat = xp.reshape(jacobian, (count * width, weight.shape[1]))
-                jacobian = xp.reshape(xp.matmul(flat, weight.T), (count, width, weight.shape[0]))
+                jacobian = xp.reshape(times_transposed(flat, weight), (count, width, weight.shape[0]))
             if self._is_active(number):
                 x, slope = activate(x, self.activation)
                 jacobian = jacobian * slope[:, None, :]
@@ -82,7 +82,7 @@ class DenseStack:
         xp = array_namespace(x)
         slopes: list[Array | None] = []
         for number, (weight, bias) in enumerate(zip(self.weights, self.biases, strict=True)):
-            x, slope = xp.matmul(x, weight.T) + bias, None
+            x, slope = times_transposed(x, weight) + bias, None
             if self._is_active(number):
                 x, slope = activate(x, self.activation)
             slopes.append(slope)

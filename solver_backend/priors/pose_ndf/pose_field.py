@@ -13,7 +13,7 @@ from solver_backend.priors.networks.softplus_stack import SoftplusStack, softplu
 
 
 @dataclass(frozen=True)
-class _Level:
+class _FieldLevel:
     """Joints of one depth in the tree, which are encoded together."""
 
     joints: tuple[int, ...]
@@ -22,14 +22,14 @@ class _Level:
     """(n, m) one where a joint's parent is the m-th joint of the level above; no column where that is the pelvis."""
 
 
-def _levels() -> tuple[_Level, ...]:
-    levels: list[_Level] = []
+def _levels() -> tuple[_FieldLevel, ...]:
+    levels: list[_FieldLevel] = []
     above: tuple[int, ...] = (-1,)
     while above:
         joints = tuple(j for j in range(NUM_BODY_JOINTS) if SMPL_PARENTS[j + 1] - 1 in above)
         if joints:
             parents = np.array([[float(SMPL_PARENTS[j + 1] - 1 == p) for p in above if p >= 0] for j in joints])
-            levels.append(_Level(joints, parents))
+            levels.append(_FieldLevel(joints, parents))
         above = joints
     return tuple(levels)
 

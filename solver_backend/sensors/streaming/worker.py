@@ -60,7 +60,7 @@ def run_sensor(task: SensorTask, out: Connection) -> None:
     """
     with suppress(ValueError):  # the one who began it ends it, and receives Ctrl-C as well
         signal.signal(signal.SIGINT, signal.SIG_IGN)
-    run = _Run(task, out, threading.Event())
+    run = _SensorRun(task, out, threading.Event())
     try:
         run.go()
     except (BrokenPipeError, ConnectionError, EOFError):
@@ -76,7 +76,7 @@ def _watch(out: Connection, stop: threading.Event) -> None:
     stop.set()
 
 
-class _Run:
+class _SensorRun:
     def __init__(self, task: SensorTask, out: Connection, stop: threading.Event) -> None:
         self._task, self._out, self._stop = task, out, stop
         self._recorder: SensorRecorder | None = None

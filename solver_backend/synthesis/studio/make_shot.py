@@ -13,11 +13,18 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.unfinished import publish, unfinished_names
+from solver_backend.fitters.output.finger_turns import with_finger_turns
 from solver_backend.io.files import read_json
 from solver_backend.io.markers.write import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
 from solver_backend.synthesis.studio.film import film
+from solver_backend.synthesis.studio.hands.of_stage import (
+    finger_turns,
+    hidden_of,
+    with_found_hands,
+    with_true_hands,
+)
 from solver_backend.synthesis.studio.histograms import poses_of, views_of
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
 from solver_backend.synthesis.studio.shots import Shot
@@ -87,6 +94,13 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int]
     if stage.labels:
         clean.truth["marker_seen"] = filmed.marker_seen
     perturbed = perturbed_capture(spec, stage, truth, clean)
+    if stage.hands is not None:
+        hidden = hidden_of(stage.person, stage.cameras, stage.hands)
+        clean, perturbed = (with_true_hands(c, stage.cameras, stage.hands, hidden) for c in (clean, perturbed))
+        if spec.perturb.of_views:
+            rng = stage.shot.rng(spec, "found hands")
+            perturbed = with_found_hands(perturbed, stage.cameras, stage.hands, hidden, spec.fps, rng)
+        motion = with_finger_turns(motion, stage.person.body, finger_turns(stage.hands))
     write_capture(folder / "clean.npz", clean)
     write_capture(folder / "perturbed.npz", perturbed)
     write_motion(folder / "motion.npz", motion)

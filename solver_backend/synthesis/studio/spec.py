@@ -26,7 +26,7 @@ FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")
 """What can be written beside our own capture."""
 _KEYS = (
     "version", "name", "seed", "fps", "frames", "motions", "people", "rigs", "looks", "film", "write", "markers",
-    "joint_set", "perturb", "rgb",
+    "joint_set", "perturb", "rgb", "hands",
 )  # fmt: skip
 ENGINES = ("workbench", "cycles", "eevee")
 
@@ -84,6 +84,8 @@ class Spec:
     joint_set: JointSet
     """Of the keypoints that are written and solved; the truth holds every set."""
     perturb: Faults
+    hands: bool
+    """Whether fingers move, and captures hold hands."""
     rgb: RgbSettings
     folder: Path
     """What paths are relative to."""
@@ -130,7 +132,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
         looks=looks, film=top.choices("film", ("infrared", "depth", "masks"), KINDS),
         write=top.choices("write", (), FORMATS), markers=markers,
         joint_set=JointSet(top.choice("joint_set", "BODY_25", [s.value for s in JointSet])),
-        perturb=read_faults(top.raw("perturb", "none")), rgb=_rgb(top), folder=folder,
+        perturb=read_faults(top.raw("perturb", "none")), hands=top.flag("hands", False), rgb=_rgb(top), folder=folder,
         text=json.dumps(values, sort_keys=True),
     )  # fmt: skip
     return _require_sense(spec)
@@ -145,6 +147,8 @@ def _require_sense(spec: Spec) -> Spec:
         )  # fmt: skip
     if "video" in spec.write and "rgb" not in spec.film:
         raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
+    if spec.hands and spec.people.strange:
+        raise StudioInvalid("People of strange bodies have no finger joints.", where="description: hands")
     alone = [rig.name for rig in spec.rigs if len(rig.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(

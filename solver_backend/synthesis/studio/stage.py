@@ -11,6 +11,8 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.errors import CameraInsideBody, NobodySeen
+from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
+from solver_backend.synthesis.studio.hands.of_stage import skin_with_hands
 from solver_backend.synthesis.studio.looks import draw_light
 from solver_backend.synthesis.studio.scene.costume import CornerSums, Costume, draw_outfit, dress
 from solver_backend.synthesis.studio.scene.room import Room, furnish
@@ -45,6 +47,8 @@ class Stage:
     """(F, M, 3) metres: the markers' middles."""
     joints: np.ndarray
     """(F, 24, 3) metres."""
+    hands: MovingHands | None = None
+    """Fingers that move; None where they rest."""
 
     @property
     def num_frames(self) -> int:
@@ -53,7 +57,8 @@ class Stage:
 
     def surface(self, frames: np.ndarray) -> np.ndarray:
         """Return the (n, N, 3) vertices of the dressed person in these frames."""
-        return self.costume.posed(self.person.skin(frames), self.corners)
+        skin = self.person.skin(frames) if self.hands is None else skin_with_hands(self.person, self.hands, frames)
+        return self.costume.posed(skin, self.corners)
 
 
 def set_up(spec: Spec, shot: Shot) -> Stage:
@@ -81,7 +86,8 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
     if labels:
         points = posed_markers(person, marker_landmarks(body, labels))
     corners = CornerSums(body.faces, len(body.v_template))
-    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), light, labels, points, joints)
+    hands = move_hands(person, spec.fps, shot.rng(spec, "hands")) if spec.hands else None
+    return Stage(shot, person, cameras, costume, corners, room, (clothes, hair), light, labels, points, joints, hands)
 
 
 def posed_markers(person: Person, landmarks: Landmarks, offsets: np.ndarray | None = None) -> np.ndarray:

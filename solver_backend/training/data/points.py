@@ -19,7 +19,7 @@ _TURNED = 1 + NUM_BODY_JOINTS
 
 
 @dataclass(frozen=True)
-class _Level:
+class _PointLevel:
     """Joints that are as many bones away from the pelvis."""
 
     parents: Array
@@ -34,7 +34,7 @@ class _Level:
 class _Tree:
     """The skeleton, level by level, in the kind, type and device of an array."""
 
-    levels: tuple[_Level, ...]
+    levels: tuple[_PointLevel, ...]
     order: Array
     """(24,) places of joints 0 to 23 in the order of the levels."""
     tips: Array
@@ -79,7 +79,7 @@ def _tree(xp: Any, dtype: Any, device: Any) -> _Tree:
         return xp.asarray(np.asarray(value), dtype=of, device=device)
 
     levels = tuple(
-        _Level(
+        _PointLevel(
             table([above.index(SMPL_PARENTS[j]) for j in level], xp.int64),
             table([REST_JOINTS[j] - REST_JOINTS[SMPL_PARENTS[j]] for j in level])[..., None],
             table([j - 1 for j in level], xp.int64) if level[0] < _TURNED else None,

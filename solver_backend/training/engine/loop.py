@@ -87,7 +87,7 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
     """
     check_device(settings.device)
     folder.mkdir(parents=True, exist_ok=True)
-    run = _Run(task, settings, folder)
+    run = _TrainingRun(task, settings, folder)
     run.resume()
     log = EventLog(folder, run.step)
     for batch in batches(task.draw, settings.seed, run.step, settings.steps, settings.workers):
@@ -106,7 +106,7 @@ def run_training(task: Task, settings: TrainingSettings, folder: Path, progress:
     return run.kept
 
 
-class _Run:
+class _TrainingRun:
     """The state of a run."""
 
     def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:

@@ -71,7 +71,7 @@ def train_landmarks(
         NonFiniteData: the loss is NaN or infinite; the last checkpoint stays as it was.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    run = _Run(model, draw, settings, folder, dict(row or {}))
+    run = _LandmarkRun(model, draw, settings, folder, dict(row or {}))
     if run.checkpoint.is_file():
         run.resume(run.checkpoint)
     elif start:
@@ -98,7 +98,7 @@ def train_landmarks(
     return run.averaged
 
 
-class _Run:
+class _LandmarkRun:
     """The state of a training."""
 
     def __init__(

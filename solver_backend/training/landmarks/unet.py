@@ -20,10 +20,12 @@ class UNet(nn.Module):
     def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
         super().__init__()
         widths = [width * 2**k for k in range(BLOCKS)]
-        self.encoders = nn.ModuleList(_Block(a, b) for a, b in zip([inputs, *widths[:-1]], widths, strict=True))
-        self.bottleneck = _Block(widths[-1], widths[-1], convolutions=1)
+        self.encoders = nn.ModuleList(
+            _ConvolutionBlock(a, b) for a, b in zip([inputs, *widths[:-1]], widths, strict=True)
+        )
+        self.bottleneck = _ConvolutionBlock(widths[-1], widths[-1], convolutions=1)
         self.decoders = nn.ModuleList(
-            _Block(below + own, own) for below, own in zip(widths[:0:-1], widths[-2::-1], strict=True)
+            _ConvolutionBlock(below + own, own) for below, own in zip(widths[:0:-1], widths[-2::-1], strict=True)
         )
         self.predict = nn.Conv2d(widths[0], outputs, 1)
         self.pools = nn.ModuleList(_SmoothPool(b) for b in widths[:-1])
@@ -53,7 +55,7 @@ class UNet(nn.Module):
         return maps.unflatten(2, x.shape[2:])
 
 
-class _Block(nn.Sequential):
+class _ConvolutionBlock(nn.Sequential):
     def __init__(self, inputs: int, outputs: int, convolutions: int = 2) -> None:
         layers: list[nn.Module] = []
         for number in range(convolutions):

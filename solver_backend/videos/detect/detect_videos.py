@@ -66,7 +66,7 @@ def detect_videos(
     hashes = {info.path: recording_hash(info.parts or (info.path,)) for info in infos}
     require_different(hashes)
     folder.mkdir(parents=True, exist_ok=True)
-    run = _Run(choice, sum(info.num_frames for info in infos), again)
+    run = _DetectionRun(choice, sum(info.num_frames for info in infos), again)
     wanted = [
         _Wanted(info, hashes[info.path], _kept_at(folder, info.path, hashes[info.path], choice)) for info in infos
     ]
@@ -82,7 +82,7 @@ def detect_videos(
     return [replace(item, camera=name) for item, name in zip(found, cameras or [""] * len(found), strict=True)]
 
 
-def _watch(futures: list[Future[VideoDetections]], run: _Run, progress: Progress) -> None:
+def _watch(futures: list[Future[VideoDetections]], run: _DetectionRun, progress: Progress) -> None:
     left = set(futures)
     while left:
         done, left = wait(left, timeout=_POLL_S, return_when=FIRST_COMPLETED)
@@ -108,7 +108,7 @@ class _Wanted:
         self.info, self.digest, self.path = info, digest, path
 
 
-class _Run:
+class _DetectionRun:
     """What the threads share: the processes to be ended, the pictures that are done."""
 
     def __init__(self, choice: DetectorChoice, total: int, again: bool) -> None:

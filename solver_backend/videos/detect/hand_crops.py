@@ -12,8 +12,9 @@ SIDE = 224
 """Pixels of a crop."""
 HAND_M = 0.19
 """From the wrist to the middle finger's tip."""
-MARGIN = 1.7
-"""How many hands long a crop is."""
+MARGIN = 1.3
+"""How many hands long a crop is; 1.7 finds 3 and 7 % fewer hands of Pose2Sim's balancing videos, 1 and 2 % fewer of
+caliscope's."""
 AHEAD = 0.45
 """The crop's middle from the wrist along the forearm, in hands."""
 SECOND_MARGIN = 1.9
@@ -35,18 +36,27 @@ class HandCrop:
         high, wide = rgb.shape[:2]
         step = np.arange(SIDE, dtype=np.float32)
         (ax, bx), (ay, by) = self.A.astype(np.float32)
-        x = ax * step + bx * step[:, None] + np.float32(self.b[0])
-        y = ay * step + by * step[:, None] + np.float32(self.b[1])
+        x = (ax * step + bx * step[:, None] + np.float32(self.b[0])).ravel()
+        y = (ay * step + by * step[:, None] + np.float32(self.b[1])).ravel()
         outside = (x < 0) | (x > wide - 1) | (y < 0) | (y > high - 1)
         x, y = np.clip(x, 0, wide - 1), np.clip(y, 0, high - 1)
         left, top = np.minimum(x.astype(np.int32), wide - 2), np.minimum(y.astype(np.int32), high - 2)
-        u, v = (x - left.astype(np.float32))[..., None], (y - top.astype(np.float32))[..., None]
-        pixels, first = np.ascontiguousarray(rgb).reshape(-1, 3), top * wide + left
-        a, b, c, d = (pixels.take(first + o, axis=0).astype(np.float32) for o in (0, 1, wide, wide + 1))
-        upper, lower = a + u * (b - a), c + u * (d - c)
-        picture = upper + v * (lower - upper)
-        picture[outside] = 0.0
-        return (picture + 0.5).astype(np.uint8)
+        u, v = x - left.astype(np.float32), y - top.astype(np.float32)
+        low, first = int(top.min()), int(left.min())
+        part = rgb[low : int(top.max()) + 2, first : int(left.max()) + 2]
+        across, at = part.shape[1], (top - low) * part.shape[1] + left - first
+        cut = np.empty((SIDE * SIDE, 3), np.uint8)
+        # Channel by channel and in place: NumPy's inner loop is as long as the crop, not three, and no pages are new.
+        for channel in range(3):
+            pixels = np.ascontiguousarray(part[..., channel], dtype=np.float32).ravel()
+            a, b, c, d = (pixels[o:].take(at) for o in (0, 1, across, across + 1))
+            for one, other, share in ((a, b, u), (c, d, u), (a, c, v)):
+                other -= one
+                other *= share
+                one += other
+            cut[:, channel] = a + np.float32(0.5)
+        cut[outside] = 0
+        return cut.reshape(SIDE, SIDE, 3)
 
     def in_picture(self, points: np.ndarray) -> np.ndarray:
         """Return (K, 2) px of the picture from (K, 2) of the crop."""

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,9 +16,8 @@ from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.exchange.world_settings import WorldSettings, world_values
+from solver_backend.exchange.world_settings import world_values
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.read import read_calibration
 from solver_backend.io.calibration.search import find_calibration
@@ -30,44 +29,17 @@ from solver_backend.report.page import write_report
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.detect.camera_turns import steadied
-from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.detect_videos import detect_videos
-from solver_backend.videos.files.probe import PICTURES_FPS
 from solver_backend.videos.pipeline import pictures
-from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, KnownOfCameras, calibrate_take
+from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
+from solver_backend.videos.pipeline.hands import hands_found, made_of_hands, with_hands
 from solver_backend.videos.pipeline.layout import FoundFolder
 from solver_backend.videos.pipeline.plan import STEPS, TakePlan
 from solver_backend.videos.pipeline.records import Records
+from solver_backend.videos.pipeline.settings import RoadSettings
 from solver_backend.videos.pipeline.step_reports import Steps
 from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
-
-
-@dataclass(frozen=True)
-class RoadSettings:
-    """How the road is gone."""
-
-    detector: DetectorChoice
-    """What finds keypoints."""
-    sync: str = "auto"
-    """How clocks are found: see ``synchronise``."""
-    until: str = "solve"
-    """The last step."""
-    jobs: int = 0
-    """Detectors at a time; 0 is one a core."""
-    pictures_fps: float = PICTURES_FPS
-    """Rate of cameras whose footage is a folder of pictures."""
-    redo: tuple[str, ...] = ()
-    """Steps that are done again even if nothing has changed."""
-    overwrite: bool = False
-    """Replace files that this road did not make."""
-    solve: SolveSettings = field(default_factory=SolveSettings)
-    """How the capture is solved."""
-    world: WorldSettings = field(default_factory=WorldSettings)
-    """How the world of the cameras is scaled and levelled."""
-    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
-    """What is known of cameras that have no calibration."""
-
 
 FOUND_SHARE = 0.5
 """Somebody found in a smaller share of a video's pictures is a warning; chosen by hand."""
@@ -148,6 +120,7 @@ class _Road:
         self._made_of = [self._seen, self._clocks.as_dict(), _numbers(calibration), world_values(self._settings.world)]
         if len(plan.take.videos) == 1:
             self._made_of.append(repr(self._of_one()))
+        self._made_of += made_of_hands(self._settings.hands)
         if self._is_kept(plan.capture, self._made_of, "capture"):
             self._capture, state = read_capture(plan.capture), "kept"
         else:
@@ -160,11 +133,13 @@ class _Road:
             self._capture = checked(
                 replace(capture, notes=(*capture.notes, *notes), problems=(*capture.problems, *problems))
             )
+            self._capture = with_hands(self._capture, self._settings.hands, self._progress)
             write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
         drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
         found = [diagnostic("capture_written", file=str(plan.capture)), *self._how_cameras_fit()]
+        found += hands_found(self._capture, self._settings.hands)
         self.steps.report("capture", state, found, drawn)
 
     def _how_cameras_fit(self) -> list[Diagnostic]:

@@ -9,7 +9,7 @@ from scipy.sparse.csgraph import connected_components
 
 from assets_procedural.detail.eyes import IRIS_M
 from assets_procedural.layout import JOINT
-from assets_procedural.mesh.parts import EYEBALL, IRIS, LIPS, PUPIL
+from assets_procedural.mesh.parts import EYEBALL, IRIS, LIPS, NAIL, PUPIL
 from assets_procedural.quality.contact_sheet import BakedBody, read_baked
 from assets_procedural.quality.poses import EXTREMES, Degrees, rotations
 from assets_procedural.skeleton.skinning import pose_skeleton
@@ -165,3 +165,25 @@ def test_five_toes_stand_apart(body: BakedBody) -> None:
     bow = np.polynomial.Polynomial.fit(across, outline - straight, 4)(across)
     signs = np.sign(outline - straight - bow)
     assert np.sum(signs[1:] * signs[:-1] < 0) >= 5
+
+
+def test_ten_fingers_and_two_big_toes_have_nails(body: BakedBody) -> None:
+    """Each is one piece of a nail's size, bulges outwards, and lies on the back of a finger or on a toe."""
+    nails = body.faces[body.material == NAIL]
+    pairs = _edges(nails)
+    graph = coo_matrix((np.ones(len(pairs)), pairs.T), shape=(len(body.vertices),) * 2)
+    label = connected_components(graph, directed=False)[1][nails[:, 0]]
+    assert len(np.unique(label)) == 12
+    for number in np.unique(label):
+        faces = nails[label == number]
+        area = 1e6 * 0.5 * np.linalg.norm(_normals(body.vertices, faces), axis=1).sum()
+        middle, normal = body.vertices[np.unique(faces)].mean(axis=0), _normals(body.vertices, faces).sum(axis=0)
+        assert 35.0 < area < 160.0, "mm²"
+        side, sign = ("left", 1.0) if middle[0] > 0 else ("right", -1.0)
+        out = (sign * normal[0] + normal[1]) / np.linalg.norm(normal)
+        assert out > 0.3, "backs of curled fingers look up or outwards, palms and soles down or inwards"
+        joint = body.joints[JOINT[f"{side}_{'hand' if middle[1] > 0 else 'foot'}"]]
+        assert 0.03 < np.linalg.norm(middle - joint) < 0.11
+        border = np.unique(body.faces[np.isin(body.faces, faces).any(axis=1) & (body.material != NAIL)])
+        fold = body.vertices[np.setdiff1d(border, faces)].mean(axis=0)
+        assert (middle - fold) @ normal > 0, "the plate stands over the fold"

@@ -6,12 +6,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
 from solver_backend.body.hand_on_body import by_finger, hand_of_shape
 from solver_backend.body.hands import with_fingers
 from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
+from solver_backend.fitters.hands.sides import sort_hands
+from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
@@ -79,6 +83,8 @@ class HandErrors:
     """(n,)."""
     held: np.ndarray
     """(n, 15) whether the 95 % ellipsoid of a finger joint holds it."""
+    overlap_mm: np.ndarray
+    """(n,) by which the two fingers that overlap most do."""
     seen: float
     """Share of the frames that count."""
 
@@ -115,7 +121,28 @@ def errors_of(take: HandTake, motion: Motion) -> HandErrors:
             np.rad2deg(angles - take.hands.angles[:, side])[shown][:, FLEXIONS],
             1000 * np.linalg.norm(points[:, 0] - truth[:, 0], axis=-1)[shown],
             (square < CHI2_95)[shown],
+            1000 * finger_overlap(points)[shown],
             shown,
         ])  # fmt: skip
     joined = [np.concatenate(column) for column in zip(*parts, strict=True)]
-    return HandErrors(*joined[:5], float(joined[5].mean()))
+    return HandErrors(*joined[:6], float(joined[6].mean()))
+
+
+def sides_right(take: HandTake, motion: Motion) -> tuple[int, int]:
+    """Return how many hands of all views, sorted by the solved wrists, are of the side they count for, and of how many.
+
+    A detected hand is of the side whose true points its own are nearer to, in the mean.
+    """
+    cameras, keypoints = take.stage.cameras, take.capture.keypoints
+    assert keypoints is not None
+    views = HandViews.of(cameras, keypoints)
+    assert views is not None
+    columns = [[SMPL_HANDS.joints.index(f"{side}_{part}") for side in SIDES] for part in ("wrist", "elbow")]
+    kept = sort_hands(views, *(motion.joints[:, part].astype(float) for part in columns)).views
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    seen = kept.confidence > 0
+    far = np.linalg.norm(kept.xy[:, :, :, None] - px[:, :, None], axis=-1)
+    far = np.where(seen[:, :, :, None], far, 0.0).sum(-1) / np.maximum(seen.sum(-1), 1)[..., None]
+    right = far.argmin(axis=-1) == np.arange(len(SIDES))
+    shown = seen.any(axis=-1)
+    return int((right & shown).sum()), int(shown.sum())

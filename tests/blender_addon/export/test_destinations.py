@@ -159,3 +159,13 @@ def test_fingers_can_be_left_out_and_hands_carry_their_skin(scene: bpy.types.Sce
     group = mesh.vertex_groups["left_wrist"].index
     led = [v.index for v in mesh.data.vertices if any(g.group == group and g.weight > 0.9 for g in v.groups)]
     assert np.linalg.norm(skin[led] - there, axis=1).max() < 0.3
+
+
+@pytest.mark.parametrize("name", ["unreal", "godot"])
+def test_a_clip_is_called_as_its_take(walk: BakedTake, tmp_path: Path, name: str) -> None:
+    """The FBX's and the glTF's animation are read back; Blender's importers put the rig's name before an FBX's."""
+    walk.action.name = "Anna Take 02"
+    path, _ = written(walk, name, tmp_path)
+    read(path)
+    clips = {action.name.removesuffix("_Armature").split("|")[-1] for action in bpy.data.actions}
+    assert clips == {"Anna Take 02"}

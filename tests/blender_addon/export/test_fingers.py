@@ -8,7 +8,7 @@ import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
 from blender_addon._exchange.motion_file import read_motion
-from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.deviation import evaluated_joints, evaluated_vertices
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.posed_body import pose_joints, with_own_hands
 from blender_addon.export.formats import FORMATS
@@ -41,8 +41,11 @@ def test_bvh(exported):
     assert np.linalg.norm(clip.positions()[:, order] - joints, axis=-1).max() < 1e-4
 
 
-@pytest.mark.parametrize(("name", "operator"), [("fbx", "import_scene.fbx"), ("gltf", "import_scene.gltf")])
-def test_fbx_and_gltf(exported, name, operator):
+@pytest.mark.parametrize(
+    ("name", "operator"),
+    [("fbx", "import_scene.fbx"), ("gltf", "import_scene.gltf"), ("usd", "wm.usd_import")],
+)
+def test_skeletons(exported, name, operator):
     export, joints, _ = exported
     path = export(name)
     bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
@@ -70,3 +73,35 @@ def test_amass(exported, name, width):
     again = with_own_hands(read_motion(path), body)
     _, found = pose_joints(body.rest_joints(again.betas), again.rotvec, again.transl)
     np.testing.assert_allclose(found, joints, atol=2e-4)
+
+
+def test_alembic(scene, tmp_path):
+    body, motion = read_body(default_body_path(), SMPL_HANDS), moving_fingers()
+    take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
+    frames = (0, FRAMES // 2, FRAMES - 1)
+    skin = np.stack([evaluated_vertices(scene, take.mesh, 1 + frame) for frame in frames])
+    tips = body.weights[:, [SMPL_HANDS.joints.index(f"left_{finger}3") for finger in ("index", "ring")]].argmax(axis=0)
+    wrist = body.weights[:, SMPL_HANDS.joints.index("left_wrist")].argmax()
+    reach = np.linalg.norm(skin[:, tips] - skin[:, [wrist]], axis=-1)
+    assert np.ptp(reach, axis=0).min() > 0.005, "fingers bend, so that tips come nearer to the wrist"
+    path = export_take(take_of(scene, take.armature), "alembic", tmp_path / "take.abc")
+    bpy.ops.wm.read_homefile(use_empty=True, use_factory_startup=True)
+    scene = bpy.context.scene
+    scene.render.fps = 30
+    assert bpy.ops.wm.alembic_import(filepath=str(path), set_frame_range=True) == {"FINISHED"}
+    [mesh] = [obj for obj in bpy.data.objects if obj.type == "MESH"]
+    found = np.stack([evaluated_vertices(scene, mesh, 1 + frame) for frame in frames])
+    assert np.linalg.norm(found - skin, axis=-1).max() < 1e-3
+
+
+def test_tables(exported):
+    export, joints, _ = exported
+    lines = export("trc").read_text(encoding="utf-8").split("\n")
+    assert lines[3].split("\t")[2::3] == list(SMPL_HANDS.joints)
+    rows = np.array([line.split("\t") for line in lines[6:] if line], float)
+    x, y, z = np.moveaxis(rows[:, 2:].reshape(FRAMES, 52, 3) / 1000, -1, 0)
+    np.testing.assert_allclose(np.stack([x, -z, y], -1), joints, atol=1e-6)
+    names, *rows = export("csv").read_text(encoding="utf-8").splitlines()
+    assert [name.removesuffix("_x_m") for name in names.split(",")[2::3]] == list(SMPL_HANDS.joints)
+    table = np.array([row.split(",") for row in rows], float)
+    np.testing.assert_allclose(table[:, 2:].reshape(FRAMES, 52, 3), joints, atol=1e-6)

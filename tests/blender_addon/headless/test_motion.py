@@ -15,6 +15,10 @@ from blender_addon._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.headless.main import main
 from blender_addon.retarget.motion.figures import actor_of_motion
+from solver_backend.body.hand_on_body import by_finger, hand_skeletons
+from solver_backend.body.hands import load_body_with_hands
+from solver_backend.io.native.motion_file import write_motion
+from tests.support.drawn_gloves import GLOVE_FPS, OFFSET_S, drawn_gloves, hands_bvh
 from tests.support.played_character import FPS, FRAMES, known_clip, play_on_character, write_clip
 
 
@@ -48,3 +52,23 @@ def test_what_is_missing_is_named(played, tmp_path: Path, capfd: Any) -> None:
         assert json.loads(capfd.readouterr().out.splitlines()[-1])["code"] == code
     assert main(["motion", str(tmp_path / "gone.fbx"), "--out", str(tmp_path / "b.npz"), "--json"]) == 3
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["code"] == "file_missing"
+
+
+@pytest.mark.filterwarnings("ignore:Exception ignored in")  # Blender's BVH importer leaves its file open
+def test_hands_of_an_fbx_are_added(scene: bpy.types.Scene, tmp_path: Path, capfd: Any) -> None:
+    drawn = drawn_gloves()
+    scene.render.fps = round(GLOVE_FPS)
+    bvh = hands_bvh(tmp_path / "glove.bvh", drawn, 0, "LeftHand{finger}{number}")
+    bpy.ops.import_anim.bvh(filepath=str(bvh), global_scale=0.01, update_scene_fps=True, update_scene_duration=True)
+    clip = tmp_path / "glove.fbx"
+    bpy.ops.export_scene.fbx(filepath=str(clip), object_types={"ARMATURE"}, bake_anim_simplify_factor=0.0)
+    motion, out = write_motion(tmp_path / "m.npz", drawn.motion), tmp_path / "hands.npz"
+    assert main(["add-hands", str(motion), str(clip), "--out", str(out), "--json"]) == 0
+    result = json.loads(capfd.readouterr().out.splitlines()[-1])
+    assert result["gloves"][0]["sides"] == ["left"]
+    # Blender's scene begins at frame 1, and its FBX exporter at the first frame of the action.
+    assert result["gloves"][0]["offset_s"] == pytest.approx(OFFSET_S, abs=0.02)
+    turns = matrix_from_rotvec(read_motion(out).rotvec[:, 22:37]).reshape(-1, 15, 3, 3)
+    skeleton = hand_skeletons(load_body_with_hands())[0]
+    off = np.rad2deg(np.abs(skeleton.angles_of(by_finger(turns)) - drawn.angles[:, 0]))[30:-5]
+    assert np.sqrt((off**2).mean()) < 1.5

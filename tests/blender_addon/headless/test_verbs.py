@@ -38,7 +38,6 @@ def said(capfd: pytest.CaptureFixture[str]) -> dict[str, Any]:
     return json.loads(capfd.readouterr().out.splitlines()[-1])
 
 
-@pytest.mark.slow
 def test_solve_is_the_solvers_own(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     capture, motion = tmp_path / "Aufnahme ü.npz", tmp_path / "motion.npz"
     write_capture(capture, demo_capture(24))
@@ -100,6 +99,7 @@ def test_a_capture_that_moved_is_named(files: Any, tmp_path: Path, capfd: pytest
     assert said(capfd)["code"] == "file_missing"
 
 
+@pytest.mark.slow
 def test_a_handler_that_python_does_not_know_is_no_obstacle(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Blender installs its own for Ctrl-C, in C."""
     real = signal.signal
@@ -179,6 +179,7 @@ def test_export_of_a_blender_file_leaves_it_alone(
     assert said(capfd)["code"] == "file_damaged"
 
 
+@pytest.mark.slow
 def test_a_shots_frame_rate_is_kept_and_the_export_lasts_as_long(
     files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
@@ -198,6 +199,7 @@ def test_a_shots_frame_rate_is_kept_and_the_export_lasts_as_long(
     assert (result["frames"], result["fps"]) == (30, 15.0)
 
 
+@pytest.mark.slow
 def test_a_full_disk_leaves_no_half_blender_file(files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     command = ["bake", str(files.motion_path), "--body", str(files.body_path), "--out", str(tmp_path), "--no-pictures"]
     assert main(command) == 0
@@ -219,6 +221,7 @@ def test_render_writes_pictures_alone(files: Any, tmp_path: Path) -> None:
     assert sorted(p.name for p in (tmp_path / "out").iterdir()) == ["short.mp4", "short_contact.png"]
 
 
+@pytest.mark.slow
 def test_bake_with_few_keys_says_how_far_it_is_off(
     files: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

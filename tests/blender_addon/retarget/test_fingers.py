@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.body_layout import SMPL_HANDS
-from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.curves import action_curves
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.posed_body import pose_joints, rotvec_on
@@ -18,20 +17,8 @@ from blender_addon.retarget.retarget import retarget
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig
 from tests.support.foreign_skeletons import draw
-
-FRAMES = 5
-FINGERS = ("index", "middle", "ring", "pinky", "thumb")
-
-
-def grasping(bend_rad: float) -> MotionFile:
-    """Return a motion whose left fingers bend by the same angle at every joint."""
-    layout = SMPL_HANDS
-    rotvec = np.zeros((FRAMES, layout.num_joints, 3))
-    rotvec[:, 0, 0] = np.pi / 2
-    for finger in FINGERS[:4]:
-        for i in (1, 2, 3):
-            rotvec[:, layout.joints.index(f"left_{finger}{i}"), 2] = -bend_rad * np.linspace(0, 1, FRAMES)
-    return MotionFile("grasp", rotvec, np.tile([0.0, 0, 0.95], (FRAMES, 1)), np.zeros(10), 30.0, body_layout=layout)
+from tests.support.grasping_hand import FINGERS, FRAMES, grasping
+from tests.support.rigify_rig import rigify_rig
 
 
 def angle_deg(*places: np.ndarray) -> float:
@@ -39,7 +26,10 @@ def angle_deg(*places: np.ndarray) -> float:
     return float(np.degrees(np.arccos(u @ v / np.linalg.norm(u) / np.linalg.norm(v))))
 
 
-@pytest.mark.parametrize(("naming", "arms_down"), [("mixamo", 0.0), ("unreal_5", 50.0)])
+@pytest.mark.parametrize(
+    ("naming", "arms_down"),
+    [("mixamo", 0.0), ("unreal_5", 50.0), ("vroid", 0.0), ("vrm_own_names", 40.0), ("rigify_deform", 40.0)],
+)
 def test_fingers_bend_as_the_bodys(scene: bpy.types.Scene, naming: str, arms_down: float) -> None:
     motion = grasping(0.9)
     body = read_body(default_body_path(), motion.body_layout)
@@ -58,6 +48,23 @@ def test_fingers_bend_as_the_bodys(scene: bpy.types.Scene, naming: str, arms_dow
             wrists = joints[f, SMPL_HANDS.joints.index("left_wrist")], np.array(bones[roles["left_hand"]].head)
             assert angle_deg(*theirs) == pytest.approx(angle_deg(*own), abs=1.0)
             assert angle_deg(wrists[1], *theirs[:2]) == pytest.approx(angle_deg(wrists[0], *own[:2]), abs=12.0)
+    assert angle_deg(*theirs) > 40.0
+
+
+def test_fingers_of_a_generated_rigify_rig_bend_as_the_bodys(scene: bpy.types.Scene) -> None:
+    motion = grasping(0.9)
+    body = read_body(default_body_path(), motion.body_layout)
+    _, joints = pose_joints(body.rest_joints(np.zeros(10)), rotvec_on(motion, body.layout), motion.transl)
+    rig = rigify_rig(fingers=True)
+    scene.render.fps = 30
+    retarget(actor_of_motion(motion, body), rig, scene, map_rig(rig), TakeTiming(1, 30.0))
+    for f in (0, FRAMES - 1):
+        scene.frame_set(1 + f)
+        bones = rig.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+        for finger in FINGERS[:4]:
+            own = [joints[f, SMPL_HANDS.joints.index(f"left_{finger}{i}")] for i in (1, 2, 3)]
+            theirs = [np.array(bones[f"DEF-f_{finger}.0{i}.L"].head) for i in (1, 2, 3)]
+            assert angle_deg(*theirs) == pytest.approx(angle_deg(*own), abs=3.0)
     assert angle_deg(*theirs) > 40.0
 
 

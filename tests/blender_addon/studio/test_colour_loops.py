@@ -29,6 +29,7 @@ def cameras_of(folder: Path) -> Cameras:
     return cameras
 
 
+@pytest.mark.slow
 def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_path: Path) -> None:
     folder = colour_shot(tmp_path, rigs=[PAIR], seed=4)
     capture = read_capture(folder / "clean.npz")
@@ -49,6 +50,7 @@ def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_pa
     assert max(errors) < 0.3
 
 
+@pytest.mark.slow
 def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> None:
     turns = [(0.1, -0.2)]
     folder = colour_shot(tmp_path, frames=len(turns), rigs=[PAIR])

@@ -28,6 +28,7 @@ def written(folder: Path) -> dict[str, int]:
     return {p.relative_to(folder).as_posix(): p.stat().st_size for p in folder.rglob("*") if p.is_file()}
 
 
+@pytest.mark.slow
 def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: SolvedCapture, tmp_path: Path) -> None:
     assert bpy.ops.mocap.import_capture(filepath=str(solved.folder / "source.npz")) == {"FINISHED"}
     before, objects = written(tmp_path), len(bpy.data.objects)
@@ -50,6 +51,7 @@ def test_a_full_disk_during_a_solve_leaves_earlier_takes_and_no_half_motion(
     assert bpy.ops.mocap.solve() == {"FINISHED"} and mocap.review.take != solved_take
 
 
+@pytest.mark.slow
 def test_a_motion_is_not_lost_when_its_report_cannot_be_written(mocap, tmp_path: Path) -> None:
     write_capture(tmp_path / "short.npz", demo_capture(8))
     assert bpy.ops.mocap.import_capture(filepath=str(tmp_path / "short.npz")) == {"FINISHED"}
@@ -77,6 +79,7 @@ def test_a_full_disk_is_said_before_the_job_is_written(mocap, solved_take, solve
     assert written(solved.folder) == before
 
 
+@pytest.mark.slow
 def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
     mocap, solved_take, solved: SolvedCapture, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -95,6 +98,7 @@ def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
         bpy.ops.mocap.solve()
 
 
+@pytest.mark.slow
 def test_a_capture_folder_may_move_after_the_import(mocap, solved: SolvedCapture, tmp_path: Path) -> None:
     """Everything a solve needs was copied; reading it again says that it is gone and keeps what is there."""
     source = tmp_path / "Quelle ü" / "source.npz"

@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 import ast
+import io
 import sys
+import tarfile
+import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -23,7 +26,7 @@ SHIPPED = [*(ROOT / "solver_backend").rglob("*.py"), *(ROOT / "blender_addon").r
 
 @pytest.fixture
 def home(mocap, monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> Path:
-    monkeypatch.setattr(find_python, "environment_folder", lambda: tmp_path / "Benützer" / "detector")
+    monkeypatch.setattr(find_python, "environment_folder", lambda kind="mediapipe": tmp_path / "Benützer" / kind)
     monkeypatch.setattr(find_python, "backend_folder", lambda: tmp_path)
     monkeypatch.delenv("MANIFOLD_MOCAP_DETECTOR_PYTHON", raising=False)
     return tmp_path
@@ -52,6 +55,7 @@ def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
     assert preferences.detector_python(bpy.context) == python
 
 
+@pytest.mark.slow
 def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels ü"
     wheels.mkdir()
@@ -62,6 +66,44 @@ def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(ho
     assert any("could not be installed" in text for text in drawn())
 
 
+def stub_wheel(folder: Path, name: str, version: str, files: dict[str, str]) -> None:
+    """Write a wheel of these files."""
+    own = f"{name}-{version}.dist-info"
+    files = {
+        **files, f"{own}/METADATA": f"Metadata-Version: 2.1\nName: {name.replace('_', '-')}\nVersion: {version}\n",
+        f"{own}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
+    }  # fmt: skip
+    record = "".join(f"{path},,\n" for path in (*files, f"{own}/RECORD"))
+    with zipfile.ZipFile(folder / f"{name}-{version}-py3-none-any.whl", "w") as wheel:
+        for path, text in {**files, f"{own}/RECORD": record}.items():
+            wheel.writestr(path, text)
+
+
+def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Path) -> None:
+    wheels = tmp_path / "wheels"
+    wheels.mkdir()
+    stub_wheel(
+        wheels, "ai_edge_litert", "2.3.0", {"ai_edge_litert/__init__.py": "", "ai_edge_litert/interpreter.py": ""}
+    )
+    stub_wheel(wheels, "numpy", "2.2.0", {"numpy/__init__.py": ""})
+    with tarfile.open(wheels / "mediapipe-hands-0.4.1675469240.tgz", "w:gz") as package:
+        for name in ("package/hand_landmark_full.tflite", "package/hands.js"):
+            member = tarfile.TarInfo(name)
+            member.size = 5
+            package.addfile(member, io.BytesIO(b"model"))
+    videos = bpy.context.scene.mocap.videos
+    assert "--hand-model" not in videos.arguments()
+    assert bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(wheels)) == {"FINISHED"}
+    folder = find_python.environment_folder("litert")
+    assert find_python.made_litert_python() == folder / find_python._BELOW
+    assert find_python.made_python() is None, "no MediaPipe"
+    assert sorted(path.name for path in (folder / "models").iterdir()) == ["hand_landmark_full.tflite"]
+    assert Path(videos.hands) == folder / "models" / "hand_landmark_full.tflite"
+    assert videos.arguments()[-2:] == ["--hand-model", videos.hands]
+    assert preferences.litert_python(bpy.context) == find_python.made_litert_python()
+
+
+@pytest.mark.slow
 def test_no_message_names_a_file_that_is_not_in_the_zip() -> None:
     found = []
     for path in SHIPPED:

@@ -8,11 +8,13 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon._exchange.motion_file import MotionFile
-from blender_addon.animation.curves import current_action
+from blender_addon._exchange.motion_file import MotionFile, read_motion
+from blender_addon.animation.curves import action_curves, current_action
+from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.retarget.actor_rig import read_actor
 from blender_addon.retarget.motion.figures import actor_of_motion
+from blender_addon.review.floor_height import sole_height
 from blender_addon.ui.operators.foreign_motion import remarks
 from blender_addon.ui.operators.solver_operator import current
 from solver_backend.body.body import load_body
@@ -110,3 +112,19 @@ def test_a_rig_that_plays_nothing_is_named(mocap, scene) -> None:
     with pytest.raises(RuntimeError, match="plays"):
         bpy.ops.mocap.motion_from_rig()
     assert not Path(mocap.folder).exists() or not list(Path(mocap.folder).iterdir())
+
+
+def test_a_foreign_clip_is_edited_like_a_take_of_our_own(mocap, scene, tmp_path: Path) -> None:
+    clip = write_bvh(tmp_path / "clip.bvh", known_motion(load_body(), np.zeros(10), FRAMES))
+    assert bpy.ops.mocap.import_motion(filepath=str(clip), scene_setup="TAKE") == {"FINISHED"}
+    body, action = mocap.review.armature, mocap.review.take
+    contacts = read_motion(next(Path(mocap.folder).glob("*.npz"))).contacts
+    assert contacts is not None and contacts.any() and not contacts.all(), "feet that stand are known"
+    full = np.stack([evaluated_joints(scene, body, frame) for frame in range(1, FRAMES + 1)])
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=10.0) == {"FINISHED"}
+    few = np.stack([evaluated_joints(scene, body, frame) for frame in range(1, FRAMES + 1)])
+    assert 1000 * np.linalg.norm(few - full, axis=-1).max() < 10.1
+    assert len(next(iter(action_curves(mocap.review.take))).keyframe_points) < FRAMES
+    mocap.review.floor_offset = 0.05
+    assert bpy.ops.mocap.feet_to_floor() == {"FINISHED"}
+    assert abs(sole_height(scene, body, action, 1 + FRAMES // 2)) < 0.02

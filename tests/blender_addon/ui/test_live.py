@@ -41,7 +41,6 @@ def started(mocap):
     live.abandon()
 
 
-@pytest.mark.slow
 def test_a_recording_moves_the_body_and_is_recorded_up_to_the_stop(started):
     run, figure = live.run, live.figure
     assert run is not None and figure is not None
@@ -71,7 +70,6 @@ def test_a_recording_moves_the_body_and_is_recorded_up_to_the_stop(started):
     assert sum(o.type == "ARMATURE" for o in bpy.data.objects) == 1
 
 
-@pytest.mark.slow
 def test_a_body_that_was_taken_away_ends_the_run_with_a_sentence(started):
     run = live.run
     until(lambda: run.shown > 0)

@@ -73,6 +73,7 @@ def test_it_can_be_dropped_and_so_can_a_trc(mocap, take, cloud, tmp_path):
     assert (mocap.capture.name, mocap.capture.markers) == ("other", 42)
 
 
+@pytest.mark.slow
 def test_markers_are_coloured_by_the_take_that_is_shown(mocap, imported):
     assert not grades(imported).any()
     mocap.solve.preset = "FAST"

@@ -79,6 +79,7 @@ def test_a_session_arrives_with_one_import(mocap, shared_data: Path) -> None:
     assert bpy.context.scene.frame_end - bpy.context.scene.frame_start == 99
 
 
+@pytest.mark.slow
 def test_a_session_leaves_a_shots_own_range(mocap, shared_data: Path) -> None:
     scene = bpy.context.scene
     scene.frame_start, scene.frame_end = 10, 20

@@ -104,7 +104,6 @@ def test_operator_asks_to_leave_other_modes(registered: None, scene: bpy.types.S
     assert bpy.ops.mocap.import_motion.poll()
 
 
-@pytest.mark.slow
 def test_zip_installs_and_bakes_in_blender(files: Any, tmp_path: Path) -> None:
     """The installed extension has another package name, and finds its own body."""
     path = build_addon.build(tmp_path)

@@ -10,6 +10,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon.body.looks import bodies_of, look_of
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import NarrowLayout, draw_panel
@@ -221,3 +222,47 @@ def test_the_result_says_that_nothing_is_left_to_review(mocap, solved_take, monk
 
     monkeypatch.setattr(ranges, "doubtful_ranges", lambda take, below: [])
     assert "Nothing to review" in on_top()
+
+
+def test_the_look_is_that_of_all_bodies_and_of_new_ones(mocap, solved) -> None:
+    scene = bpy.context.scene
+    take_capture(scene, solved.read)
+    take_motion(bpy.context, solved.files)
+    assert {"Person", "Mannequin"} <= set(draw_panel(bpy.types.VIEW3D_PT_mocap_shape, WIDE).drawn)
+    mocap.look = "mannequin"
+    [first] = bodies_of(scene)
+    assert look_of(first) == "mannequin"
+    bpy.data.objects.remove(mocap.review.armature)
+    bpy.data.objects.remove(first)
+    take_motion(bpy.context, solved.files)
+    [second] = bodies_of(scene)
+    assert look_of(second) == "mannequin"
+    mocap.look = "person"
+    assert look_of(second) == "person"
+
+
+class _Seen:
+    """A context whose viewport a test looks at; everything else is Blender's."""
+
+    def __init__(self, perspective: str) -> None:
+        view = SimpleNamespace(view_perspective=perspective, view_location=None, view_distance=0.0)
+        self.space_data = SimpleNamespace(type="VIEW_3D", region_3d=view)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(bpy.context, name)
+
+
+@pytest.mark.parametrize("perspective", ["PERSP", "CAMERA"])
+def test_a_new_body_is_framed_once_and_never_in_a_cameras_view(mocap, solved, perspective: str) -> None:
+    take_capture(bpy.context.scene, solved.read)
+    context = cast(bpy.types.Context, _Seen(perspective))
+    take_motion(context, solved.files)
+    view, body = context.space_data.region_3d, mocap.review.armature
+    if perspective == "CAMERA":
+        assert view.view_location is None and not view.view_distance
+        return
+    pelvis = body.matrix_world @ body.pose.bones["pelvis"].head
+    assert (view.view_location - pelvis).length < 1e-6 and 2.0 < view.view_distance < 8.0
+    view.view_location, view.view_distance = "where the user looks", 1.0
+    take_motion(context, solved.files)
+    assert (view.view_location, view.view_distance) == ("where the user looks", 1.0), "later takes leave it alone"

@@ -135,6 +135,7 @@ def test_broken_and_greedy_operations_are_named(tmp_path: Path, content: bytes) 
         read(tmp_path, content)
 
 
+@pytest.mark.slow
 def test_a_child_with_little_memory_survives_every_forgery(tmp_path: Path) -> None:
     """Thousands of mutations in a process that may take 1 GB: only our errors come out."""
     honest = pickle.dumps({"a": np.arange(12.0).reshape(3, 4), "f": np.arange(6, dtype="u4"), "n": {"k": [1, "x"]}}, 2)

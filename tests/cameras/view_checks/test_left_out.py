@@ -51,6 +51,7 @@ def test_no_camera_is_too_few_and_one_is_one_view(capture: Capture) -> None:
     assert without_views(capture, capture.cameras.names[1:]).is_one_view
 
 
+@pytest.mark.slow
 def test_a_solve_without_a_view_that_is_wrong_is_as_good_as_without_that_view(capture: Capture) -> None:
     """A view that lies about a limb in some frames: leaving those frames out by hand mends it."""
     assert capture.cameras is not None and capture.keypoints is not None

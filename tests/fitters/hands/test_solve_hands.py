@@ -16,6 +16,7 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.pipeline import resolve_range, solve
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.hand_prior import load_hand_prior
+from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
 from solver_backend.types import FLAG_RESTING, Capture, Motion
 from tests.support.handed_take import HandedTake, handed_take
 
@@ -94,6 +95,7 @@ def test_ellipsoids_of_fingers_are_of_their_errors_size() -> None:
     assert motion.resting is None or not motion.resting[:, 22:].all()
 
 
+@pytest.mark.slow
 def test_a_hand_that_nobody_sees_rests_relaxed_and_is_flagged() -> None:
     alone = hands()
     alone[:, :, 1] = np.nan
@@ -118,6 +120,7 @@ def test_exchanged_hands_are_found_and_named() -> None:
     assert np.sqrt((finger_errors(motion) ** 2).mean()) < 1.1 * np.sqrt((finger_errors(solved(True)) ** 2).mean())
 
 
+@pytest.mark.slow
 def test_a_wrong_hand_moves_no_wrist_far() -> None:
     """One view shows somebody else's fingers at the right place: its points are outliers."""
     wrong = hands()
@@ -127,6 +130,7 @@ def test_a_wrong_hand_moves_no_wrist_far() -> None:
     assert np.median(moved) < 0.015
 
 
+@pytest.mark.slow
 def test_a_hand_in_one_view_alone_is_ridden_out() -> None:
     single = hands()
     single[1:, :, 0] = np.nan
@@ -137,6 +141,41 @@ def test_a_hand_in_one_view_alone_is_ridden_out() -> None:
     assert motion.joint_sigma is not None and solved(True).joint_sigma is not None
     left = list(SMPL_HANDS.group("left_hand"))
     assert np.median(motion.joint_sigma[:, left]) > np.median(solved(True).joint_sigma[:, left])  # type: ignore[index]
+
+
+@pytest.mark.parametrize(
+    "faults", [HandFaults(gloved=True), HandFaults(held=True)], ids=["gloves", "a thing in the hand"]
+)
+def test_hands_that_a_detector_guesses_leave_the_body_alone_and_fingers_unsure(faults: HandFaults) -> None:
+    person, cameras = take().person, take().capture.cameras
+    assert cameras is not None
+    found = detect_hands(cameras, take().hands.points, take().hidden, 30.0, faults, np.random.default_rng(3))
+    motion = solve(with_hands(found)).motion
+    truth = take().hands.points[:, :, 0]
+    wrists, plain = (np.linalg.norm(m.joints[:, 20:22] - truth, axis=-1).mean() for m in (motion, solved(False)))
+    assert wrists < plain + 0.005
+    assert person.transl.shape == motion.transl.shape
+    assert motion.joint_sigma is not None and solved(True).joint_sigma is not None
+    unsure, sure = (np.median(m.joint_sigma[:, 22:]) for m in (motion, solved(True)))  # type: ignore[index]
+    assert unsure > 1.3 * sure
+    errors = finger_errors(motion)
+    assert np.median(errors) < 2.0 * 1000 * unsure
+
+
+def test_small_hands_count_for_what_they_are() -> None:
+    """Hands of 10 px are guesses: deviations grow more than hands shrink."""
+    cameras = take().capture.cameras
+    assert cameras is not None
+    far = replace(cameras, K=cameras.K * np.array([0.2, 0.2, 1.0])[:, None], image_size=cameras.image_size // 5)
+    found = detect_hands(far, take().hands.points, take().hidden, 30.0, HandFaults(), np.random.default_rng(3))
+    capture = take().capture
+    assert capture.keypoints is not None
+    keypoints = replace(capture.keypoints, xy=0.2 * capture.keypoints.xy, hands=found)
+    motion = solve(replace(capture, cameras=far, keypoints=keypoints)).motion
+    assert motion.joint_sigma is not None and solved(True).joint_sigma is not None
+    assert np.median(motion.joint_sigma[:, 22:]) > 1.5 * np.median(solved(True).joint_sigma[:, 22:])
+    errors = finger_errors(motion)
+    assert np.median(errors) < 2000 * np.median(motion.joint_sigma[:, 22:])
 
 
 @pytest.mark.parametrize("frames", [4, 5])

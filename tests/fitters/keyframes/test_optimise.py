@@ -70,6 +70,7 @@ def test_a_second_without_any_view_is_bridged():
     assert np.linalg.norm(points - scene.points, axis=-1)[:15].mean() < 0.003
 
 
+@pytest.mark.slow
 def test_torch_equals_numpy():
     torch = pytest.importorskip("torch")
     results = []

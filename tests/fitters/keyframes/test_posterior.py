@@ -1,6 +1,7 @@
 """What does not average out at a joint: said by the plan of the solve, not by which unknowns are free."""
 
 import numpy as np
+import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.fitters import SolveSettings, resolve_range, solve
@@ -17,6 +18,7 @@ from tests.support.short_solves import QUICK
 ELBOW, ANKLE = SMPL_JOINTS.index("left_elbow"), SMPL_JOINTS.index("left_ankle")
 
 
+@pytest.mark.slow
 def test_a_calibrated_persons_joints_are_told_alike_by_every_solve():
     """On the manifold alone, off it, and solved again: elbows are what a calibration knows least."""
     take = Capture("take", markers=record_markers(100, seed=4).cloud)

@@ -62,3 +62,17 @@ def test_takes_may_lack_some_of_the_markers():
     ]
     person = calibrate_person([Capture(str(i), markers=part) for i, part in enumerate(parts)])
     assert set(person.labels) == set(LABELS)
+
+
+def test_a_label_that_names_a_bone_is_on_that_one():
+    rng = np.random.default_rng(2)
+    joints = np.cumsum(0.01 * rng.normal(size=(20, 24, 3)), axis=0)
+    turns = exp_so3(0.3 * rng.normal(size=(20, 24, 3)))
+    elbow, shoulder = SMPL_JOINTS.index("left_elbow"), SMPL_JOINTS.index("left_shoulder")
+    joints[:, elbow] = joints[:, shoulder] + turns[:, shoulder] @ [0.25, 0.0, 0.0]
+    turns[:, elbow] = turns[:, shoulder]  # an arm that is kept straight
+    points = joints[:, elbow] - turns[:, shoulder] @ [0.05, 0.0, 0.02]
+    found, named = attach(points, joints, turns), attach(points, joints, turns, "left_shoulder")
+    assert found is not None and found.place == ON_BONE + "left_elbow"
+    assert named is not None and named.place == ON_BONE + "left_shoulder"
+    assert attach(points, joints, turns, "right_hip") is None

@@ -47,6 +47,7 @@ def test_unlabelled_markers_are_named(worn):
         solve(capture_of(worn.cloud, labels=None), BY_FRAME)
 
 
+@pytest.mark.slow
 def test_a_world_whose_origin_is_far_away_is_solved_as_well(worn, person):
     """Where single precision would tell places to 2 mm."""
     moved, quick = np.array([20_000.0, -10_000.0, 0.0]), SolveSettings(iterations=4)
@@ -91,6 +92,7 @@ def test_a_single_frame_is_solved_by_the_method_for_it(worn, person):
     assert solve(one, BY_FRAME, person=person).motion.num_frames == 1
 
 
+@pytest.mark.slow
 def test_a_take_that_lies_is_solved_as_one_that_stands(worn, person):
     lying = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
     motion = solve(capture_of(worn.cloud, positions=worn.cloud.positions @ lying.T), BY_FRAME, person=person).motion
@@ -121,6 +123,7 @@ def test_nobody_is_refused(worn):
 RECORDINGS = recordings_folder() / "markers"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (RECORDINGS / "cmu_pairs").is_dir(), reason="the recordings are not beside the repository")
 def test_recorded_people_are_no_mirror_images():
     from solver_backend.body.body import load_body

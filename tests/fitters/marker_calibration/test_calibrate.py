@@ -48,6 +48,7 @@ def test_shape_and_places_are_those_of_the_person(worn, person):
     assert (person.sigma_m < 0.006).all() and abs(np.median(person.skin_m) - MARKER_OFFSET_M) < 0.01
 
 
+@pytest.mark.slow
 def test_poses_that_count_less_leave_markers_on_their_places(monkeypatch):
     """Where every marker sits on its place, what is known of poses moves them the less the less it counts."""
     assert POSE_FRAMES < FRAMES
@@ -65,6 +66,7 @@ def limited(monkeypatch, capture: Capture, limit: float) -> MarkerSubject:
     return calibrate_person([capture])
 
 
+@pytest.mark.slow
 def test_a_shape_of_part_of_a_body_is_held_at_its_limit(monkeypatch):
     take = capture_of(worn_markers([label for label in LABELS if "HD" not in label], 12, step=20).cloud)
     free = limited(monkeypatch, take, 9.0)
@@ -74,6 +76,7 @@ def test_a_shape_of_part_of_a_body_is_held_at_its_limit(monkeypatch):
     assert np.median(held.sigma_m) < 1.1 * np.median(free.sigma_m)
 
 
+@pytest.mark.slow
 def test_a_limit_changes_nothing_where_the_shape_lies_within(monkeypatch, shared_data):
     """The fit passes the limit on its way: a wall there ended it early, with markers a third farther off."""
     capture = load_capture(shared_data / "markers" / "opensim" / "constraintTest.trc")

@@ -7,6 +7,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.fitters import SolveSettings, solve
+from solver_backend.fitters.marker_calibration.doubted_joints import STRANGE, WIDEST
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
@@ -44,7 +45,7 @@ def error_mm(motion, joints):
     return 1000 * np.linalg.norm(motion.joints[:, COLUMNS] - joints[:, COLUMNS], axis=-1).mean(axis=0)
 
 
-@pytest.mark.parametrize("labels", [SUIT, POSE2SIM], ids=["suit", "pose2sim"])
+@pytest.mark.parametrize("labels", [pytest.param(SUIT, marks=pytest.mark.slow), POSE2SIM], ids=["suit", "pose2sim"])
 def test_joint_centres_make_a_body(labels):
     cloud, joints = recorded(labels)
     motion = solve(Capture("points", markers=cloud), SETTINGS).motion
@@ -64,6 +65,7 @@ def test_files_of_points_are_read_alike(tmp_path):
         assert capture.markers.positions == pytest.approx(cloud.positions, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_markers_on_the_skin_with_a_skeletons_names_are_doubted():
     names = {
         "LGTR": "LeftThigh", "LKNE": "LeftLeg", "LANK": "LeftFoot", "LTOE": "LeftToe", "RGTR": "RightThigh",
@@ -75,6 +77,19 @@ def test_markers_on_the_skin_with_a_skeletons_names_are_doubted():
     motion = solve(Capture("skin", markers=cloud), SETTINGS).motion
     (found,) = [item for item in recorded_diagnostics(motion) if item.code == "joints_doubted"]
     assert found.values["size"] > 64
+
+
+def test_a_waist_that_passes_for_hips_is_doubted_by_the_shape():
+    names = {
+        "LFWT": "LeftHip", "RFWT": "RightHip", "LKNE": "LeftKnee", "RKNE": "RightKnee", "LANK": "LeftAnkle",
+        "RANK": "RightAnkle", "LTOE": "LeftToe", "RTOE": "RightToe", "LHEE": "LeftHeel", "RHEE": "RightHeel",
+        "LSHO": "LeftShoulder", "RSHO": "RightShoulder", "LELB": "LeftElbow", "RELB": "RightElbow",
+        "LWRA": "LeftWrist", "RWRA": "RightWrist", "LFHD": "Head", "C7": "Neck",
+    }  # fmt: skip
+    take = worn_markers(tuple(names), FRAMES, fps=30.0, step=2)
+    motion = solve(Capture("skin", markers=MarkerCloud(take.cloud.positions, 30.0, tuple(names.values()))), SETTINGS)
+    (found,) = [item for item in recorded_diagnostics(motion.motion) if item.code == "joints_doubted"]
+    assert found.values["shape"] > STRANGE and found.values["size"] < 100 * WIDEST
 
 
 def test_a_take_that_sinks_is_reported():

@@ -11,7 +11,7 @@ from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.fitters import Solution, solve
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels
-from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
+from solver_backend.geometry.marker_jumps import frozen, jumping, leaving, neighbours_of
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
 from tests.support.worn_markers import worn_markers
 
@@ -53,6 +53,21 @@ def test_what_jumps_is_found(spoilt):
     assert jumps[[*WRISTS, KNEE]].all() and jumps.sum() <= 6
     still = frozen(spoilt, around, FPS)
     assert still[STILL, TOE].all() and still.sum() == STILL.stop - STILL.start
+
+
+def test_what_leaves_all_its_neighbours_is_found_and_a_coarse_walk_is_not(worn, spoilt):
+    around = neighbours_of(spoilt)
+    assert leaving(spoilt, around)[[*WRISTS, KNEE]].all() and leaving(spoilt, around).sum() <= 4
+    feet = [i for i, label in enumerate(LABELS) if label[1:] in ("ANK", "HEE", "TOE", "MT5")]
+    coarse = worn_markers(LABELS, 60, fps=15.0, step=4).cloud.positions
+    for points in (coarse, coarse[:, feet]):
+        around = neighbours_of(points)
+        assert jumping(points, around).any() and not leaving(points, around).any()
+    gap = coarse[:, feet].copy()
+    gap[20:30, 0] = np.nan
+    assert not leaving(gap, neighbours_of(gap)).any()
+    gap[30:, 0] += (0.0, 0.2, 0.2)
+    assert leaving(gap, neighbours_of(gap))[0]
 
 
 def test_faults_are_named_and_flagged(solution):

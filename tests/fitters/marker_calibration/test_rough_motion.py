@@ -42,6 +42,7 @@ def test_rough_motion_ends_with_the_take(worn, person):
     assert np.median(off) < 0.02 and off.max() < 0.12
 
 
+@pytest.mark.slow
 def test_a_take_in_fast_motion_is_solved_to_its_last_frame(worn, person):
     motion = solve(Capture("take", markers=worn.cloud), person=person).motion
     assert np.nanmedian(motion.marker_residual_mm) < 6.0

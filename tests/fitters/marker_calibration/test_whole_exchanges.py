@@ -41,6 +41,7 @@ def test_two_labels_are_exchanged_throughout(worn, known):
     assert 1000 * np.linalg.norm(motion.joints - clean.joints, axis=-1).mean() < 3.0
 
 
+@pytest.mark.slow
 def test_an_exchange_of_half_a_take_leaves_neither_name_to_be_used(worn):
     """Half of the frames say that the labels are exchanged, half that they are not: both are left out, and named."""
     pair = ("LKNE", "RKNE")
@@ -61,6 +62,7 @@ def test_nothing_is_exchanged_where_nothing_is(worn):
 RECORDINGS = recordings_folder() / "markers"
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not (RECORDINGS / "cmu_pairs").is_dir(), reason="the recordings are not beside the repository")
 def test_recorded_labels_are_not_exchanged():
     from solver_backend.body.body import load_body

@@ -52,6 +52,7 @@ def error_mm(cloud: MarkerCloud, joints: np.ndarray, method: str) -> float:
     return 1e3 * float(np.linalg.norm(motion.joints[:, :22] - joints[:, :22], axis=-1).mean())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("method", "ratio"), [("global", 0.93), ("frame", 0.88)])
 def test_depth_five_times_as_noisy_is_fitted_better_with_covariances(method, ratio):
     markers, joints = true_markers()

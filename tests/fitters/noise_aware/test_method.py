@@ -54,6 +54,7 @@ def test_a_known_shape_stays_and_one_frame_is_enough() -> None:
     assert mpjpe_mm(motion.joints, joints) < 15.0
 
 
+@pytest.mark.slow
 def test_torch_and_numpy_solve_alike() -> None:
     pytest.importorskip("torch")
     capture, _ = take(2)

@@ -50,6 +50,7 @@ def test_the_first_cameras_motion_holds_where_the_second_sees_nobody(two: Captur
     assert held < 0.8 * lost
 
 
+@pytest.mark.slow
 def test_a_motion_of_another_world_finds_its_place(two: Capture, first: Motion) -> None:
     """The first camera stood in a world of its own, turned and elsewhere."""
     cameras, _ = parts(two)

@@ -10,7 +10,8 @@ import pytest
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.fitters.pipeline import solve
+from solver_backend.exchange.progress import silent
+from solver_backend.fitters.pipeline import prepare, solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.report.diagnose import diagnose
@@ -93,3 +94,13 @@ def test_too_little_of_a_person_is_an_error(filmed: Capture) -> None:
     confidence[:, :, :4] = 0.9
     with pytest.raises(NoDetections, match="enough keypoints"):
         solve(replace(filmed, keypoints=replace(filmed.keypoints, confidence=confidence)), SolveSettings())
+
+
+def test_hands_of_one_camera_are_named_not_dropped(filmed: Capture) -> None:
+    assert filmed.keypoints is not None
+    hands = np.full((*filmed.keypoints.confidence.shape[:2], 2, 21, 3), 0.5, np.float32)
+    for shown, expected in ((hands, True), (np.zeros_like(hands), False)):
+        with_hands = replace(filmed, keypoints=replace(filmed.keypoints, hands=shown))
+        measured = prepare(with_hands, SolveSettings(), silent).measurements
+        codes = {item.code for item in read_diagnostics(measured.provenance["diagnostics"])}
+        assert ("hands_one_view" in codes) == expected

@@ -83,6 +83,7 @@ def test_legs_alone(whole, tmp_path):
     assert np.array_equal(again.resting, motion.resting)
 
 
+@pytest.mark.slow
 def test_arms_that_are_seen_for_a_second_are_informed_there(whole):
     take, full = whole
     points = take.cloud.positions.copy()
@@ -129,6 +130,7 @@ def test_a_pose_that_somebody_set_on_a_resting_arm_is_kept(whole):
     assert speed.max() < 6.0
 
 
+@pytest.mark.slow
 def test_a_stretch_solved_again_keeps_its_resting_arms(whole):
     take, _ = whole
     capture = Capture("legs", markers=part_of(take, LEGS))

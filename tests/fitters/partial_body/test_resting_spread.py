@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.fitters.partial_body.resting_spread import MOST_DEG, SPREAD_MM, TILT_DEG, with_resting_spread
+from solver_backend.fitters.partial_body.resting_spread import (
+    ARM_MOST_DEG,
+    ARM_TILT_DEG,
+    MOST_DEG,
+    SPREAD_MM,
+    TILT_DEG,
+    with_resting_spread,
+)
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.types import SMPL_JOINTS
@@ -28,14 +35,19 @@ def sigma_mm(lean_deg: float, part: str, joint: str) -> np.ndarray:
 
 
 @pytest.mark.parametrize(
-    ("part", "joint", "anchor", "grows"),
+    ("part", "joint", "anchor", "factors"),
     [
-        ("trunk", "spine3", "pelvis", True), ("left_thigh", "left_knee", "pelvis", True),
-        ("left_shank", "left_foot", "hip", True), ("left_upper_arm", "left_wrist", "spine3", False),
-        ("trunk", "left_wrist", "pelvis", False),
+        ("trunk", "spine3", "pelvis", (1.0, 2.0, 1.0 + MOST_DEG / TILT_DEG)),
+        ("left_thigh", "left_knee", "pelvis", (1.0, 2.0, 1.0 + MOST_DEG / TILT_DEG)),
+        ("left_shank", "left_foot", "hip", (1.0, 2.0, 1.0 + MOST_DEG / TILT_DEG)),
+        ("left_upper_arm", "left_wrist", "spine3", (1.0, 1.0, 1.0 + ARM_MOST_DEG / ARM_TILT_DEG)),
+        ("trunk", "left_wrist", "pelvis", (1.0, 1.0, 1.0 + ARM_MOST_DEG / ARM_TILT_DEG)),
+        ("head", "head", "spine3", (1.0, 1.0, 1.0)),
     ],
 )  # fmt: skip
-def test_spread_grows_with_the_lean_of_the_pelvis(part: str, joint: str, anchor: str, grows: bool) -> None:
+def test_spread_grows_with_the_lean_of_the_pelvis(
+    part: str, joint: str, anchor: str, factors: tuple[float, ...]
+) -> None:
     table = np.array(SPREAD_MM[anchor][joint.removeprefix("left_")], dtype=float)
-    for lean, factor in ((0.0, 1.0), (TILT_DEG, 2.0), (150.0, 1.0 + MOST_DEG / TILT_DEG)):
-        np.testing.assert_allclose(sigma_mm(lean, part, joint), (factor if grows else 1.0) * table, rtol=1e-6)
+    for lean, factor in zip((0.0, TILT_DEG, 150.0), factors, strict=True):
+        np.testing.assert_allclose(sigma_mm(lean, part, joint), factor * table, rtol=1e-6)

@@ -91,6 +91,7 @@ def test_a_pinned_frame_is_certain_and_beside_it_only_what_the_pin_moved_is_doub
     assert not (again.flags[near] & ~solved.flags[near]).any(), "no whole frame is doubtful for a pin"
 
 
+@pytest.mark.slow
 def test_frames_that_nothing_changed_are_found_again(capture, solved):
     """The same data, shape and noise: what is left is where keys stand and how feet are judged.
 
@@ -138,6 +139,7 @@ def test_frames_outside_do_not_move_at_all(capture, solved):
     assert {"flags", "keyframes", "contacts", "reprojection_px", "joint_covariance", "betas"} <= compared
 
 
+@pytest.mark.slow
 def test_the_whole_take_can_be_the_range(capture, solved):
     again = resolve_range(capture, solved, FrameRange(0, solved.num_frames - 1), QUICK).motion
     assert error_mm(again, capture, slice(None)) < 1.1 * error_mm(solved, capture, slice(None))
@@ -178,11 +180,13 @@ def test_plain_values_are_checked_and_read_back():
             FrameRange.from_dict({**values, **change})
 
 
+@pytest.mark.slow
 def test_settings_without_residual_rotations_also_work(capture, solved):
     again = resolve_range(capture, solved, FrameRange(FIRST, LAST), SolveSettings(residual_rotations=False)).motion
     assert np.isfinite(again.joints).all()
 
 
+@pytest.mark.slow
 def test_feet_that_stand_beyond_the_range_do_not_slip_at_its_ends():
     """The left foot stands throughout, the right one at the start; hips and knees were bent by hand in the range."""
     # With the four linearisations of QUICK a take that starts at its fine keys is not at rest, and its feet slip.

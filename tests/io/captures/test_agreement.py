@@ -42,6 +42,7 @@ def median_error_m(capture: Capture, first: int) -> float:
     return float(np.nanmedian(np.linalg.norm(points[: len(truth)] - truth, axis=-1)))
 
 
+@pytest.mark.slow
 def test_half_size_and_started_apart(tmp_path: Path) -> None:
     write_apart(tmp_path, [0, 45, 90, 20], [1, 1, 1, 1], factor=0.5)
     capture = load_capture(tmp_path)
@@ -60,7 +61,7 @@ def test_half_size_and_other_lengths(tmp_path: Path) -> None:
     assert "0.5 times as large" in corrected.values["meanings"]
 
 
-@pytest.mark.parametrize("filmed", [False, True])
+@pytest.mark.parametrize("filmed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 0.5])
     if filmed:
@@ -107,7 +108,15 @@ def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
     assert "camera_rates_differ" not in [item.code for item in capture.problems]
 
 
-@pytest.mark.parametrize(("places", "turned"), [(1, False), (2, False), (3, False), (1, True)])
+@pytest.mark.parametrize(
+    ("places", "turned"),
+    [
+        (1, False),
+        pytest.param(2, False, marks=pytest.mark.slow),
+        pytest.param(3, False, marks=pytest.mark.slow),
+        (1, True),
+    ],
+)
 def test_names_of_a_ring_turned_on(tmp_path: Path, places: int, turned: bool) -> None:
     """Every camera bears its neighbour's name: no size or shape of the pictures is an explanation."""
     order = np.roll(np.arange(4), -places)

@@ -101,6 +101,13 @@ def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     )
 
 
+def test_rigid_bodies_named_by_bones_are_of_the_only_body(tmp_path, cloud):
+    labels = (*("Box:a", "Box:b", "ForearmL:1", "ForearmL:2"), *(f"Anna:{label}" for label in LABELS[4:]))
+    capture = load_capture(write_c3d(tmp_path / "bones.c3d", replace(cloud, labels=labels)))
+    assert capture.markers is not None and capture.markers.labels == labels[2:]
+    assert capture.others is not None and capture.others.labels == labels[:2]
+
+
 def test_several_prefixes_are_one_person_where_they_are_named(tmp_path, cloud):
     parts = {label: part for part, count in (("Upper", 7), ("Lower", 39)) for label in LABELS[:count][::-1]}
     parts |= dict.fromkeys(LABELS[:7], "Upper")
@@ -139,6 +146,15 @@ def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
     message = "at least 8 markers.*3 of the 6 labels are known: LASI, RASI, C7. Read were LASI, RASI, C7, x1, x2."
     with pytest.raises(MarkersUnknown, match=message):
         solve(capture)
+
+
+def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
+    numbered = replace(cloud, labels=tuple(f"traj_{number:03d}" for number in range(39)))
+    capture = load_capture(write_c3d(tmp_path / "numbered.c3d", numbered))
+    assert not capture.problems
+    text = " ".join(words(capture.notes))
+    assert "The labels name too few places on a body (0 of 39): the solve names the markers" in text
+    assert "Labels of no layout" not in text
 
 
 def test_one_frame_is_a_pose(tmp_path, cloud):

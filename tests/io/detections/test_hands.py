@@ -15,7 +15,7 @@ from solver_backend.cameras.view_checks.repeated_frames import without_repeats
 from solver_backend.cameras.view_checks.synchronisation import synchronised
 from solver_backend.cameras.view_checks.view_consistency import ViewRange
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike, Rotated
-from solver_backend.exchange.errors import KeypointCountMismatch, NonFiniteData
+from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.hand_points import HAND_POINTS
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
@@ -142,6 +142,23 @@ def test_a_hand_of_another_number_of_points_is_named(tmp_path: Path) -> None:
     with pytest.raises(KeypointCountMismatch, match=r"'hand_left_keypoints_2d' holds 20 points; 21 of a hand") as error:
         read(tmp_path / "take")
     assert "000000.json" in error.value.where
+
+
+@pytest.mark.parametrize("count", [21, 42])
+def test_points_of_hands_alone_are_called_so(tmp_path: Path, count: int) -> None:
+    alone = [{"pose_keypoints_2d": np.concatenate(HANDS[0, 0])[:count].ravel().tolist()}]
+    write(tmp_path / "take", lambda c, f: alone)
+    with pytest.raises(KeypointCountMismatch, match=f"{count} keypoints a person: points of hands, without a body"):
+        read(tmp_path / "take")
+
+
+def test_hands_beside_an_empty_body_are_called_so(tmp_path: Path) -> None:
+    def people(c: int, f: int) -> list[dict[str, Any]]:
+        return [{**openpose(c, f)[0], "pose_keypoints_2d": []}]
+
+    write(tmp_path / "take", people)
+    with pytest.raises(NoDetections, match="hold nobody.*Hands alone are not solved"):
+        read(tmp_path / "take")
 
 
 def test_hands_stay_with_their_person(tmp_path: Path) -> None:

@@ -60,6 +60,27 @@ def test_everybody_is_read_in_order_with_gaps_as_missing_frames(tmp_path: Path) 
     assert calls[-1] == ("Reading the detections", 5, 5)
 
 
+@pytest.mark.parametrize("text", ["null", "[]", '{"people": null}', '{"version": 1.3, "people": []}'])
+def test_frames_without_people_are_written_in_several_ways(tmp_path: Path, text: str) -> None:
+    folders = {
+        name: write(tmp_path / name, {0: [person(1)], 1: [person(2)], 2: [person(3)]}) for name in ("cam01", "cam02")
+    }
+    (tmp_path / "cam01" / "cam_000000000001_keypoints.json").write_text(text)
+    found = read_folders(folders)
+    assert (found.confidence[..., :].max((2, 3)) > 0).tolist() == [[True, False, True], [True, True, True]]
+    assert found.problems == ()
+
+
+@pytest.mark.parametrize("key", ["joints2d", "keypoints_2d", "kpts", "keypoints"])
+def test_people_with_points_of_other_names(tmp_path: Path, key: str) -> None:
+    shown = person(1)
+    folders = {name: write(tmp_path / name, {f: [shown] for f in range(3)}) for name in ("cam01", "cam02")}
+    for path in tmp_path.rglob("*.json"):
+        path.write_text(json.dumps({"people": [{key: shown.tolist()}]}))
+    found = read_folders(folders)
+    np.testing.assert_allclose(found.xy[:, :, 0], np.broadcast_to(shown[:, :2], (2, 3, 26, 2)), rtol=1e-6)
+
+
 def test_padding_files_of_pose2sim_are_frames_without_people(tmp_path: Path) -> None:
     folders = {
         "a": write(tmp_path / "a", {n: [person(n)] for n in range(4)}),

@@ -60,6 +60,7 @@ def test_who_leans_from_her_hips_is_told_upright_by_her_balance() -> None:
     assert by_trunk > 8.0 and off < 0.5 * by_trunk and off < 1.7 * sigma
 
 
+@pytest.mark.slow
 def test_a_recorded_balance_is_told_as_well_as_it_says(shared_data) -> None:
     capture = load_capture(shared_data / BALANCING_TRIAL)
     cameras, keypoints = capture.require_multiview()

@@ -49,6 +49,7 @@ def matched(
     return found
 
 
+@pytest.mark.slow
 def test_blobs_triangulated_with_the_written_cameras_meet_the_markers_within_a_millimetre() -> None:
     _, stage, pictures, seen = filmed("vicon_12", 1)
     rays: dict[tuple[int, int], list[tuple[int, np.ndarray]]] = {}

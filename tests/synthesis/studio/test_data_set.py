@@ -64,6 +64,7 @@ def test_a_run_that_was_ended_goes_on_with_the_same_pixels(made: Path, tmp_path:
     assert len(digests(made / SHOTS)) > 2 * 3 * 5 * 4
 
 
+@pytest.mark.slow
 def test_a_run_that_was_killed_goes_on_with_the_same_pixels(made: Path, tmp_path: Path) -> None:
     spec, out = tmp_path / "spec.json", tmp_path / "set"
     spec.write_text(json.dumps(SMALL))
@@ -126,6 +127,7 @@ def test_masks_depth_normals_and_boxes_agree(made: Path) -> None:
         assert (normals[person][:, 2] < 0.15).mean() > 0.98, "what is seen faces the camera"
 
 
+@pytest.mark.slow
 def test_the_judge_compares_clean_with_perturbed_and_tells_what_failed(made: Path) -> None:
     verdicts = judge(made, ("frame", "triangulation"), faults=("clean", "perturbed"))
     assert len(verdicts) == 8 and not any(v.error for v in verdicts)
@@ -138,6 +140,7 @@ def test_the_judge_compares_clean_with_perturbed_and_tells_what_failed(made: Pat
     assert "a &lt;b&gt;" in page and "data:image/png;base64," in page and "<script" not in page
 
 
+@pytest.mark.slow
 def test_the_judge_solves_with_given_settings_and_compares_rigs_by_their_faults(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -181,6 +184,7 @@ def test_the_card_counts_views_and_poses(made: Path) -> None:
         assert words in text
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("rig", [{"preset": "azure_kinect_3"}, {"count": 2, "size": [160, 120]}])
 def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Path, rig: dict[str, Any]) -> None:
     kinds = ["infrared", "depth", "masks", "normals"]

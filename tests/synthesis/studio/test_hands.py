@@ -4,23 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_on_body import finger_rotations
 from solver_backend.body.hands import with_fingers
 from solver_backend.cameras.projection import project
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
+from solver_backend.synthesis.studio.hands.moving_hands import move_hands
 from tests.support.handed_take import handed_take
 
 TAKE = handed_take(60, seed=4)
 assert TAKE.capture.cameras is not None
 CAMERAS = TAKE.capture.cameras
-STILL = HandFaults(missing=0.0, wrong=0.0, exchanged=0.0, least_seen=0.0)
+STILL = HandFaults(0.05, 0.05, 0.04, missing=0.0, wrong=0.0, exchanged=0.0, least_seen=0.0)
 
 
 def test_fingers_stay_within_their_ranges_and_move() -> None:
     prior, angles = load_hand_prior(), TAKE.hands.angles
     assert ((angles >= prior.low) & (angles <= prior.high)).all()
     assert np.rad2deg(angles.std(axis=0)).mean() > 5
+
+
+def test_no_finger_runs_through_another() -> None:
+    for seed in range(4):
+        hands = move_hands(TAKE.person, 30.0, np.random.default_rng(seed))
+        assert max(finger_overlap(hands.points[:, side]).max() for side in range(2)) < 0.003
+        assert np.abs(np.diff(hands.angles, axis=0)).max() < np.deg2rad(12)
 
 
 def test_points_are_those_of_the_bodys_own_finger_joints() -> None:

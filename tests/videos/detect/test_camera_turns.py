@@ -9,9 +9,11 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, JointSet
 from solver_backend.videos.detect.camera_turns import as_if_still, camera_turns
 from solver_backend.videos.detect.video_detections import VideoDetections
+from tests.support.recordings import BALANCING_TRIAL
 
 cv2 = pytest.importorskip("cv2")
 
@@ -119,3 +121,47 @@ def test_without_a_background_a_note_states_that_nothing_is_known() -> None:
     blank = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
     steadied, diagnostics = as_if_still(given, camera(), blank)
     assert steadied is given and [item.code for item in diagnostics] == ["camera_turn_unknown"]
+
+
+REAL_FOCAL = 1500.0
+"""Pixels of the recorded pictures: the turned camera sees them as a far plane, for which any focal length will do."""
+
+
+def window_camera() -> Cameras:
+    """Return the camera of a window of half the recorded scale, 5° narrower than the picture on each side."""
+    K = np.array([[REAL_FOCAL / 2, 0, 200.0], [0, REAL_FOCAL / 2, 380.0], [0, 0, 1.0]])
+    return Cameras(("cam01",), K[None], np.zeros((1, 5)), np.eye(3)[None], np.zeros((1, 3)), np.array([[400, 760]]))
+
+
+def turned_pictures(path: Path, turns: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield pictures of a real video of a still camera as one that is turned sees them."""
+    video, narrow = cv2.VideoCapture(str(path)), window_camera()
+    for rotation in turns:
+        there, picture = video.read()
+        assert there
+        wide = np.array([[REAL_FOCAL, 0, picture.shape[1] / 2], [0, REAL_FOCAL, picture.shape[0] / 2], [0, 0, 1.0]])
+        H = narrow.K[0] @ exp_so3(rotation) @ np.linalg.inv(wide)
+        yield cv2.cvtColor(cv2.warpPerspective(picture, H, (400, 760), flags=cv2.INTER_AREA), cv2.COLOR_BGR2RGB)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("number", [1, 2, 3, 4])
+def test_a_window_that_sways_over_a_real_video_is_a_camera_that_turns(shared_data: Path, number: int) -> None:
+    trial, frames = shared_data / BALANCING_TRIAL, 60
+    time = np.linspace(0.0, 1.0, frames)
+    sway = np.deg2rad(4.5) * np.stack([0.3 * np.sin(9 * time), np.sin(4 * time), 0.1 * np.sin(6 * time)], axis=1)
+    still = load_capture(trial).keypoints
+    assert still is not None
+    half = np.array([540.0 if number < 3 else 544.0, 960.0])
+    rays = (still.xy[number - 1, :frames].astype(float) - half) / REAL_FOCAL
+    rays = np.concatenate([rays, np.ones_like(rays[..., :1])], axis=-1)
+    now = np.einsum("fij,fkj->fki", window_camera().K[0] @ exp_so3(sway), rays)
+    xy, sure = now[..., :2] / now[..., 2:], still.confidence[number - 1, :frames]
+    people = VideoDetections(
+        Path("pan.mp4"), "", "none", still.joint_set, (400, 760), np.arange(frames) / 60.0, xy[:, None],
+        np.where(np.isfinite(xy).all(axis=-1), sure, 0.0)[:, None], np.zeros((frames, 1), dtype=int),
+    )  # fmt: skip
+    pictures = turned_pictures(trial / "videos" / f"cam0{number}.mp4", sway)
+    found = camera_turns(people, window_camera(), pictures)
+    assert found is not None and found.explain and found.largest_deg > 4.0
+    assert np.rad2deg(np.linalg.norm(found.rotations - sway, axis=1)).max() < 0.15

@@ -19,7 +19,8 @@ from solver_backend.videos.pipeline.errors import NoVideos
 from solver_backend.videos.pipeline.layout import look_through
 from solver_backend.videos.pipeline.plan import planned
 from solver_backend.videos.pipeline.records import Records
-from solver_backend.videos.pipeline.run import RoadSettings, go
+from solver_backend.videos.pipeline.run import go
+from solver_backend.videos.pipeline.settings import RoadSettings
 from solver_backend.videos.sync.clocks import Clocks
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots

@@ -92,6 +92,7 @@ def followed(filmed) -> tuple[ViewsSession, float, list[dict]]:
     return session, time.process_time() - begun, lines
 
 
+@pytest.mark.slow
 def test_a_core_makes_twelve_poses_of_two_cameras_for_a_second_of_its_time(filmed):
     """A second of processor time beside the detectors; an overloaded machine gives it less, and fewer poses come."""
     _, cpu_s, lines = followed(filmed)
@@ -99,6 +100,7 @@ def test_a_core_makes_twelve_poses_of_two_cameras_for_a_second_of_its_time(filme
     assert poses >= 12 and poses > 12 * cpu_s
 
 
+@pytest.mark.slow
 def test_ten_poses_a_second_are_within_half_as_much_again_of_a_solve(filmed):
     session = session_of(filmed)
     lines = list(session.run(moments_of(filmed, every=6)))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import NUM_ANGLES
 from solver_backend.body.hand_on_body import by_joint, hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
@@ -19,6 +20,12 @@ SPREAD = 0.7
 """Share of the prior's deviations that fingers move by: the prior is as wide as its widest source."""
 SLOWEST_HZ, FASTEST_HZ = 0.1, 0.7
 """Frequencies of the movement; gestures take half a second to open or close a hand."""
+SHARES = tuple(np.linspace(1.0, 0.0, 11)[:-1].tolist())
+"""Shares of a pose, between a relaxed hand and itself, that are tried until fingers do not run through one another."""
+TOUCH_M = 0.002
+"""Overlap of fingers that touch."""
+EASE_S = 0.2
+"""Half the time in which a hand relaxes before such a pose, and returns after it."""
 _WAVES = 4
 """Waves that each angle is the sum of; chosen by hand."""
 
@@ -53,8 +60,9 @@ def move_hands(person: Person, fps: float, rng: np.random.Generator) -> MovingHa
     """
     body, frames = with_fingers(person.body), len(person.transl)
     prior = load_hand_prior()
-    angles = np.stack([_draw(prior, frames, fps, rng) for _ in SIDES], axis=1)
     skeletons = hand_of_shape(body, person.betas, 0), hand_of_shape(body, person.betas, 1)
+    drawn = [_draw(prior, frames, fps, rng) for _ in SIDES]
+    angles = np.stack([_apart(s, a, prior.mean, fps) for s, a in zip(skeletons, drawn, strict=True)], axis=1)
     return MovingHands(skeletons, angles, points_of_hands(person, skeletons, angles))
 
 
@@ -76,3 +84,16 @@ def _draw(prior: HandPrior, frames: int, fps: float, rng: np.random.Generator) -
     waves = np.sin(2 * np.pi * (np.arange(frames)[:, None, None] / fps * rate + phase)).sum(-1) / np.sqrt(_WAVES / 2)
     drawn = prior.mean + SPREAD * waves @ np.linalg.cholesky(prior.covariance).T
     return np.clip(drawn, prior.low, prior.high)
+
+
+def _apart(skeleton: HandSkeleton, angles: np.ndarray, relaxed: np.ndarray, fps: float) -> np.ndarray:
+    """Return (F, A) angles that are nearer to a relaxed hand about frames in which fingers run through one another."""
+    need = np.ones(len(angles))
+    for share in SHARES:
+        mixed = relaxed + share * (angles - relaxed)
+        deep = finger_overlap(skeleton.sites(skeleton.pose(mixed), skeleton.keypoints())) > TOUCH_M
+        need = np.where(deep, np.minimum(need, share - SHARES[0] + SHARES[1]), need)
+    half = max(1, round(EASE_S * fps))
+    window = np.lib.stride_tricks.sliding_window_view(np.pad(need, 2 * half, mode="edge"), 2 * half + 1).min(axis=1)
+    eased = np.convolve(window, np.hanning(2 * half + 3)[1:-1] / (half + 1.0), mode="valid")
+    return relaxed + eased[:, None] * (angles - relaxed)

@@ -114,7 +114,7 @@ def test_recordings_of_markers_are_captures_and_their_markers_are_exported(
     job.write_text('{"subject_prefix": "Anna"}')
     result = run_batch(BatchRequest(captures, out, job, marker_formats=("c3d", "trc")), silent)
     takes = {take["take"]: take for take in result["takes"]}
-    assert solver.reading == ["--subject-prefix", "Anna"]
+    assert solver.reading == ["--subject-prefix=Anna"]
     assert [Path(path).name for path in takes["markers a"]["outputs"][-2:]] == ["markers a.c3d", "markers a.trc"]
     assert not (out / "good" / "export").exists(), "a take of keypoints has no markers"
     rows = {line.split("  ")[0]: line for line in result["table"].splitlines()}
@@ -149,7 +149,7 @@ def test_done_takes_are_skipped_until_something_changes(captures: Path, solver: 
     solver.solved.clear()
     run_batch(BatchRequest(captures, tmp_path / "out", template), silent)
     assert len(solver.solved) == 4, "other settings make other takes"
-    assert solver.reading == ["--fps", "50", "--trim"] and solver.jobs[-1]["settings"] == {"window": 12}
+    assert solver.reading == ["--fps=50", "--trim"] and solver.jobs[-1]["settings"] == {"window": 12}
 
 
 def test_a_new_version_solves_again(captures: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -213,6 +213,9 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     (captures / "good").mkdir()
     with pytest.raises(BatchInvalid, match="Two captures are called good"):
         run_batch(BatchRequest(captures, tmp_path / "out"), silent)
+    (tmp_path / "job.json").write_text('{"camera": "hall=cam01"}')
+    with pytest.raises(BatchInvalid, match=r"camera is 'hall=cam01'; a list of RECORDED=CALIBRATED is expected"):
+        run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     (tmp_path / "job.json").write_text('{"capture": "x"}')
     with pytest.raises(BatchInvalid, match="cannot hold capture"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)

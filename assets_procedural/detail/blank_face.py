@@ -1,0 +1,56 @@
+"""The head of the mannequin: eyes, nose, lips and ears give way to the smoothest skin through what is around them."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sp
+from scipy.interpolate import RBFInterpolator
+from scipy.sparse.linalg import spsolve
+
+from assets_procedural.arrays import Array
+
+_FACE = np.array([0.0, 0.050, 0.105]), np.array([0.068, 0.088, 0.085])
+_EAR = np.array([0.0835, 0.055, 0.000]), np.array([0.028, 0.050, 0.040])
+"""Centre, from the head's joint, and radii of the ellipsoids whose skin gives way; metres, chosen on the picture."""
+_AROUND = 1.45
+"""Skin up to this many radii shows where the head's surface is; chosen on the picture."""
+_MIDDLE = np.array([0.0, 0.060, 0.020])
+"""From the head's joint, metres: the point from which the blank head is seen as radii."""
+
+
+def blank_face(vertices: Array, faces: Array, head: Array) -> tuple[Array, Array]:
+    """Return (N,) which vertices of a body at rest move for a head without a face, and (N, 3) by how much, metres.
+
+    The vertices are spread evenly first, each to the mean of its neighbours (Tutte 1963, "How to draw a graph"), and
+    then laid, along the ray from the head's middle, on the smoothest radius (thin plate over directions) through the
+    skin around.
+
+    Args:
+        vertices: (V, 3) metres.
+        faces: (T, 3).
+        head: (3,) metres, the head's joint.
+    """
+    folded = (vertices - head) * np.where(vertices[:, :1] < 0, [-1.0, 1.0, 1.0], 1.0)
+    away = np.min([np.linalg.norm((folded - c) / radii, axis=1) for c, radii in (_FACE, _EAR)], axis=0)
+    free, around, centre = away < 1.0, (away >= 1.0) & (away < _AROUND), head + _MIDDLE
+    plate, chosen = _umbrella(faces, len(vertices)), np.flatnonzero(free)
+    held = -plate[chosen][:, ~free] @ vertices[~free]
+    even = spsolve(plate[chosen][:, chosen].tocsc(), held)
+    radius, way = _rays(vertices[around] - centre)
+    surface = RBFInterpolator(way, radius, kernel="thin_plate_spline", smoothing=1e-6)
+    way = _rays(even - centre)[1]
+    return chosen, centre + surface(way)[:, None] * way - vertices[chosen]
+
+
+def _rays(points: Array) -> tuple[Array, Array]:
+    """Return the (N,) lengths and (N, 3) directions of vectors."""
+    length = np.linalg.norm(points, axis=1)
+    return length, points / length[:, None]
+
+
+def _umbrella(faces: Array, count: int) -> sp.csr_matrix:
+    """Return (V, V): the mean of a vertex's neighbours less the vertex."""
+    pairs = np.concatenate([faces[:, [0, 1]], faces[:, [1, 2]], faces[:, [2, 0]]])
+    pairs = np.unique(np.concatenate([pairs, pairs[:, ::-1]]), axis=0)
+    graph = sp.csr_matrix((np.ones(len(pairs)), pairs.T), shape=(count, count))
+    return sp.csr_matrix(sp.diags(1.0 / np.asarray(graph.sum(axis=1)).ravel()) @ graph - sp.eye(count))

@@ -1,0 +1,135 @@
+"""Nails of ten fingers and the big toes: plates with a fold around them, in ovals cut out of the fitted skin."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from scipy.interpolate import RBFInterpolator
+
+from assets_procedural.arrays import Array
+from assets_procedural.detail.features import NAIL, NONE
+from assets_procedural.detail.fingers import DIGITS
+from assets_procedural.detail.patches import HalfBody, Patch, replace, rings_to_faces
+from assets_procedural.layout import JOINT
+
+_AROUND = 10
+"""Vertices of each ring."""
+_RINGS = (1.0, 0.86, 0.74)
+"""Skin, bottom of the fold and border of the plate, as shares of the oval's radii; chosen by hand on the picture."""
+_HOLE = 1.25
+"""Vertices within so many radii give way, so that the faces around a nail are no slivers."""
+_FOLD_M, _PLATE_M = -0.0004, 0.0003
+"""The fold lies below the skin, the plate above it; chosen by hand on the picture."""
+_DEEP_M, _BESIDE_M = 0.009, 0.011
+"""Skin so far under the nail's middle and so far beside it counts as the skin around it."""
+_FACING = 0.45
+"""Least cosine between the nail's normal and a normal of skin that shows where the surface lies."""
+
+
+@dataclass(frozen=True)
+class NailPlace:
+    """Where one nail of the left side is."""
+
+    centre: Array
+    """(3,) metres, within 2 mm of the skin."""
+    tip: Array
+    """(3,) unit vector to the tip."""
+    up: Array
+    """(3,) unit vector out of the skin, at a right angle to ``tip``."""
+    radii: Array
+    """(2,) across and along, metres, with the fold."""
+
+    @property
+    def axes(self) -> Array:
+        """Return (3, 3): across, along and up, one a row."""
+        return np.stack([np.cross(self.tip, self.up), self.tip, self.up])
+
+
+_FINGERS: dict[str, tuple[float, float, tuple[float, float], float]] = {
+    "thumb": (0.58, 36.0, (0.0062, 0.0076), 0.0040),
+    "index": (0.52, 0.0, (0.0054, 0.0064), 0.0033),
+    "middle": (0.56, 0.0, (0.0056, 0.0066), 0.0045),
+    "ring": (0.54, 0.0, (0.0054, 0.0064), 0.0033),
+    "little": (0.52, 0.0, (0.0046, 0.0055), 0.0040),
+}
+"""Middle as a share from last knuckle to tip, roll about the finger in degrees, radii, height over the bone."""
+_BIG_TOE = ((-0.011, -0.0024, 0.0585), (0.0, -0.30, 1.0), (0.0080, 0.0080))
+"""From the foot's joint, way to the tip, radii; metres, measured on the mesh. Other toes are a face or two wide."""
+
+
+def put_on_nails(half: HalfBody, joints: Array) -> HalfBody:
+    """Return the half body with nails.
+
+    Args:
+        half: with straight spread fingers, floor at y = 0.
+        joints: (24, 3) metres, in the same frame.
+
+    Raises:
+        BodyInvalid: a nail is not on the skin.
+    """
+    for place in _places(joints):
+        half = _with_nail(half, place)
+    return half
+
+
+def _places(joints: Array) -> list[NailPlace]:
+    found, hand = [], joints[JOINT["left_hand"]]
+    for name, (share, roll, radii, height) in _FINGERS.items():
+        knuckle, end = (hand + np.array(knot) for knot in DIGITS[name].knots[-2:])
+        along = (end - knuckle) / np.linalg.norm(end - knuckle)
+        up = _turned(_upright(along), along, np.deg2rad(roll))
+        found.append(NailPlace(knuckle + share * (end - knuckle) + height * up, along, up, np.array(radii)))
+    offset, way, radii = (np.array(numbers) for numbers in _BIG_TOE)
+    along = way / np.linalg.norm(way)
+    return [*found, NailPlace(joints[JOINT["left_foot"]] + offset, along, _upright(along), radii)]
+
+
+def _upright(along: Array) -> Array:
+    """Return the unit vector at a right angle to ``along`` that points up most."""
+    up = np.array([0.0, 1.0, 0.0]) - along[1] * along
+    return up / np.linalg.norm(up)
+
+
+def _turned(vector: Array, axis: Array, angle: float) -> Array:
+    """Return a vector at a right angle to the unit axis, turned about it."""
+    return np.cos(angle) * vector + np.sin(angle) * np.cross(axis, vector)
+
+
+def _with_nail(half: HalfBody, place: NailPlace) -> HalfBody:
+    local = (half.vertices - place.centre) @ place.axes.T
+    away = np.linalg.norm(local[:, :2] / place.radii, axis=1)
+    hole = (away < _HOLE) & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
+    patch = _nail(place, _skin(half, local, place))
+    return replace(half, lambda _: hole, patch)
+
+
+def _skin(half: HalfBody, local: Array, place: NailPlace) -> RBFInterpolator:
+    """Return the height of the skin over (across, along), metres."""
+    beside = np.linalg.norm(local[:, :2], axis=1) < _BESIDE_M
+    near = beside & (np.abs(local[:, 2]) < _DEEP_M) & _faces_up(half, place.up)
+    return RBFInterpolator(local[near, :2], local[near, 2], kernel="thin_plate_spline", smoothing=1e-9)
+
+
+def _faces_up(half: HalfBody, up: Array) -> Array:
+    """Return (V,) whether the skin at a vertex faces a direction."""
+    corners = half.vertices[half.faces]
+    normal, total = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), np.zeros_like(half.vertices)
+    for k in range(3):
+        np.add.at(total, half.faces[:, k], normal)
+    return total @ up > _FACING * np.linalg.norm(total, axis=1)
+
+
+def _nail(place: NailPlace, skin: RBFInterpolator) -> Patch:
+    angle = 2.0 * np.pi * np.arange(_AROUND) / _AROUND
+    cosine, sine = np.cos(angle), np.sin(angle)
+    outline = np.stack([np.sign(cosine) * np.abs(cosine) ** 0.75, sine], axis=1) * place.radii
+    flat = np.concatenate([*(share * outline for share in _RINGS), np.zeros((1, 2))])
+    height = np.repeat([0.0, _FOLD_M, _PLATE_M, _PLATE_M], [_AROUND] * len(_RINGS) + [1])
+    vertices = place.centre + np.column_stack([flat, skin(flat) + height]) @ place.axes
+    rings = list(np.arange(len(_RINGS) * _AROUND).reshape(-1, _AROUND))
+    fan = np.stack([rings[-1], np.roll(rings[-1], -1), np.full(_AROUND, len(vertices) - 1)], axis=1)
+    bands = [rings_to_faces([outer, inner], closed=True) for outer, inner in pairwise(rings)]
+    feature = np.repeat([NONE, NONE, NAIL], [len(bands[0]), len(bands[1]), len(fan)])
+    return Patch(vertices, np.concatenate([*bands, fan]), feature, rings[0], True)

@@ -1,0 +1,125 @@
+"""Fingers of a foreign skeleton: which joints they are, the points of its hands, and their angles."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+
+import numpy as np
+
+from solver_backend.body.hand_angles import measure_angles, palm_frames
+from solver_backend.exchange.hand_points import FINGERS, NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.rigs.fingers import finger_roles
+from solver_backend.exchange.rigs.names import side_of_name
+from solver_backend.exchange.rigs.skeleton import Skeleton
+from solver_backend.geometry.rotations import exp_so3, log_so3
+from solver_backend.types.shapes import Float
+from solver_backend.types.skeleton_motion import SkeletonMotion
+
+_BONES = 3
+"""Bones of a finger."""
+_TIP = 0.8
+"""Length of the last bone by the one before, where a skeleton ends at its joint (Buryanov and Kotiuk 2010)."""
+_GOES_ON = 0.5
+"""Share of the bend before by which such a bone is bent at rest: a relaxed finger's last joint by its middle one, 0.35
+to 0.62 in our own hand; a straight finger's end is straight."""
+_FOREARM = 1.35
+"""Length of a forearm by that of the hand (ANSUR II: 0.26 and 0.19 m)."""
+_NEEDED = ("thumb", "index", "middle", "pinky")
+"""Fingers without which a palm has no axes, or the hand is none."""
+MOVES = 0.005
+"""Radians by which a finger turns from rest at some time, at least: others are no part of the motion."""
+
+
+def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
+    """Return the joints of hands and fingers by role (``left_hand``, ``left_index_1``) of a skeleton of hands alone.
+
+    Args:
+        motion: of the skeleton.
+        side: ``left`` or ``right`` of a single hand whose names do not say it.
+    """
+    parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
+    skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)
+    roles: dict[str, str] = {}
+    for bone, name in enumerate(skeleton.names):
+        fingers = finger_roles(skeleton, bone, _FOREARM * skeleton.reach[bone])
+        if not all(f"{finger}_{_BONES}" in fingers for finger in _NEEDED):
+            continue
+        own = side or _side([name, *(skeleton.names[j] for j in fingers.values())])
+        if own and f"{own}_hand" not in roles:
+            roles |= {f"{own}_hand": name, **{f"{own}_{role}": skeleton.names[j] for role, j in fingers.items()}}
+    return roles
+
+
+def finger_points(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> Float[np.ndarray, "n 21 3"] | None:
+    """Return (F, 21, 3) of ``HAND_POINTS``, NaN of fingers that the skeleton lacks; None where it has no such hand.
+
+    Args:
+        motion: of the skeleton.
+        roles: its joint by role.
+        side: 0 left, 1 right.
+    """
+    name = SIDES[side]
+    index = {role: motion.names.index(joint) for role, joint in roles.items() if role.startswith(f"{name}_")}
+    if not all(f"{name}_{finger}_{_BONES}" in index for finger in _NEEDED) or f"{name}_hand" not in index:
+        return None
+    points = np.full((motion.num_frames, NUM_HAND_POINTS, 3), np.nan)
+    points[:, 0] = motion.joints[:, index[f"{name}_hand"]]
+    for number, finger in enumerate(FINGERS):
+        bones = [index.get(f"{name}_{finger}_{k + 1}", -1) for k in range(_BONES)]
+        if -1 not in bones:
+            first = 1 + 4 * number
+            points[:, first : first + _BONES] = motion.joints[:, bones]
+            points[:, first + _BONES] = _tip(motion, bones)
+    return points
+
+
+def finger_angles(points: Float[np.ndarray, "n 21 3"], side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return angles (F, A), see ``measure_angles``, and the palm's rotations (F, 3, 3); NaN where points lack."""
+    with np.errstate(invalid="ignore"):
+        return measure_angles(points, side), palm_frames(points, side)[:, 2]
+
+
+def fingers_move(motion: SkeletonMotion, roles: Mapping[str, str], side: int) -> bool:
+    """Return whether a hand's fingers turn from their rest at any time.
+
+    Args:
+        motion: of the skeleton.
+        roles: its joint by role.
+        side: 0 left, 1 right.
+    """
+    name = SIDES[side]
+    fingers = [f"{name}_{finger}_{k + 1}" for finger in FINGERS for k in range(_BONES)]
+    columns = [motion.names.index(roles[role]) for role in fingers if role in roles]
+    if not columns or f"{name}_hand" not in roles:
+        return False
+    palm = motion.turns[:, motion.names.index(roles[f"{name}_hand"])]
+    bends = np.swapaxes(palm, -1, -2)[:, None] @ motion.turns[:, columns]
+    return bool(np.linalg.norm(log_so3(bends), axis=-1).max() > MOVES)
+
+
+def _tip(motion: SkeletonMotion, bones: list[int]) -> np.ndarray:
+    """Return (F, 3) where a finger ends: its skeleton's own end, or on along the finger at rest."""
+    last = bones[-1]
+    ends = [j for j, parent in enumerate(motion.parents) if parent == last]
+    ends = [j for j in ends if np.linalg.norm(motion.rest[j] - motion.rest[last]) > 0]
+    if ends:
+        return motion.joints[:, ends[0]]
+    before, along = (_unit(motion.rest[b] - motion.rest[a]) for a, b in pairwise(bones))
+    axis = np.cross(before, along)
+    sine = float(np.linalg.norm(axis))
+    bend = _GOES_ON * np.arctan2(sine, before @ along)
+    along = exp_so3(bend * axis / max(sine, 1e-12)) @ along
+    # Joints may be in another unit than the rest: the bone before shows how long this one is.
+    long = np.linalg.norm(motion.joints[:, last] - motion.joints[:, bones[-2]], axis=-1, keepdims=True)
+    return motion.joints[:, last] + _TIP * long * (motion.turns[:, last] @ along)
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+
+def _side(names: list[str]) -> str:
+    """Return the side that names agree on, "" where they do not."""
+    sides = {side_of_name(name) for name in names} - {""}
+    return sides.pop() if len(sides) == 1 else ""

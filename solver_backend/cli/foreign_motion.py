@@ -1,0 +1,92 @@
+"""A clip of another program's skeleton, brought onto our body, with all that was found on the way."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.rigs.rest_frames import bent_at_rest
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.motion_import.import_motion import ImportedMotion
+    from solver_backend.types import SkeletonMotion
+
+_FAR_MM = 20.0
+"""Distance of a joint from its source, the mean over the frames, from which it is noted."""
+_RAISED_M = 0.02
+"""Metres by which a motion is put on its floor that are noted."""
+_STRANGE = 5.0
+"""Standard deviations of a shape that hardly a person has."""
+_LOOSE = ("_toe", "head")
+"""Joints that are not fitted by place."""
+
+
+@dataclass(frozen=True)
+class ForeignMotion:
+    """A clip on our body."""
+
+    source: SkeletonMotion
+    """The clip as its file has it."""
+    roles: dict[str, str]
+    """Its joints by role."""
+    done: ImportedMotion
+    """On our body."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What was found in the file and by the fit."""
+
+    @property
+    def limbs_mm(self) -> float:
+        """Root mean square distance of the limbs' joints from the skeleton's."""
+        placed = [off for role, off in self.done.distances_mm.items() if not role.endswith(_LOOSE)]
+        return float(np.sqrt(np.mean(np.square(placed))))
+
+
+def read_foreign_motion(
+    path: Path, body: str, progress: Progress, *, unit: str = "", up_axis: str = "", keep_height: bool = False
+) -> ForeignMotion:  # fmt: skip
+    """Read a clip of another skeleton and fit our body to it.
+
+    Args:
+        path: BVH, MVNX or C3D with rotations.
+        body: name or path of the body.
+        progress: called as stages begin and end.
+        unit: length unit of the clip; empty: estimated from the legs.
+        up_axis: axis that points up in the clip; empty: detected.
+        keep_height: do not put the lowest soles on the floor.
+
+    Raises:
+        MocapError: see ``read_foreign_clip``, ``load_chosen_body`` and ``import_motion``.
+    """
+    from solver_backend.body.files.choices import load_chosen_body
+    from solver_backend.fitters.motion_import.import_motion import import_motion
+    from solver_backend.io.motions.foreign_skeleton import read_foreign_clip
+
+    progress("reading the clip", 0, 1)
+    source, roles, found = read_foreign_clip(path, unit, up_axis)
+    progress("fitting the body", 0, 1)
+    done = import_motion(source, roles, load_chosen_body(body), keep_height=keep_height)
+    progress("fitting the body", 1, 1)
+    index = {name: j for j, name in enumerate(source.names)}
+    bent = bent_at_rest({role: source.rest[index[name]] for role, name in roles.items()})
+    return ForeignMotion(source, roles, done, (*found, *([bent] if bent else []), *_found_in(done)))
+
+
+def _found_in(done: ImportedMotion) -> list[Diagnostic]:
+    found = list[Diagnostic]()
+    if done.motion.num_frames == 1:
+        found.append(diagnostic("motion_one_frame"))
+    if abs(done.raised_m) > _RAISED_M:
+        way = "Raised" if done.raised_m > 0 else "Lowered"
+        found.append(diagnostic("motion_on_floor", way=way, size=abs(done.raised_m)))
+    far = {r: off for r, off in done.distances_mm.items() if off > _FAR_MM and not r.endswith(_LOOSE)}
+    if far:
+        off = [f"{role.replace('_', ' ')} {size:.0f} mm" for role, size in far.items()]
+        found.append(diagnostic("motion_joints_elsewhere", joints=list(far), off=off))
+    if (size := np.abs(done.motion.betas).max()) > _STRANGE:
+        found.append(diagnostic("motion_lengths_strange", size=size))
+    return found

@@ -1,0 +1,33 @@
+"""Ctrl-C while a program still loads its libraries: it ends by name, as it does when it is at work."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+from types import FrameType
+
+CANCELLED = 130
+"""Exit code (128 + SIGINT, as shells have it)."""
+_EVENT = {
+    "event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "",
+    "hint": "Nothing was left half-written.",
+}  # fmt: skip
+
+
+def end_by_signals() -> None:
+    """Let the signals that cancel end the process at once with one error event or sentence, until others handle them.
+
+    Nothing is open or half-written by then, and an exception would come out of the middle of a library's import.
+    """
+    for name in ("SIGINT", "SIGTERM", "SIGBREAK"):
+        if hasattr(signal, name):
+            signal.signal(getattr(signal, name), _end)
+
+
+def _end(number: int, frame: FrameType | None) -> None:
+    as_json = "--json" in sys.argv
+    text = json.dumps(_EVENT) if as_json else f"error: {_EVENT['message']}\n  try:   {_EVENT['hint']}"
+    os.write(1 if as_json else 2, f"{text}\n".encode())
+    os._exit(CANCELLED)

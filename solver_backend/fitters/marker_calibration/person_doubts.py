@@ -1,0 +1,40 @@
+"""What a calibration found doubtful of a person's markers, from the person's record."""
+
+from __future__ import annotations
+
+from solver_backend.body.markers import ON_BONE
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.types import MarkerSubject
+
+MISPLACED = "misplaced"
+"""What a person's provenance calls labels whose names are not used, each with the place that it names and its distance
+in metres."""
+TWO_PLACES = "two_places"
+"""What it calls labels that are left out since two takes show them at different places, each with the distance in
+metres and the takes' numbers, from 1."""
+
+
+def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
+    """Return which names of markers were not used, and which markers were left out."""
+    return [*_misplaced(person), *_two_places(person)]
+
+
+def _misplaced(person: MarkerSubject) -> list[Diagnostic]:
+    """Return that names of markers were not used."""
+    found = person.provenance.get(MISPLACED, ())
+    if not found:
+        return []
+    named = sum(not place.startswith(ON_BONE) for place in person.places) + len(found)
+    if 2 * len(found) >= named:
+        labels = [label for label, *_ in found]
+        return [diagnostic("markers_of_nobody", markers=labels, count=len(found), named=named)]
+    texts = [f"{label} as {place} ({1000 * off:.0f} mm)" for label, place, off in found]
+    return [diagnostic("markers_off_place", markers=[label for label, *_ in found], places=", ".join(texts))]
+
+
+def _two_places(person: MarkerSubject) -> list[Diagnostic]:
+    """Return that markers were left out since they are elsewhere in another take."""
+    found = person.provenance.get(TWO_PLACES, ())
+    texts = [f"{label} by {1000 * apart:.0f} mm between takes {a} and {b}" for label, apart, a, b in found]
+    labels = [label for label, *_ in found]
+    return [diagnostic("marker_in_two_places", markers=labels, places=", ".join(texts))] if found else []

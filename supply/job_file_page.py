@@ -1,0 +1,80 @@
+"""The page of docs/reference about the job file, made from the classes that declare its keys."""
+
+from __future__ import annotations
+
+import ast
+from pathlib import Path
+
+_EXCHANGE = Path(__file__).resolve().parents[1] / "solver_backend" / "exchange"
+_SOURCE = _EXCHANGE / "job_file.py"
+_HEAD = """<!-- Made by python3 dev.py docs from solver_backend/exchange/job_file.py; edit that. -->
+
+# The job file
+
+Everything that one solve needs, as JSON: `solve --job JOB.json` and the panel *Solve* use the same file, and each take
+keeps its job beside it. [Batches](../how-to/batch-and-cluster.md#batches) read one without `capture` and `out`.
+
+```json
+{
+  "version": 1,
+  "capture": "trial",
+  "out": "trial_take.npz",
+  "report": "trial_take.html",
+  "fps": 60,
+  "settings": {"window": 12, "smoothing": 2.0}
+}
+```
+
+Keys that are left out have the default. A job with another key or of another version is refused.
+`settings` holds [settings of a solve](settings.md) by key. Paths are absolute, or start at the job file's folder."""
+_TABLES = (
+    (
+        "JobFile",
+        "",
+        "The [settings of reading](settings.md), such as `offset`, `frames` and `scale`, are keys of the job, too.",
+    ),
+    ("JobRange", "A range solved again: `resolve`", "Frames outside the range stay as they are, to the bit."),
+    ("JobPin", "A pinned pose: an item of `pins`", "The solver keeps it."),
+)
+_REQUIRED = "–"
+
+
+def job_file_page() -> str:
+    """Return the page."""
+    classes = {
+        node.name: node
+        for node in ast.parse(_SOURCE.read_text(encoding="utf-8")).body
+        if isinstance(node, ast.ClassDef)
+    }
+    parts = [_HEAD]
+    for name, title, text in _TABLES:
+        parts += ["", *([f"## {title}", ""] if title else []), text, ""]
+        parts += ["| key | type | default | holds |", "|---|---|---|---|"]
+        if name == "JobFile":
+            parts.append("| `version` | number | – | 1 |")
+        parts += [_row(*found) for found in _fields(classes[name])]
+    return "\n".join([*parts, ""])
+
+
+def _fields(declared: ast.ClassDef) -> list[tuple[str, str, str, str]]:
+    """Return name, type, default and description of each field of a data class."""
+    found = []
+    for node, after in zip(declared.body, [*declared.body[1:], None], strict=True):
+        if not isinstance(node, ast.AnnAssign) or not isinstance(node.target, ast.Name):
+            continue
+        text = after.value.value if isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant) else ""
+        default = _REQUIRED if node.value is None else ast.unparse(node.value)
+        found.append((node.target.id, ast.unparse(node.annotation), default, str(text)))
+    return found
+
+
+def _row(name: str, kind: str, default: str, text: str) -> str:
+    words = {"None": "null", "False": "false", "True": "true", "field(default_factory=dict)": "{}", "()": "[]"}
+    shown = words.get(default, default)
+    kinds = {"Path": "path", "bool": "boolean", "str": "text", "float": "number", "int": "number", "Any": "object"}
+    parts = [part.strip() for part in kind.split("|") if part.strip() != "None"]
+    described = " or ".join(kinds.get(part, "list") for part in parts)
+    sentence = " ".join(text.split())
+    for word, shown_as in {"``": "`", "None": "null", "JobRange": "below", "|": "\\|"}.items():
+        sentence = sentence.replace(word, shown_as)
+    return f"| `{name}` | {described} | {shown if shown == _REQUIRED else f'`{shown}`'} | {sentence} |"

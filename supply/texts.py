@@ -1,0 +1,58 @@
+"""Every text that a user meets, in one list to be read as a whole: ``python -m supply.texts [WORD]``.
+
+Messages, labels, tooltips, reports, errors and help are the strings of the program that hold a blank and are no
+docstrings; labels of one word are in ``blender_addon/ui/german.txt``.
+"""
+
+from __future__ import annotations
+
+import ast
+import re
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+PACKAGES = ("solver_backend", "blender_addon", "dev.py")
+_COPIED = ROOT / "blender_addon" / "_exchange"
+"""A copy of the solver's library; its texts stand there."""
+_SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
+"""Two words beside each other: what holds none is a key, a path or a format."""
+
+
+def shown_strings(path: Path) -> Iterator[tuple[int, str]]:
+    """Yield line and text of the strings of a file that hold a blank and are no docstrings."""
+    tree = ast.parse(path.read_text(encoding="utf-8"))
+    statements = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
+    for node in ast.walk(tree):
+        if not isinstance(node, ast.Constant) or id(node) in statements:
+            continue
+        if isinstance(node.value, str) and " " in node.value:
+            yield node.lineno, node.value
+
+
+def texts() -> Iterator[tuple[Path, int, str]]:
+    """Yield file, line and text of all that may be shown, each text once."""
+    known = set[str]()
+    for package in PACKAGES:
+        for path in sorted((ROOT / package).rglob("*.py")) or [ROOT / package]:
+            if _COPIED in path.parents:
+                continue
+            for line, found in sorted(shown_strings(path)):
+                text = " ".join(found.split())
+                if text not in known and _SENTENCE.search(text):
+                    known.add(text)
+                    yield path.relative_to(ROOT), line, text
+
+
+def main() -> int:
+    """Print the list, or the lines that hold a word, and return the exit code."""
+    wanted = " ".join(sys.argv[1:]).lower()
+    for path, line, text in texts():
+        if wanted in text.lower():
+            sys.stdout.write(f"{path}:{line}: {text}\n")
+    return 0
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

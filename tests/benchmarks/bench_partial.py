@@ -1,0 +1,103 @@
+"""Real takes with the markers above the pelvis, of an arm, or of both legs removed.
+
+Beside the solve of all markers: how far informed joints move, whether every frame is flagged, whether a wrist at rest
+is above its shoulder, and how many resting joints lie inside their 50, 80 and 95 % ellipsoids (pooled over takes, each
+take and kind counting alike). Takes are others than those that ``tests.benchmarks.resting_spread`` is fitted to, but
+for CMU's walk. Against the reference skeleton of that walk: the error of informed joints, without each joint's
+constant offset, beside that of the solve of all markers. Needs the recordings (MOCAP_SHARED_DATA).
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator
+
+import numpy as np
+
+from solver_backend.io.markers.read import read_markers
+from solver_backend.types import SMPL_JOINTS, MarkerCloud, Motion
+from tests.benchmarks.marker_takes.partial import BOUNDS, KINDS, Removed, at_rate, removed, solved
+from tests.benchmarks.marker_takes.takes import cmu, folder, ui_prmd
+from tests.benchmarks.metric import Metric
+from tests.support.cmu_marker_take import read_take
+from tests.support.recordings import recordings_folder
+
+RATE, FRAMES = 25.0, 100
+"""Frames a second and frames at most of each take."""
+QUARTER_TURN = np.array([[0.0, 1.0, 0.0], [-1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+UI_PRMD = ("m01_s03_e05", "m03_s05_e02", "m05_s07_e08", "m06_s04_e05", "m08_s02_e05", "m10_s06_e02")
+NIMBLE = ("Subject4/MarkerData/walkingTO1.trc", "Subject4/MarkerData/static1.trc", "c3d/squat.c3d")
+
+
+def run() -> list[Metric]:
+    """Solve and print the table."""
+    folder()
+    found: dict[str, list[Removed]] = {"CMU": [], "UI-PRMD": [], "nimble": []}
+    ratios: dict[str, float] = {}
+    for group, name, take in _takes():
+        cloud = at_rate(take, RATE, FRAMES)
+        whole = solved(cloud)
+        for kind in KINDS:
+            part = removed(cloud, whole, kind)
+            found[group].append(part)
+            sys.stdout.write(f"  {name:<28} {part.kind:<17} {_row([part])}\n")
+            sys.stdout.flush()
+            if name == "02_01":
+                ratios[kind] = _ratio(whole, part.motion)
+    for group, parts in found.items():
+        sys.stdout.write(f"  {group:<46} {_row(parts)}\n")
+    for kind, ratio in ratios.items():
+        sys.stdout.write(f"  02_01 without {kind:<17} informed joints {ratio:.2f} times the error of all markers\n")
+    every = [part for parts in found.values() for part in parts]
+    inside = np.mean([_inside(parts) for parts in found.values()], axis=0)
+    return [
+        *(
+            Metric(f"inside_{percent}", share, "%", rel_tol=0.0, abs_tol=tolerance, direction="higher")
+            for percent, share, tolerance in zip((50, 80, 95), inside, (5.0, 5.0, 3.0), strict=True)
+        ),
+        Metric("flagged", 100 * min(part.flagged for part in every), "%", "higher", rel_tol=0.0),
+        Metric("wrists_above", 100 * max(part.wrists_above for part in every), "%", rel_tol=0.0),
+        Metric("informed_moved_mm", float(np.mean([np.median(part.moved_mm) for part in every])), "mm", rel_tol=0.15),
+        *(Metric(f"ratio_{kind.replace(' ', '_')}", ratio, "", rel_tol=0.05) for kind, ratio in ratios.items()),
+    ]
+
+
+def _takes() -> Iterator[tuple[str, str, MarkerCloud]]:
+    yield "CMU", "02_01", cmu("02_01")
+    yield "CMU", "135_02", cmu("135_02", slice(600, 1100))
+    for name in UI_PRMD:
+        yield "UI-PRMD", name, ui_prmd(folder() / "ui_prmd" / f"{name}.npz")
+    for name in NIMBLE:
+        yield "nimble", name, read_markers(folder() / "nimble" / name).cloud
+
+
+def _inside(parts: list[Removed]) -> np.ndarray:
+    """Return (3,) per cent of resting joints inside the ellipsoids, each part counting alike."""
+    return 100 * np.mean([(part.squared[:, None] < BOUNDS).mean(axis=0) for part in parts], axis=0)
+
+
+def _row(parts: list[Removed]) -> str:
+    inside = "/".join(f"{share:.0f}" for share in _inside(parts))
+    moved = np.mean([np.median(part.moved_mm) for part in parts])
+    flagged = 100 * min(part.flagged for part in parts)
+    above = 100 * max(part.wrists_above for part in parts)
+    return f"inside {inside:<9} % flagged {flagged:3.0f} % wrists above {above:3.0f} % informed moved {moved:5.1f} mm"
+
+
+def _ratio(whole: Motion, part: Motion) -> float:
+    """Return the error of informed joints against the walk's skeleton by that of the solve of all markers."""
+    assert part.resting is not None
+    reference = read_take(recordings_folder()).joints
+    step = max(1, round(120.0 / RATE))
+    errors = []
+    for motion in (whole, part):
+        found = []
+        for name, places in reference.items():
+            j = SMPL_JOINTS.index(name)
+            if not part.resting[:, j].any():
+                # The skeleton's file has its axes a quarter turn about the vertical.
+                own = motion.joints[:, j] @ QUARTER_TURN.T
+                off = own - places[::step][: motion.num_frames]
+                found.append(np.linalg.norm(off - off.mean(axis=0), axis=-1).mean())
+        errors.append(float(np.mean(found)))
+    return errors[1] / errors[0]

@@ -1,0 +1,1 @@
+"""Inputs that are larger than anybody films, and what the program needs for them."""

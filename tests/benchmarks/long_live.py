@@ -1,0 +1,101 @@
+"""``live TAKE --repeat --record`` for minutes: latency, CPU time a pose and memory, minute by minute.
+
+``python -m tests.benchmarks.long_live --minutes 10`` replays the embedded take of markers at 120 frames a second,
+writes lines and a recording as the verb does, and compares the last minute with the first. On a busy machine the
+latency shows how busy it is; the CPU time of a pose does not. Linux alone: memory is read from /proc.
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+import time
+from contextlib import ExitStack
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+
+from solver_backend.cli.arguments import parse
+from solver_backend.cli.line_output import Lines
+from solver_backend.cli.live_sources import open_source
+from solver_backend.exchange.progress import silent
+from solver_backend.io.load import load_capture
+from solver_backend.io.markers.write import write_markers
+from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
+
+FPS = 120.0
+WITHIN = 1.2
+"""Times the first minute's 99th percentile that the last one's may be."""
+
+
+@dataclass
+class Minute:
+    """What one minute's poses took."""
+
+    latency_ms: list[float] = field(default_factory=list)
+    cpu_ms: list[float] = field(default_factory=list)
+    memory_mb: float = 0.0
+
+    def p99(self) -> tuple[float, float]:
+        """Return the 99th percentiles of latency and of CPU time, ms."""
+        return float(np.percentile(self.latency_ms, 99)), float(np.percentile(self.cpu_ms, 99))
+
+
+def main() -> int:
+    """Replay, and print a line for each minute; 1 where the last minute's poses took more CPU time than allowed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--minutes", type=float, default=10.0)
+    minutes = parser.parse_args().minutes
+    with TemporaryDirectory() as name:
+        found = replay(Path(name), 60.0 * minutes)
+    for number, minute in enumerate(found):
+        latency, cpu = minute.p99()
+        poses = len(minute.latency_ms)
+        line = f"minute {number + 1:3}: {poses:5} poses, p99 {latency:7.2f} ms latency, {cpu:6.2f} ms CPU, "
+        sys.stdout.write(f"{line}{minute.memory_mb:6.1f} MB\n")
+    (first_latency, first_cpu), (last_latency, last_cpu) = found[0].p99(), found[-1].p99()
+    sys.stdout.write(
+        f"last minute against the first: latency {last_latency / first_latency:.2f}, CPU {last_cpu / first_cpu:.2f}, "
+        f"memory {found[-1].memory_mb - found[0].memory_mb:+.1f} MB\n"
+    )
+    return int(last_cpu > WITHIN * first_cpu)
+
+
+def replay(folder: Path, seconds: float) -> list[Minute]:
+    """Run the verb's own source, lines and recording for so long, and return what each minute took."""
+    cloud = load_capture(DEMO_TAKE).markers
+    assert cloud is not None
+    write_markers(folder / "take.c3d", replace(cloud, fps=FPS))
+    asked = ["live", str(folder / "take.c3d"), "--repeat", "--record", str(folder / "out.c3d")]
+    source = open_source(parse(asked), silent)
+    found, begin = [Minute()], time.monotonic()
+    with ExitStack() as stack:
+        assert source.recorder is not None
+        stack.enter_context(source.recorder)
+        lines = stack.enter_context(Lines(folder / "lines.jsonl"))
+        before = time.process_time()
+        for line in source.lines:
+            lines.write(line)
+            now, cpu = time.monotonic() - begin, time.process_time()
+            if now >= seconds:
+                break
+            if now >= 60.0 * len(found):
+                found[-1].memory_mb = _resident_mb()
+                found.append(Minute())
+            if "pose" in line:
+                found[-1].latency_ms.append(line["latency_ms"])
+                found[-1].cpu_ms.append(1e3 * (cpu - before))
+            before = cpu
+    found[-1].memory_mb = _resident_mb()
+    return found
+
+
+def _resident_mb() -> float:
+    return int(Path("/proc/self/statm").read_text("ascii").split()[1]) * os.sysconf("SC_PAGE_SIZE") / 1e6
+
+
+if __name__ == "__main__":
+    raise SystemExit(main())

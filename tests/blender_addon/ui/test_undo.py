@@ -1,0 +1,67 @@
+"""Undo after each step of the path: import, solve, limbs, retarget, export; everything is found again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import bpy
+import pytest
+
+from blender_addon.animation.curves import current_action
+from blender_addon.ui.operators.import_results import take_capture, take_motion
+from tests.support.mixamo_rig import mixamo_rig
+from tests.support.narrow_layout import draw_panel
+from tests.support.shown_panels import panels_of_all_stages
+
+
+def step(message: str) -> None:
+    bpy.ops.ed.undo_push(message=message)
+
+
+def state() -> tuple[int, bool, bool, bool, bool]:
+    """Return captures, and whether body, take, limbs in IK and a retargeted motion are there; draw every panel."""
+    for cls in panels_of_all_stages():
+        draw_panel(cls, 300)
+    mocap, body = bpy.context.scene.mocap, bpy.context.scene.mocap.review.armature
+    rig = bpy.data.objects.get("Character")
+    return (
+        len(mocap.captures),
+        body is not None,
+        mocap.review.take is not None,
+        body is not None and body.pose.bones["root"]["left_leg_ik"] > 0.5,
+        rig is not None and current_action(rig) is not None,
+    )
+
+
+@pytest.mark.usefixtures("mocap")
+def test_each_step_is_undone_and_redone(solved, tmp_path: Path) -> None:
+    bpy.context.preferences.edit.use_global_undo = True
+    mixamo_rig("Character")
+    step("empty")
+    states = [state()]
+    take_capture(bpy.context.scene, solved.read)
+    step("import")
+    states.append(state())
+    take_motion(bpy.context, solved.files)
+    step("solve")
+    states.append(state())
+    assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
+    step("limbs")
+    states.append(state())
+    bpy.context.scene.mocap.retarget.target = bpy.data.objects["Character"]
+    assert bpy.ops.mocap.retarget() == {"FINISHED"}
+    step("retarget")
+    states.append(state())
+    bpy.context.view_layer.objects.active = bpy.context.scene.mocap.review.armature
+    assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "take.bvh"), format="bvh") == {"FINISHED"}
+    step("export")
+    states.append(state())
+    assert len(set(states[:-1])) == 5 and states[-1] == states[-2], "export changes nothing"
+    for wanted in states[-2::-1]:
+        bpy.ops.ed.undo()
+        assert state() == wanted
+    for wanted in states[1:]:
+        bpy.ops.ed.redo()
+        assert state() == wanted
+    assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "again.bvh"), format="bvh") == {"FINISHED"}
+    assert (tmp_path / "again.bvh").read_bytes() == (tmp_path / "take.bvh").read_bytes()

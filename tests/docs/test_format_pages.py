@@ -1,0 +1,140 @@
+"""The pages of file formats and live streams name what the code writes and reads, each key of it and no other."""
+
+from __future__ import annotations
+
+import ast
+import json
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from blender_addon.export.formats import FORMATS
+from solver_backend.body.marker_layouts import DEFAULT as LAYOUTS_FILE
+from solver_backend.camera_calibration.formats.write import FORMATS as CALIBRATIONS
+from solver_backend.exchange import motion_file
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
+from solver_backend.io.native import capture_file, own_columns, subject_file
+from solver_backend.job import Job
+
+ROOT = Path(__file__).resolve().parents[2]
+REFERENCE = ROOT / "docs" / "reference"
+_FORMATS, _LIVE = ((REFERENCE / name).read_text("utf-8") for name in ("file-formats.md", "live-streams.md"))
+_EARLIER = {"notes", "problems", "mocap_frame_rate"}
+"""Keys of earlier versions' files; pages name those of today's."""
+_STREAMS = [
+    *(ROOT / "solver_backend" / "live").rglob("*.py"),
+    *(ROOT / "solver_backend" / "cli").glob("*live*.py"),
+    *(ROOT / "solver_backend" / "videos" / "streaming").rglob("*.py"),
+]
+
+
+def section(page: str, title: str) -> str:
+    """Return what stands under a heading, up to the next of its level."""
+    found = re.search(rf"^(#+) {re.escape(title)}$\n(.*?)(?=^\1 |\Z)", page, re.MULTILINE | re.DOTALL)
+    assert found is not None, title
+    return found[2]
+
+
+def keys(text: str) -> set[str]:
+    """Return what stands in code style in the first cells of its tables."""
+    cells = re.findall(r"^\| ([^|]*) \|", text, re.MULTILINE)
+    return {key for cell in cells for key in re.findall(r"`([^`]+)`", cell)}
+
+
+def code(text: str) -> set[str]:
+    return set(re.findall(r"`([^`]+)`", text))
+
+
+def dictionaries(path: Path) -> Iterator[set[str]]:
+    """Yield the text keys of each dictionary that a module writes out."""
+    for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+        if isinstance(node, ast.Dict):
+            yield {k.value for k in node.keys if isinstance(k, ast.Constant) and isinstance(k.value, str)}
+
+
+def test_the_motion_file_has_these_keys() -> None:
+    text = section(_FORMATS, "The motion file")
+    other_bodies = {*motion_file._LAYOUT, motion_file._PARENTS}
+    assert keys(text) == {*motion_file.STORED, "gender", *other_bodies} - _EARLIER - {"format", "version"}
+
+
+def test_the_capture_file_has_these_keys() -> None:
+    text = section(_FORMATS, "The capture file")
+    stored = {*capture_file._STORED} - _EARLIER - {"format", "version"}
+    written = code(text)
+    assert stored <= written | {"format", "version"}, stored - written
+    assert keys(text) - {"truth_*"} <= {*stored, *own_columns.STORED}
+
+
+def test_the_subject_file_has_these_keys() -> None:
+    assert keys(section(_FORMATS, "Subject file")) == set(subject_file._STORED)
+
+
+@pytest.mark.parametrize(
+    ("title", "module"),
+    [("Noise maps", "cameras/noise_map.py"), ("User-assigned names", "io/native/user_labels_file.py")],
+)
+def test_a_json_file_has_these_keys(title: str, module: str) -> None:
+    source = (ROOT / "solver_backend" / module).read_text("utf-8")
+    for key in keys(section(_FORMATS, title)):
+        assert f'"{key}"' in source, key
+    format_name = re.search(r'"(manifold_mocap_\w+)"', source)
+    assert format_name is not None and f"`{format_name[1]}`" in section(_FORMATS, title)
+    written = [found for found in dictionaries(ROOT / "solver_backend" / module) if "format" in found]
+    for found in written:
+        assert found <= keys(section(_FORMATS, title))
+
+
+def test_the_layouts_have_these_keys() -> None:
+    known = json.loads(LAYOUTS_FILE.read_text("utf-8"))
+    text = section(_FORMATS, "Marker files, and the layouts")
+    assert keys(text) == {*known, "places"}
+
+
+def test_every_export_format_has_its_row() -> None:
+    text = section(_FORMATS, "Formats a take can be exported to")
+    rows = re.findall(r"^\| [^|]+ \| `([\w-]+)` \| `(\.\w+)` \|", text, re.MULTILINE)
+    assert dict(rows) == {name: item.suffix for name, item in FORMATS.items()}
+
+
+def test_every_calibration_format_has_its_row() -> None:
+    rows = re.findall(r"^\| [^|]+ \| `([\w-]+)` \|", section(_FORMATS, "Calibrations"), re.MULTILINE)
+    assert rows == list(CALIBRATIONS)
+
+
+def test_a_live_line_has_these_keys() -> None:
+    text = section(_LIVE, "Lines out of `live`, `camera-live` and `rig-live --poses`")
+    written = {key for path in _STREAMS for found in dictionaries(path) if "state" in found for key in found}
+    assert written and written <= code(text), written - code(text)
+    sources = "\n".join(path.read_text("utf-8") for path in _STREAMS)
+    assert all(f'"{key}"' in sources for key in keys(text)), [k for k in keys(text) if f'"{k}"' not in sources]
+
+
+def test_every_live_event_is_named() -> None:
+    events = set()
+    for path in _STREAMS:
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Dict):
+                for key, value in zip(node.keys, node.values, strict=True):
+                    if isinstance(key, ast.Constant) and key.value == "event":
+                        choices = [value.body, value.orelse] if isinstance(value, ast.IfExp) else [value]
+                        events |= {c.value for c in choices if isinstance(c, ast.Constant)}
+            elif isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and node.func.id in ("event", "_event"):
+                events |= {a.value for a in node.args[:1] if isinstance(a, ast.Constant)}
+    assert len(events) > 10
+    assert events <= code(_LIVE), sorted(events - code(_LIVE))
+
+
+def test_the_job_page_has_each_key_that_a_job_takes() -> None:
+    page = (REFERENCE / "job-file.md").read_text("utf-8")
+    with pytest.raises(JobInvalid) as refused:
+        Job.from_dict({"version": 1, "no such key": 1})
+    known = set(refused.value.hint.removeprefix("Known keys: ").rstrip(".").split(", "))
+    whole, resolve, pin = page.split("\n## ")
+    assert keys(whole) | {*READING_ROWS} == known
+    example = json.loads(page.split("```json\n")[1].split("```")[0])
+    assert Job.from_dict(example).settings.window == 12
+    assert keys(resolve) == {"motion", "first", "last", "pins"} and len(keys(pin)) == 4

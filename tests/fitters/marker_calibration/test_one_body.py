@@ -1,0 +1,46 @@
+"""Two halves of bodies that stand apart are refused with that reason, before anything is fitted."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.body.body import load_body
+from solver_backend.body.markers import marker_landmarks, marker_layout
+from solver_backend.exchange.errors import MarkersUnknown
+from solver_backend.fitters import solve
+from solver_backend.fitters.marker_calibration.one_body import check_one_body
+from solver_backend.types import Capture
+from tests.support.worn_markers import worn_markers
+
+LABELS = marker_layout("CMU_41")
+LEGS = np.array([label[1:] in ("FWT", "BWT", "THI", "KNE", "SHN", "ANK", "HEE", "MT5", "TOE") for label in LABELS])
+ARM = np.array([label in ("LELB", "LFRM", "LWRA", "LWRB", "LFIN") for label in LABELS])
+
+
+@pytest.fixture(scope="module")
+def cloud():
+    return worn_markers(LABELS, 20).cloud
+
+
+def test_two_half_bodies_are_refused_with_their_distance(cloud):
+    halves = replace(cloud, positions=cloud.positions + np.where(LEGS, 0.0, 1.5)[:, None] * [1.0, 0.5, 0.0])
+    with pytest.raises(MarkersUnknown, match=r"two groups 1\.\d\d m apart, farther than on one body"):
+        solve(Capture("halves", markers=halves))
+
+
+@pytest.mark.parametrize("scale", [0.6, 1.0, 1.3])
+def test_one_body_of_any_size_or_in_part_is_one(cloud, scale):
+    landmarks = marker_landmarks(load_body(), LABELS)
+    points = scale * cloud.positions
+    check_one_body(points, landmarks, load_body())
+    points[:, (LEGS | ARM) == 0] = np.nan  # legs and one arm, with nothing between
+    check_one_body(points, landmarks, load_body())
+
+
+def test_an_arm_of_somebody_else_is_no_part(cloud):
+    points = cloud.positions + np.where(ARM, 1.4, 0.0)[:, None] * [0.0, 1.0, 0.0]
+    with pytest.raises(MarkersUnknown, match="LELB, LFRM, LWRA, LWRB and 1 others"):
+        check_one_body(points, marker_landmarks(load_body(), LABELS), load_body())
