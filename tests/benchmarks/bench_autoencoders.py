@@ -4,13 +4,14 @@
 thesis has them, which favours VPoser itself, and by positions of joints (dm), which favours none. Reconstruction of the
 held-out poses; fits of 150 of them to 53 exact markers with shape, root and place known, the code pulled towards zero.
 Samples: medians of three seeds. Weights: the ones that ship, and those of other seeds under build/autoencoder_rows
-(`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken; ``spread`` of a figure is two
+(`python -m tests.benchmarks.pose_priors.train_autoencoders`), of which medians are taken; ``spread`` is two
 standard errors of the ratio of a row's median to VPoser's. Needs the validation motions (MOCAP_SHARED_DATA); the table
 goes to build/bench_autoencoders.
 """
 
 from __future__ import annotations
 
+import json
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -76,6 +77,7 @@ def run() -> list[Metric]:
         for name, trainings in found.items()
     }
     OUT.mkdir(parents=True, exist_ok=True)
+    (OUT / "trainings.json").write_text(json.dumps(found, ensure_ascii=False, indent=1), encoding="utf-8")
     (OUT / "tables.md").write_text(tables.text_table("Thesis tables 4.5 and 6.5", rows), encoding="utf-8")
     return [*metrics_of(rows), *spreads(found), Metric("seeds", min(map(len, found.values())), "", "higher")]
 
@@ -129,10 +131,13 @@ def metrics_of(rows: tables.Table) -> list[Metric]:
 
 
 def spreads(found: Mapping[str, Sequence[dict[str, float]]]) -> list[Metric]:
-    """Return how far ratios of medians to VPoser's lie apart by chance, by column."""
+    """Return how far the ratio of each row's median to VPoser's lies apart by chance, by column."""
     metrics = []
-    for column, (key, _) in KEPT.items():
-        values = {name: [row[column] for row in rows] for name, rows in found.items() if column in rows[0]}
-        spread = ratio_spread(values, [(name, BASE) for name in values if name != BASE])
-        metrics += [] if spread is None else [Metric(f"spread_{key}", spread, "")]
+    for name in found:
+        for column, (key, _) in KEPT.items():
+            if name == BASE or column not in found[name][0] or column not in found[BASE][0]:
+                continue
+            values = {row: [training[column] for training in found[row]] for row in (name, BASE)}
+            spread = ratio_spread(values, [(name, BASE)])
+            metrics += [] if spread is None else [Metric(f"spread_{name}_{key}", spread, "")]
     return metrics
