@@ -56,12 +56,13 @@ class Fields:
         return value.astype(np.float64)
 
     def floats(self, key: str, invalid: type[MocapError]) -> np.ndarray:
-        """Return an array as float64.
+        """Return a required array as float64.
 
         Raises:
+            FileDamaged: the file lacks it.
             MocapError: it does not hold numbers; of the class ``invalid``.
         """
-        value = self.arrays[key]
+        value = self.array(key)
         if value.dtype.kind not in "fiub":
             raise invalid(f"{key} is {value.dtype}; numbers are expected.", where=str(self.path))
         return np.asarray(value, np.float64)

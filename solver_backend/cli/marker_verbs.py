@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -183,7 +184,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     """Return positions (F, M, 3) in metres, labels and frames per second.
 
     Raises:
-        FileMissing, FileDamaged: the motion cannot be read.
+        FileMissing, FileDamaged: the motion cannot be read, or lacks a field.
         MotionInvalid: it was not solved from markers, or does not hold what is wanted.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION
@@ -204,5 +205,8 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
             where=str(path),
             hint="Solve the take again" + (f", or export the {other} ones." if other else "."),
         )
-    positions = fields.shaped(key, (len(fields.arrays["poses"]), len(labels), 3), MotionInvalid)
-    return positions, labels, fields.first_number("mocap_framerate", MotionInvalid)
+    frames = (*fields.array("poses").shape, 0)[0]
+    rate = fields.first_number("mocap_framerate", MotionInvalid)
+    if not 0.0 < rate < math.inf:
+        raise MotionInvalid(f"A frame rate of {rate:g} is no rate.", where=str(path), hint="Solve the take again.")
+    return fields.shaped(key, (frames, len(labels), 3), MotionInvalid), labels, rate

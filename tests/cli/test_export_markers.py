@@ -59,6 +59,8 @@ def test_another_program_reads_the_c3d(tmp_path, arrays):
     [
         ("cleaned_markers", "take.c3d", "holds no cleaned markers.*export the solved ones", 3),
         ("marker_labels", "take.c3d", "was not solved from markers", 3),
+        ("poses", "take.c3d", "lacks 'poses'", 3),
+        ("mocap_framerate", "take.c3d", "lacks 'mocap_framerate'", 3),
         ("", "take.fbx", r"written to \.c3d or \.trc\.", 2),
     ],
 )
@@ -73,4 +75,16 @@ def test_what_cannot_be_written_is_named(tmp_path, arrays, left_out, name, messa
 
 def test_labels_that_do_not_fit_are_refused(tmp_path, arrays):
     arrays["cleaned_markers"] = arrays["cleaned_markers"][:, :2]
+    assert main(["export-markers", str(written(tmp_path, arrays)), "--out", str(tmp_path / "take.c3d")]) == 3
+
+
+@pytest.mark.parametrize("rate", [0.0, -60.0, np.nan, np.inf])
+def test_a_rate_that_is_none_is_named(tmp_path, arrays, rate, capsys):
+    arrays["mocap_framerate"] = np.array(rate)
+    assert main(["export-markers", str(written(tmp_path, arrays)), "--out", str(tmp_path / "take.c3d"), "--json"]) == 3
+    assert "frame rate" in json.loads(capsys.readouterr().out.splitlines()[-1])["message"]
+
+
+def test_poses_without_frames_are_named(tmp_path, arrays):
+    arrays["poses"] = np.array(1.0)
     assert main(["export-markers", str(written(tmp_path, arrays)), "--out", str(tmp_path / "take.c3d")]) == 3
