@@ -65,7 +65,7 @@ def test_a_solved_capture(mocap, solved_take) -> None:
 
 
 def test_a_run_under_way_and_a_failed_one(mocap, solved_take, monkeypatch) -> None:
-    process = SimpleNamespace(cancelling=False)
+    process = SimpleNamespace(cancelling=False, kill=lambda: None)  # what switching the add-on off calls
     for headline in ("Bundle, 3 s left", "Learning the body, 15 s left", "Telling people apart, 3 min left"):
         run = SimpleNamespace(share=0.4, headline=headline, verb="solve", process=process)
         monkeypatch.setattr(current, "run", run)
