@@ -18,6 +18,12 @@ CONF = BeartypeConf(is_pep484_tower=True, violation_type=jaxtyping.TypeCheckErro
 _UNKNOWN = object()
 """Stands for what may hold anything, such as a list: it is checked in every call."""
 
+_MOST = 500
+"""Signatures that a function keeps; a name or number that differs in every call would fill the memory. By hand."""
+
+_DEEPEST = 3
+"""Tuples within tuples that are looked into: what a file holds may nest without end. By hand."""
+
 
 def install(packages: list[str]) -> None:
     """Check every function and dataclass of these packages, which nothing has imported yet."""
@@ -70,7 +76,7 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
             result = with_checks(*args, **kwargs)
         finally:
             pop_shape_memo()
-        if given is not _UNKNOWN:
+        if given is not _UNKNOWN and len(passed) < _MOST:
             found = _signature(result)
             passed.update([given] if found is _UNKNOWN else [given, (given, found)])
         return result
@@ -82,7 +88,7 @@ def _has_shape(annotation: Any) -> bool:
     return "[" in str(annotation) and any(name in str(annotation) for name in ("Float", "Int", "Bool"))
 
 
-def _signature(value: Any) -> Hashable:
+def _signature(value: Any, depth: int = 0) -> Hashable:
     """Return all that a check of a value depends on: types, shapes, names; _UNKNOWN where that is not known."""
     kind = type(value)
     if kind is np.ndarray:
@@ -90,7 +96,9 @@ def _signature(value: Any) -> Hashable:
     if kind is str or kind is int or kind is bool or kind is type:
         return kind, value
     if kind is tuple:
-        parts = tuple(map(_signature, value))
+        if depth == _DEEPEST:
+            return _UNKNOWN
+        parts = tuple(_signature(part, depth + 1) for part in value)
         return _UNKNOWN if _UNKNOWN in parts else parts
     if hasattr(value, "dtype") and isinstance(shape := getattr(value, "shape", None), tuple):  # a scalar, a tensor
         return kind, str(value.dtype), tuple(shape)
