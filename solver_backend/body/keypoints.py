@@ -47,7 +47,7 @@ _LEFT: dict[str, Rule] = {
     "hip": AtJoints({"hip": 1.0}, (0.022, 0.02, 0.0)),
     "knee": AtJoints({"knee": 1.0}),
     "ankle": AtJoints({"ankle": 1.0}, (0.0, 0.015, 0.0)),
-    "big_toe": OnSurface("foot", (-0.12, 0, 1), (0, -0.004, 0), depth=0.02),
+    "big_toe": OnSurface("foot", (-0.2, 0, 1), (0, -0.004, 0), depth=0.02),  # beside the nail, whose faces tilt
     "small_toe": OnSurface("foot", (1, 0, 0.75), (0, -0.006, 0), depth=0.008),
     "heel": OnSurface("ankle", (0, 0, -1), (0, -0.05, 0), depth=0.008),
     "thumb": AtJoints({"hand": 1.0}, (-0.02, 0, 0.045), finger="thumb2"),

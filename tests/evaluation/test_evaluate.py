@@ -102,7 +102,7 @@ def test_without_vposers_weights_the_other_figures_are_there(capture, motion, tm
 
 
 def test_a_capture_that_knows_no_truth_is_refused(capture, motion):
-    with pytest.raises(MotionInvalid, match="knows no truth"):
+    with pytest.raises(MotionInvalid, match="has no ground truth"):
         evaluate(replace(capture, truth={}), motion)
 
 

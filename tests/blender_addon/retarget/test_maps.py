@@ -115,7 +115,7 @@ def test_a_map_is_read_as_it_was_written(tmp_path: Path) -> None:
     ("change", "message"),
     [
         ({"format": "other"}, "no map"), ({"version": 2}, "no map"), ({"colour": 1}, "unknown entries: colour"),
-        ({"bones": {"tail": "Tail"}}, "no role: tail"), ({"bones": 3}, "cannot be read"),
+        ({"bones": {"tail": "Tail"}}, "unknown roles: tail"), ({"bones": 3}, "cannot be read"),
         ({"map_pose": {"a": [0, 0, 0, 0]}}, "no quaternion"), ({"switches": [{"bone": "a"}]}, "cannot be read"),
     ],
 )  # fmt: skip
