@@ -110,7 +110,7 @@ def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNo
     return HandNoise(np.sqrt(own), np.sqrt(np.maximum(variance, LEAST_WHOLE**2 * usual)))
 
 
-def _variance(square: np.ndarray, used: Bool[np.ndarray, "..."], otherwise: float) -> float:
+def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: float) -> float:
     """Return the variance per axis of squared lengths in two dimensions, by their median."""
     known = square[used]
     return float(np.median(known)) / _MEDIAN if len(known) >= LEAST_POINTS else otherwise
