@@ -5,6 +5,7 @@ Processor seconds stand beside wall seconds because machines are shared.
 
 from __future__ import annotations
 
+import os
 import subprocess
 import sys
 from pathlib import Path
@@ -42,6 +43,8 @@ def measure(name: str, command: list[str], environment: dict[str, str] | None = 
 
 
 def _took(command: list[str], environment: dict[str, str] | None) -> tuple[float, float]:
+    environment = dict(environment or os.environ)
+    environment.pop("PYTHONDONTWRITEBYTECODE", None)  # with it every run compiles
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
     line = next(line for line in done.stdout.splitlines() if line.startswith("took "))
     wall, processor = line.split()[1:]
