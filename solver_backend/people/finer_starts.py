@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.people.frame_agreement import ViewPeople, moment_disagreements
-from solver_backend.people.pair_gains import compared_pairs, lively_frames, people_of_views
+from solver_backend.people.pair_gains import EACH, NEIGHBOURS, lively_frames, people_of_views
 from solver_backend.types import Cameras
 
 OFF_LINE = 0.015
@@ -31,7 +32,7 @@ def refine_starts(cameras: Cameras, xy: np.ndarray, offsets: np.ndarray, reach: 
     changes = np.arange(-2 * reach, 2 * reach + 1)
     tables = {
         (i, j): _costs(cameras, (i, j), (views[i], views[j]), rows[i], int(offsets[j] - offsets[i]) + changes)
-        for i, j in compared_pairs(len(views))
+        for i, j in compared_pairs(len(views), EACH, NEIGHBOURS)
     }
     moved = np.zeros(len(views), int)
     tried = np.arange(-reach, reach + 1)

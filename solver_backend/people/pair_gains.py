@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.people.frame_agreement import ViewPeople, disagreements
 from solver_backend.types import Cameras
 
@@ -16,9 +17,9 @@ _SAMPLES, _FEWEST_SAMPLES, _SAMPLED_PAIRS = 160, 40, 6
 """Frames of a view that are compared with all of another, and fewer of each where there are more pairs than this."""
 _MOST_CELLS = 4_000_000
 """Comparisons of a pair that are held at once, 32 MB: of longer takes every second, third, ... frame is compared."""
-_NEIGHBOURS = 3
+NEIGHBOURS = 3
 """In arrays of more than 8 cameras each is compared with so many around on either side."""
-_EACH = 8
+EACH = 8
 """Cameras up to which each is paired with each; of more, with its neighbours; chosen by hand."""
 
 
@@ -89,7 +90,7 @@ def pair_gains(
     """
     views = people_of_views(xy)
     count, num_frames = len(views), xy.shape[1]
-    pairs = compared_pairs(count)
+    pairs = compared_pairs(count, EACH, NEIGHBOURS)
     samples = int(np.clip(_SAMPLES * _SAMPLED_PAIRS // max(len(pairs), 1), _FEWEST_SAMPLES, _SAMPLES))
     samples = min(samples, most_samples)
     rows = [lively_frames(view, samples) for view in views]
@@ -112,12 +113,6 @@ def pair_gains(
 def people_of_views(xy: np.ndarray) -> list[ViewPeople]:
     """Return the largest people of each view of (C, F, P, J, 2) normalised points."""
     return [ViewPeople.of(_largest(view)) for view in xy]
-
-
-def compared_pairs(count: int) -> list[tuple[int, int]]:
-    """Return the pairs i < j of so many views that are compared: all, or those of neighbours in large arrays."""
-    near = range(1, count if count <= _EACH else _NEIGHBOURS + 1)
-    return sorted({(min(c, d), max(c, d)) for c in range(count) for k in near if (d := (c + k) % count) != c})
 
 
 def _gains(share: np.ndarray, rows: np.ndarray, num_frames: int, step: int) -> np.ndarray:

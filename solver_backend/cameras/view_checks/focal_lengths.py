@@ -29,8 +29,8 @@ TURN_SPREAD_RAD, LARGEST_TURN_RAD = 0.005, 0.015
 OFF_PERSON = 0.006
 """Least spread of detections by the person's extent in the picture, for those of somebody who stands still."""
 MOMENTS = 6
-"""Moments of a take between which detections err independently; chosen so that ten simulated takes spread as far as
-their standard deviations say."""
+"""Moments of a take between which errors of detections are independent; chosen so that ten simulated takes spread as
+far as their standard deviations state."""
 LARGEST_LOG = 0.7
 ROUNDS, CONVERGED = 12, 1e-3
 LEAST_CAMERAS = 3

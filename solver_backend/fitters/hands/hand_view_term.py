@@ -1,4 +1,4 @@
-"""Detections of a hand in views, each of which errs on the whole hand as well as on every point."""
+"""Detections of a hand in views, each of which has the whole hand off besides every point."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Hands as the views alone have them: points in space, and how far a take's detector errs on them."""
+"""Hands as the views alone have them: points in space, and how far off a take's detector has them."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ EVERY = 2
 LEAST_POINTS = 8
 """Points of a hand that a view must share with others for its offset to be one."""
 ALIKE_FRAMES = 20.0
-"""How many frames' worth of evidence there is that views err alike on whole hands."""
+"""How many frames' worth of evidence there is that views have whole hands off alike."""
 LEAST_WHOLE = 0.2
 """Least offsets of whole hands, as a share of the points' own noise: few frames show none."""
 RANGE = (0.25, 4.0)

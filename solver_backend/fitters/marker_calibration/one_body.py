@@ -6,6 +6,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.exchange.diagnostics.wording import listed
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.geometry.quantiles import quantile
 
@@ -50,8 +51,8 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body) -> None
     if (apart[nearest] > LARGEST * along[nearest] + SLACK_M).all():
         one, two = ([landmarks.names[m] for m in known[which]] for which in (parts, ~parts))
         raise MarkersUnknown(
-            f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {_listed(one)} and "
-            f"{_listed(two)}.", where="markers",
+            f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {listed(one)} and "
+            f"{listed(two)}.", where="markers",
             hint="They are of two people or things: give each a prefix of its own, or leave one out with `layout`.",
         )  # fmt: skip
 
@@ -86,7 +87,3 @@ def _along_skeleton(landmarks: Landmarks, body: Body) -> np.ndarray:
             way[:j, j] = way[j, :j]
     out = np.linalg.norm(places - joints[carriers], axis=-1)
     return way[np.ix_(carriers, carriers)] + out[:, None] + out
-
-
-def _listed(names: list[str], most: int = 4) -> str:
-    return ", ".join(names[:most]) + (f" and {len(names) - most} others" if len(names) > most else "")

@@ -22,7 +22,7 @@ class HandFaults:
 
     ``whole``, ``drift`` and ``jitter`` are those of MediaPipe's model on palms of 35 to 60 px (Pose2Sim's balancing
     videos), as ``python -m tests.benchmarks.hands.real_noise`` measures them: 0.05, 0.10 and 0.036 with cameras
-    that were refined, for the studio's cameras err by themselves; 0.03, 0.04 and 0.016 on palms of 60 to 140 px.
+    that were refined, as the studio's cameras are off by themselves; 0.03, 0.04 and 0.016 on palms of 60 to 140 px.
     """
 
     whole: float = 0.05
