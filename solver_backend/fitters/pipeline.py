@@ -35,14 +35,14 @@ from solver_backend.fitters.methods import METHODS, require_network, require_one
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
-from solver_backend.fitters.output.wide_motion import with_fingers_of, with_hands, without_fingers
+from solver_backend.fitters.output.wide_motion import with_hands, without_fingers
 from solver_backend.fitters.own_points import solve_with_points, without_points
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.props.solve_props import solve_props
-from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult, Solution
+from solver_backend.fitters.solve_again import solve_again
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -164,10 +164,8 @@ def resolve_range(
         MotionInvalid: the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
-    body = without_fingers(motion)
-    problem = prepare(capture, settings, progress, person=person_of(body))
-    found = solve_range(problem, first_subject(problem, settings), body, frame_range, settings, progress)
-    return replace(found, motion=with_fingers_of(found.motion, motion, frame_range, problem.body))
+    problem = prepare(capture, settings, progress, person=person_of(without_fingers(motion)))
+    return solve_again(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
 
 def resolve_motion(
@@ -194,9 +192,7 @@ def resolve_motion(
     frame_range.check(measured.num_frames)
     points = measure_motion(body, without_fingers(measured), [pin.frame for pin in frame_range.pins], like)
     problem = Problem.of(body, load_sposer(), points)
-    subject, whole = first_subject(problem, settings), without_fingers(motion)
-    found = solve_range(problem, subject, whole, frame_range, settings, progress)
-    return replace(found, motion=with_fingers_of(found.motion, motion, frame_range, body))
+    return solve_again(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
 
 def prepare(

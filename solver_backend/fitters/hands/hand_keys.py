@@ -10,7 +10,7 @@ from solver_backend.body.hand_angles import NUM_ANGLES
 from solver_backend.fitters.model.keyframe_curve import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Bool, Float
 
 TURN, SHIFT, FINGERS = slice(0, 3), slice(3, 6), slice(6, 6 + NUM_ANGLES)
 """Of a key: rotation vector by which the wrist leaves where the body has it (world), metres by which it leaves its
@@ -19,6 +19,8 @@ DOF = FINGERS.stop
 """Numbers of a key."""
 FLOOR = 1e-3
 """Precision that everything has."""
+HELD = 1e12
+"""Precision of what stays: its deviation of 1e-6 rad or m is none."""
 _PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 """Pairs of the three keyframes that a frame depends on."""
 
@@ -62,16 +64,35 @@ class KeyEquations:
         self.g[:, part] += gradient
         self.band[:, 0, part, part] += hessian
 
-    def add_acceleration(self, keys: np.ndarray, precision: np.ndarray) -> float:
-        """Add ``½ Σ_k |x_{k-1} - 2 x_k + x_{k+1}|²`` with precisions (D,) of the numbers, in place; return the cost."""
-        stencil = (1.0, -2.0, 1.0)
-        bent = keys[:-2] - 2.0 * keys[1:-1] + keys[2:]
-        count, pulled = len(bent), precision * bent
+    def add_acceleration(self, keys: np.ndarray, seconds: np.ndarray, precision: np.ndarray) -> float:
+        """Add ``½ Σ_k |a_k|²`` with precisions (D,) of the accelerations a_k, in place; return the cost.
+
+        ``a_k = 2 (x_{k-1} / (h (h + h')) - x_k / (h h') + x_{k+1} / (h' (h + h')))`` of keys that are h and h' apart.
+
+        Args:
+            keys: (K, D).
+            seconds: (K,) when they are.
+            precision: (D,).
+        """
+        before, after = np.diff(seconds)[:-1, None], np.diff(seconds)[1:, None]
+        both = before + after
+        stencil = 2.0 / (before * both), -2.0 / (before * after), 2.0 / (after * both)
+        count = len(keys) - 2
+        bent = sum(share * keys[i : i + count] for i, share in enumerate(stencil))
+        pulled = precision * bent
+        diagonal = np.diag(precision)
         for i, a in enumerate(stencil):
             self.g[i : i + count] += a * pulled
             for j in range(i, 3):
-                self.band[i : i + count, j - i] += a * stencil[j] * np.diag(precision)
+                self.band[i : i + count, j - i] += (a * stencil[j])[..., None] * diagonal
         return 0.5 * float((pulled * bent).sum())
+
+    def hold(self, still: Bool[np.ndarray, " keys"]) -> None:
+        """Keep some keys where they are, in place: they meet no other and do not move."""
+        self.g[still] = 0.0
+        for apart in (1, 2):
+            self.band[np.flatnonzero(still[:-apart] | still[apart:]), apart] = 0.0
+        self.band[still, 0] = HELD * np.eye(DOF)
 
     def block_tridiagonal(self) -> BlockTridiagonal:
         """Return the equations in blocks of two keys, the last with a dummy."""

@@ -15,7 +15,7 @@ from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
 from solver_backend.priors.hand_prior import HandPrior
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Bool, Float
 
 TURN_SIGMA = float(np.deg2rad(35.0))
 """How far a wrist is turned from where the body's keypoints have it: they hardly constrain twist."""
@@ -59,6 +59,13 @@ class HandProblem:
     def num_frames(self) -> int:
         """F."""
         return len(self.wrist.places)
+
+    def select(self, frames: np.ndarray) -> HandProblem:
+        """Return the hand in these frames alone."""
+        wrist = self.wrist
+        covariance = None if wrist.covariance is None else wrist.covariance[frames]
+        path = WristPath(wrist.rotations[frames], wrist.places[frames], covariance)
+        return replace(self, wrist=path, term=self.term.select(frames))
 
     def points(self, states: np.ndarray, frames: np.ndarray | None = None) -> Float[np.ndarray, "frames sites 3"]:
         """Return (n, L, 3) world places of the points in states (n, D) of these frames, or of all."""
@@ -119,6 +126,8 @@ class KeyModel:
     """The hand."""
     layout: KeyframeLayout
     """Windows of its keys."""
+    moving: Bool[np.ndarray, " keys"] | None = None
+    """(K,) which keys move; None: all do."""
 
     @property
     def rows(self) -> WindowRows:
@@ -139,9 +148,11 @@ class KeyModel:
         held, pull, precision = self.problem.prior.equations(keys[:, FINGERS])
         equations.add_keys(pull, precision, FINGERS)
         cost += float(held.sum()) + self._hold_wrist(keys, equations)
-        spacing = float(np.diff(self.layout.key_times).mean()) / self.problem.fps
-        sigma = np.repeat(list(ACCELERATION.values()), (3, 3, NUM_ANGLES)) * spacing**2
-        return cost + equations.add_acceleration(keys, sigma**-2.0), equations
+        sigma = np.repeat(list(ACCELERATION.values()), (3, 3, NUM_ANGLES))
+        cost += equations.add_acceleration(keys, self.layout.key_times / self.problem.fps, sigma**-2.0)
+        if self.moving is not None:
+            equations.hold(~self.moving)
+        return cost, equations
 
     def _hold_wrist(self, keys: np.ndarray, equations: KeyEquations) -> float:
         """Add the body's constraint on the wrist at each key, and return its cost."""

@@ -11,11 +11,10 @@ from solver_backend.body.hand_skeleton import HandSkeleton, site_frames
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.hands.hand_keys import DOF, FINGERS
 from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, WristPath
-from solver_backend.fitters.hands.solve_hand import WINDOW
+from solver_backend.fitters.hands.solve_hand import hand_window
 from solver_backend.fitters.hands.solve_keys import frame_states, solve_keys
 from solver_backend.fitters.hands.start import SIZES, nearest_rotations
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.problem import REFERENCE_FPS
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.hand_prior import load_hand_prior
@@ -89,7 +88,7 @@ def calibrated_hand(
         fps: frames per second.
         settings: robust scale and iterations.
     """
-    layout = KeyframeLayout.even(len(positions), max(2, round(WINDOW * fps / REFERENCE_FPS)))
+    layout = KeyframeLayout.even(len(positions), hand_window(fps))
     keys = np.zeros((layout.num_keys, DOF))
     prior, place = load_hand_prior(), markers.sites.offset
     keys[:, FINGERS] = prior.mean

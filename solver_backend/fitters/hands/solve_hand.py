@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -64,30 +64,55 @@ def solve_hand(
         settings: robust scale, iterations, and whether noise is learned.
         alive: called before each linearisation.
     """
-    window = max(2, round(WINDOW * problem.fps / REFERENCE_FPS))
-    layout, scale = KeyframeLayout.even(problem.num_frames, window), settings.robust_scale
+    layout = KeyframeLayout.even(problem.num_frames, hand_window(problem.fps))
     keys = initial_keys(problem.skeleton, problem.wrist, located, layout, problem.prior)
+    return solve_from(KeyModel(problem, layout), (keys,), settings, alive)
+
+
+def hand_window(fps: float) -> int:
+    """Return how many frames there are from one window of a hand to the next at this rate."""
+    return max(2, round(WINDOW * fps / REFERENCE_FPS))
+
+
+def solve_from(
+    model: KeyModel, starts: Sequence[np.ndarray], settings: SolveSettings, alive: Callable[[], None]
+) -> SolvedHand:
+    """Return a hand solved from whichever start ends lower.
+
+    Args:
+        model: the hand and where its keys stand.
+        starts: (K, D) keys each.
+        settings: robust scale, iterations, and whether noise is learned.
+        alive: called before each linearisation.
+    """
+    problem, scale = model.problem, settings.robust_scale
     # Fingers that pass through one another on their way are no matter; where they end is.
-    model = KeyModel(replace(problem, keeps_apart=False), layout)
-    found = solve_keys(model, keys, (4 * scale, 2 * scale), settings.iterations, alive)
+    through = replace(model, problem=replace(problem, keeps_apart=False))
+    wide = (4 * scale, 2 * scale)
+    found = min(
+        (solve_keys(through, keys, wide, settings.iterations, alive) for keys in starts), key=lambda keys: keys.cost
+    )
     if settings.learn_noise:
-        count = problem.num_frames
-        sample = np.unique(np.linspace(0, count - 1, min(count, SAMPLE_FRAMES)).astype(int))
-        points = problem.points(frame_states(model, found.keys))[sample]
-        term = reweighted_by_points(points, problem.term.select(sample), problem.term, scale)
-        problem = replace(problem, term=term)
-    model = KeyModel(problem, layout)
+        problem = with_learned_noise(problem, frame_states(model, found.keys), scale)
+    model = replace(model, problem=problem)
     found = solve_keys(model, found.keys, (scale,), settings.iterations, alive)
     states, spread = frame_states(model, found.keys), frame_covariances(model, found.keys, scale)
-    measured = model.problem.points(states)
-    inflation = CALIBRATION * noise_inflation(measured, model.problem.term, scale, max(1, window // 2))
+    measured = problem.points(states)
+    inflation = CALIBRATION * noise_inflation(measured, problem.term, scale, max(1, hand_window(problem.fps) // 2))
     shown = problem.at(problem.skeleton.keypoints())
     points, J = shown.points(states), shown.jacobian(states)
     covariance = inflation * (J @ spread[:, None] @ np.swapaxes(J, -1, -2)) + CONSTANT_M**2 * np.eye(3)
     return SolvedHand(
-        model.problem, states[:, TURN], states[:, SHIFT], states[:, FINGERS], points, covariance,
+        problem, states[:, TURN], states[:, SHIFT], states[:, FINGERS], points, covariance,
         informed_fingers(problem, spread), found.convergence,
     )  # fmt: skip
+
+
+def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:
+    """Return the hand with the noise of each point as a solve's (F, D) states leave it."""
+    sample = np.unique(np.linspace(0, len(states) - 1, min(len(states), SAMPLE_FRAMES)).astype(int))
+    points = problem.points(states[sample], sample)
+    return replace(problem, term=reweighted_by_points(points, problem.term.select(sample), problem.term, scale))
 
 
 def informed_fingers(problem: HandProblem, spread: np.ndarray) -> Bool[np.ndarray, "frames 5"]:

@@ -11,35 +11,22 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.finger_overlap import finger_overlap
-from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
-from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
-from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
-from solver_backend.fitters.hands.extra_markers import worn_hand
-from solver_backend.fitters.hands.hand_noise import hand_term
-from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
-from solver_backend.fitters.hands.located_hands import locate_hands
-from solver_backend.fitters.hands.marker_hand import marker_size
-from solver_backend.fitters.hands.sides import sort_hands
+from solver_backend.fitters.hands.measured_hands import measure_hands
 from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
-from solver_backend.fitters.hands.start import hand_size
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.runs import true_runs
-from solver_backend.geometry.symmetric import unpacked
-from solver_backend.priors.hand_prior import load_hand_prior
 
 STAGE = "Hands"
-USUAL_WRIST_M = 0.02
-"""Standard deviation per axis of a wrist where the method knows none."""
 THROUGH_M = 0.006
 """Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
 THROUGH_FRAMES = 3
@@ -80,66 +67,18 @@ def solve_hands(
         body = with_fingers(solved.subject.body)
     except BodyInvalid:
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
-    betas = to_numpy(solved.subject.betas)
-    skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
-    wrists, elbows = _joints_of_arms(solved)
-    found: tuple[Diagnostic, ...] = ()
-    if isinstance(measured, HandViews):
-        kept = sort_hands(measured, wrists.places, elbows)
-        measured, found = kept.views, kept.diagnostics
-        located = locate_hands(measured)
-        sizes = [hand_size(skeletons[side], hand.points, hand.spread_m2) for side, hand in located.items()]
-    else:
-        located = {}
-        sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
-    size = float(np.mean(sizes)) if sizes else 1.0
-    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
-    seen, hands = [*located] if isinstance(measured, HandViews) else [*measured.positions], dict[int, SolvedHand]()
-    for number, side in enumerate(seen):
-        alive, path, skeleton = partial(progress, STAGE, number, len(seen)), wrists.of(side), skeletons[side]
+    progress(STAGE, 0, 1)
+    found = measure_hands(measured, body, solved, measurements.fps, settings)
+    hands, doubts = dict[int, SolvedHand](), found.diagnostics
+    for number, (side, hand) in enumerate(found.hands.items()):
+        alive = partial(progress, STAGE, number, len(found.hands))
         alive()
-        if isinstance(measured, HandViews):
-            term = hand_term(measured, side, path.places, located[side].noise)
-            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), measurements.fps, True)
-            start = located[side].points
-        else:
-            problem, doubts = worn_hand(measured, side, skeleton, path, measurements.fps, settings)
-            found = (*found, *doubts)
-            start = np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan)
-        hands[side] = solve_hand(problem, start, settings, alive)
-        found += through_fingers(hands[side], side)
-        solved = _with_arm(solved, hands[side], side, betas)
-    progress(STAGE, len(seen), len(seen))
-    solved = replace(solved, diagnostics=(*solved.diagnostics, *found))
-    return solved, SolvedHands(body, skeletons, hands, size)
-
-
-@dataclass(frozen=True)
-class _Wrists:
-    """Both wrists of a body over F frames, left first."""
-
-    rotations: np.ndarray
-    """(F, 2, 3, 3)."""
-    places: np.ndarray
-    """(F, 2, 3)."""
-    covariance: np.ndarray
-    """(F, 2, 3, 3)."""
-
-    def of(self, side: int) -> WristPath:
-        return WristPath(self.rotations[:, side], self.places[:, side], self.covariance[:, side])
-
-
-def _joints_of_arms(solved: SolvedFrames) -> tuple[_Wrists, np.ndarray]:
-    """Return the wrists and the (F, 2, 3) elbows of the poses."""
-    body, frames = solved.subject.body, solved.frames
-    parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
-    posed = forward_kinematics(body, *parts)
-    wrists, elbows = ([body.layout.joints.index(f"{side}_{part}") for side in SIDES] for part in ("wrist", "elbow"))
-    covariance = np.tile(USUAL_WRIST_M**2 * np.eye(3), (len(parts[1]), 2, 1, 1))
-    if solved.covariance is not None:
-        recorded = [body.layout.recorded.joints.index(f"{side}_wrist") for side in SIDES]
-        covariance = unpacked(to_numpy(solved.covariance)[:, recorded])
-    return _Wrists(posed.G[:, wrists], posed.joints[:, wrists], covariance), posed.joints[:, elbows]
+        hands[side] = solve_hand(hand.problem, hand.located, settings, alive)
+        doubts += through_fingers(hands[side], side)
+        solved = with_arm(solved, side, np.arange(len(solved.frames.transl)), hands[side].turn, hands[side].shift)
+    progress(STAGE, len(hands), len(hands))
+    solved = replace(solved, diagnostics=(*solved.diagnostics, *doubts))
+    return solved, SolvedHands(body, found.skeletons, hands, found.size)
 
 
 def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
@@ -153,11 +92,21 @@ def through_fingers(hand: SolvedHand, side: int) -> tuple[Diagnostic, ...]:
     return (diagnostic("fingers_through_fingers", joints=[joint], frames=runs, size_mm=1000.0 * most),)
 
 
-def _with_arm(solved: SolvedFrames, hand: SolvedHand, side: int, betas: np.ndarray) -> SolvedFrames:
-    """Return the poses with an arm that follows its hand."""
-    moved = follow_hand(solved.subject.body, betas, solved.frames, side, hand.turn, hand.shift)
-    local = constant(moved.local, solved.frames.local)
-    return replace(solved, frames=replace(solved.frames, local=local))
+def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarray, shift: np.ndarray) -> SolvedFrames:
+    """Return the poses with an arm that follows its hand in n frames.
+
+    Args:
+        solved: poses of the body.
+        side: 0 left, 1 right.
+        frames: (n,) numbers of the frames.
+        turn: (n, 3) rotation vectors by which the wrist leaves where the body has it.
+        shift: (n, 3) metres.
+    """
+    subject, poses = solved.subject, solved.frames
+    moved = follow_hand(subject.body, to_numpy(subject.betas), poses.select(frames), side, turn, shift)
+    local = to_numpy(poses.local).copy()
+    local[frames] = moved.local
+    return replace(solved, frames=replace(poses, local=constant(local, poses.local)))
 
 
 def statistics(hands: SolvedHands) -> dict[str, Any]:

@@ -24,8 +24,10 @@ class HandKeys:
 
     keys: Float[np.ndarray, "keys d"]
     """(K, D)."""
+    cost: float
+    """At the last robust scale."""
     convergence: Convergence
-    """How the last robust scale ended."""
+    """How that ended."""
 
 
 def solve_keys(
@@ -52,7 +54,7 @@ def solve_keys(
         result = levenberg_marquardt(keys, linearise, _moved, settings)
         keys = result.state
     assert result is not None
-    return HandKeys(keys, Convergence.of(result))
+    return HandKeys(keys, float(result.cost[0]), Convergence.of(result))
 
 
 def frame_states(model: KeyModel, keys: np.ndarray) -> Float[np.ndarray, "frames d"]:

@@ -66,11 +66,11 @@ def contacts_in_place(
     )
 
 
-def spliced(
+def frames_in_place(
     problem: Problem, subject: Subject, motion: Motion, before: PosedFrames, solved: SolvedRange,
-    covariance: np.ndarray, scale: float,
-) -> Motion:  # fmt: skip
-    """Return the earlier motion with the frames that moved replaced.
+    covariance: np.ndarray,
+) -> SolvedFrames:  # fmt: skip
+    """Return the poses of the whole take: the earlier ones, and in the frames that moved the new ones.
 
     Args:
         problem: the measurements made ready.
@@ -79,21 +79,34 @@ def spliced(
         before: its poses.
         solved: the frames solved again.
         covariance: (n, 24, 6) of the joints in the frames of the layout (see ``packed``).
-        scale: see ``build_motion``.
-
-    Raises:
-        MotionInvalid: the motion is of other views, keypoints or markers than the recording.
     """
     layout, wanted, moved = solved.layout, solved.frame_range, solved.moved
     whole = PosedFrames(*(_copied(getattr(before, n)) for n in ("root", "local", "transl")))
     for name in ("root", "local", "transl"):
         getattr(whole, name)[moved] = getattr(solved.frames, name)[moved - layout.bounds[0]]
-    everywhere = np.zeros((problem.num_frames, *covariance.shape[1:]))
+    known = motion.joint_covariance
+    everywhere = np.tile(covariance.mean(axis=0), (problem.num_frames, 1, 1)) if known is None else known.copy()
     everywhere[layout.frames] = covariance
     key_times = layout.key_times[(layout.key_times >= wanted.first) & (layout.key_times <= wanted.last)]
     contacts = None if solved.contacts is None else solved.contacts.feet(subject.landmarks.names)
     frames = SolvedFrames(subject, whole, key_times, everywhere, contacts)
-    frames = rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
+    return rest_parts(problem.measurements, frames, [pin.frame for pin in wanted.pins])
+
+
+def spliced(problem: Problem, motion: Motion, solved: SolvedRange, frames: SolvedFrames, scale: float) -> Motion:
+    """Return the earlier motion with the frames that moved replaced; all others stay as they are, bit for bit.
+
+    Args:
+        problem: the measurements made ready.
+        motion: the earlier solve.
+        solved: the frames solved again.
+        frames: poses of the whole take with these in their places.
+        scale: see ``build_motion``.
+
+    Raises:
+        MotionInvalid: the motion is of other views, keypoints or markers than the recording.
+    """
+    wanted, moved = solved.frame_range, solved.moved
     again = build_motion(problem.measurements, frames, scale=scale, provenance={})
     again = express_pin_doubts(again, motion, wanted, moved)
     values: dict[str, Any] = {}

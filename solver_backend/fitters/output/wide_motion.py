@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,8 +14,9 @@ from solver_backend.body.hands import with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
+from solver_backend.fitters.hands.hand_range import HandRange
 from solver_backend.fitters.hands.solve_hands import SolvedHands, statistics
-from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.splice_range import SolvedRange
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.symmetric import mean_sigma, packed
 from solver_backend.priors.hand_prior import load_hand_prior
@@ -91,35 +94,59 @@ def without_fingers(motion: Motion) -> Motion:
     return replace(motion, body_pose=turns.reshape(motion.num_frames, -1), body_layout=SMPL, **parts)
 
 
-def with_fingers_of(motion: Motion, earlier: Motion, frame_range: FrameRange, body: Body) -> Motion:
-    """Return a motion solved again with the fingers of the earlier one, and those of pinned poses at their frames.
+def with_fingers_of(
+    motion: Motion, earlier: Motion, solved: SolvedRange, hands: Mapping[int, HandRange], body: Body
+) -> Motion:
+    """Return a motion solved again with fingers: those solved with it, the others as in the earlier motion.
 
-    What a pin changes fades linearly to the next pin and to the ends of the range.
+    Fingers meet the earlier ones at the ends of the range and the pinned ones at pins; what is left there, all of it
+    where nothing was measured, fades linearly to the next pin or end.
 
     Args:
         motion: solved again, without fingers.
         earlier: as it was; the motion is returned as it is where this has no fingers.
-        frame_range: what was solved again.
+        solved: the frames solved again.
+        hands: hands solved again, by side.
         body: of both.
     """
     if earlier.body_layout.num_joints == motion.body_layout.num_joints:
         return motion
-    layout, kept = earlier.body_layout, 1 + SMPL.num_solved
+    layout, kept, moved = earlier.body_layout, 1 + SMPL.num_solved, solved.moved
     turns = earlier.body_pose.reshape(earlier.num_frames, -1, 3).copy()
+    before = turns[:, kept - 1 :].copy()
     turns[:, : kept - 1] = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : kept - 1]
-    pins = [pin for pin in frame_range.pins if len(pin.body_pose) == turns[0].size]
-    changed = [pin.body_pose.reshape(-1, 3)[kept - 1 :] - turns[pin.frame, kept - 1 :] for pin in pins]
-    stops = [frame_range.first, *(pin.frame for pin in pins), frame_range.last]
-    still = np.zeros_like(turns[0, kept - 1 :])
-    values = np.stack([still, *changed, still]).reshape(len(stops), -1)
-    order, frames = np.argsort(stops, kind="stable"), np.arange(frame_range.first, frame_range.last + 1)
-    faded = [np.interp(frames, np.array(stops)[order], column[order]) for column in values.T]
-    turns[frames, kept - 1 :] += np.stack(faded, axis=-1).reshape(len(frames), -1, 3)
+    parts = _beside(motion, earlier, kept)
+    if parts["resting"] is None and not all(again.hand.informed.all() for again in hands.values()):
+        parts["resting"] = np.zeros((earlier.num_frames, layout.num_joints), bool)
+    for side, again in hands.items():
+        columns, hand = np.array(layout.group(f"{SIDES[side]}_hand")), again.hand
+        inside = np.isin(again.frames, moved)
+        rows = np.ix_(again.frames[inside], columns)
+        turns[rows[0], rows[1] - 1] = log_so3(by_joint(hand.problem.skeleton.local_rotations(hand.angles[inside])))
+        if parts["resting"] is not None:
+            parts["resting"][rows] = by_joint(np.repeat(~hand.informed[inside][:, :, None], 3, axis=2))
+        if parts["joint_covariance"] is not None:
+            joints = hand.covariance[inside][:, 1:].reshape(-1, 5, 4, 3, 3)[:, :, :3]
+            parts["joint_covariance"][rows] = packed(by_joint(joints))
+            parts["joint_sigma"][rows] = mean_sigma(parts["joint_covariance"][rows])
+    turns[:, kept - 1 :] += _left_at_stops(turns[:, kept - 1 :], before, solved)
     sized = with_hand_size(with_fingers(body), float(earlier.provenance.get("hands", {}).get("size", 1.0)))
     posed = forward_kinematics(
         sized, motion.betas, exp_so3(motion.global_orient), exp_so3(turns), motion.transl
     )  # fmt: skip
-    parts = {}
+    flags, resting = motion.flags, parts["resting"]
+    if flags is not None and resting is not None:
+        flags = flags.copy()
+        flags[moved] |= np.where(resting[moved, kept:].any(axis=1), FLAG_RESTING, 0).astype(flags.dtype)
+    return replace(
+        motion, body_pose=turns.reshape(motion.num_frames, -1), joints=posed.joints, body_layout=layout, flags=flags,
+        **parts,
+    )  # fmt: skip
+
+
+def _beside(motion: Motion, earlier: Motion, kept: int) -> dict[str, Any]:
+    """Return arrays of a motion's joints with those of the earlier one's fingers behind them."""
+    parts: dict[str, Any] = {}
     for name in ("joint_sigma", "joint_covariance", "resting"):
         own, before = getattr(motion, name), getattr(earlier, name)
         if own is not None and before is not None:
@@ -128,6 +155,20 @@ def with_fingers_of(motion: Motion, earlier: Motion, frame_range: FrameRange, bo
             parts[name] = np.concatenate([np.zeros_like(before[:, :kept]), before[:, kept:]], axis=1)
         else:
             parts[name] = None
-    return replace(
-        motion, body_pose=turns.reshape(motion.num_frames, -1), joints=posed.joints, body_layout=layout, **parts
-    )  # fmt: skip
+    return parts
+
+
+def _left_at_stops(turns: np.ndarray, before: np.ndarray, solved: SolvedRange) -> np.ndarray:
+    """Return (F, J, 3) what fingers lack of the earlier and of the pinned ones, faded between ends and pins."""
+    wanted, moved = solved.frame_range, set(solved.moved.tolist())
+    pins = {pin.frame: pin.body_pose.reshape(-1, 3) for pin in wanted.pins}
+    wide = {frame: pose[-before.shape[1] :] for frame, pose in pins.items() if len(pose) > SMPL.num_joints - 1}
+    stops = {frame: before[frame] for frame in (wanted.first, wanted.last) if frame not in moved} | wide
+    faded = np.zeros_like(turns)
+    if not stops:
+        return faded
+    at, frames = np.array(sorted(stops)), np.arange(wanted.first, wanted.last + 1)
+    left = np.stack([stops[frame] - turns[frame] for frame in at]).reshape(len(at), -1)
+    columns = [np.interp(frames, at, column) for column in left.T]
+    faded[frames] = np.stack(columns, axis=-1).reshape(len(frames), *turns.shape[1:])
+    return faded

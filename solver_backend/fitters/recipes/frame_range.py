@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from dataclasses import replace
 from functools import partial
 
@@ -15,7 +14,8 @@ from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_
 from solver_backend.fitters.keyframes.key_density import window_of
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, spliced
+from solver_backend.fitters.keyframes.range_layout import range_layout
+from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, frames_in_place
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -25,7 +25,7 @@ from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIF
 from solver_backend.fitters.recipes.passes import Pass
 from solver_backend.fitters.recipes.result import constant_m_of
 from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solution import Solution
+from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.geometry.arrays import Array, constant, to_numpy
@@ -39,8 +39,8 @@ STAGE = "Solving the stretch"
 def solve_range(
     problem: Problem, subject: Subject, motion: Motion, frame_range: FrameRange, settings: SolveSettings,
     progress: Progress,
-) -> Solution:  # fmt: skip
-    """Return the motion with some frames solved again; all other frames stay as they are, bit for bit.
+) -> tuple[SolvedRange, SolvedFrames]:  # fmt: skip
+    """Return some frames of a motion solved again, and the poses of the whole take with them in their places.
 
     Keys stand at the range's ends and at the pins, whose poses are fixed, and evenly between. A window on either side
     of the range is fixed too, so that speed and direction carry on. Of two starts, the motion as it is and single
@@ -68,7 +68,7 @@ def solve_range(
     sampled, objective = before.select(sample), problem.objective.select(sample)
     person = ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None)
     subject = refit_shape(subject, sampled, objective, scale, person)
-    layout, moving = _layout(frame_range, motion.num_frames, window)
+    layout, moving = range_layout(frame_range, motion.num_frames, window)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
     anew = hemisphere_aligned(_mixed(moving, initial_keys(problem, subject, layout), fixed))
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
@@ -95,7 +95,7 @@ def solve_range(
     solved = SolvedRange(frame_range, layout, moving, frames, best.contacts, status)
     covariance = _covariance(best.with_objective(free, contacts=False), solved)
     progress(STAGE, 3, 3)
-    return Solution(spliced(problem, subject, motion, before, solved, covariance, scale), status)
+    return solved, frames_in_place(problem, subject, motion, before, solved, covariance)
 
 
 def cost_of(bundle: Bundle) -> float:
@@ -121,19 +121,6 @@ def _check_same_take(problem: Problem, subject: Subject, motion: Motion) -> None
             f"{problem.fps:g}.", where="resolve", hint="Choose the motion that was solved from this capture.",
         )  # fmt: skip
     motion.require_body(subject.body.id, subject.body.layout.recorded, where="resolve")
-
-
-def _layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
-    """Return windows from a window before the range to one after it, and which keys move."""
-    stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
-    parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
-    low, high = max(0, frame_range.first - window), min(num_frames - 1, frame_range.last + window)
-    bounds = np.unique(np.concatenate([[low], *parts, [high]]))
-    layout = KeyframeLayout(bounds)
-    times = layout.key_times
-    free = (times > frame_range.first) & (times < frame_range.last)
-    free |= (times == 0) & (frame_range.first == 0) | (times == num_frames - 1) & (frame_range.last == num_frames - 1)
-    return layout, free & ~np.isin(times, [pin.frame for pin in frame_range.pins])
 
 
 def _keys_at(problem: Problem, poses: PosedFrames, times: np.ndarray) -> Keyframes:

@@ -12,8 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.hand_on_body import by_finger
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
-from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
-from solver_backend.fitters.pipeline import resolve_range, solve
+from solver_backend.fitters.pipeline import solve
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands
@@ -194,19 +193,3 @@ def test_a_body_without_finger_joints_is_named(monkeypatch) -> None:
     motion = solve(with_hands(hands())).motion
     assert motion.body_layout.joints == SMPL.joints
     assert "hands_without_fingers" in {item["code"] for item in motion.provenance["diagnostics"]}
-
-
-def test_a_range_solved_again_keeps_its_fingers_and_takes_those_of_pins() -> None:
-    motion = solved(True)
-    pinned = motion.body_pose[15].copy().reshape(-1, 3)
-    pinned[30] += [0.3, 0.0, 0.0]
-    pin = Pin(15, motion.global_orient[15], pinned.ravel(), motion.transl[15])
-    again = resolve_range(with_hands(hands()), motion, FrameRange(8, 22, (pin,))).motion
-    assert again.body_layout.joints == SMPL_HANDS.joints
-    fingers = [m.body_pose.reshape(FRAMES, -1, 3)[:, 21:] for m in (motion, again)]
-    np.testing.assert_array_equal(fingers[0][:9], fingers[1][:9])
-    np.testing.assert_array_equal(fingers[0][22:], fingers[1][22:])
-    np.testing.assert_allclose(fingers[1][15], pinned[21:], atol=1e-12)
-    np.testing.assert_allclose(np.diff(fingers[1][8:16, 9, 0] - fingers[0][8:16, 9, 0]), 0.3 / 7, atol=1e-9)
-    outside = [m.body_pose[:8, : 3 * 21] for m in (motion, again)]
-    np.testing.assert_array_equal(*outside)

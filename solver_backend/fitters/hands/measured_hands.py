@@ -1,0 +1,130 @@
+"""Both hands of a body as they are measured: sorted by the wrists they lie at, located, sized, each made a problem."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.hand_on_body import hand_of_shape
+from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
+from solver_backend.fitters.hands.extra_markers import worn_hand
+from solver_backend.fitters.hands.hand_noise import hand_term
+from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
+from solver_backend.fitters.hands.located_hands import locate_hands
+from solver_backend.fitters.hands.marker_hand import marker_size
+from solver_backend.fitters.hands.sides import sort_hands
+from solver_backend.fitters.hands.start import hand_size
+from solver_backend.fitters.measurements.hand_clouds import HandClouds
+from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.geometry.arrays import to_numpy
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.priors.hand_prior import load_hand_prior
+
+USUAL_WRIST_M = 0.02
+"""Standard deviation per axis of a wrist where the method knows none; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class MeasuredHand:
+    """One hand before it is solved."""
+
+    problem: HandProblem
+    """What is to be solved."""
+    located: np.ndarray
+    """(F, 21, 3) metres to start from, NaN where a point is not located."""
+
+
+@dataclass(frozen=True)
+class MeasuredHands:
+    """Hands of a take before they are solved."""
+
+    skeletons: tuple[HandSkeleton, HandSkeleton]
+    """Left and right."""
+    hands: Mapping[int, MeasuredHand]
+    """By side, 0 left and 1 right; a side that nobody sees is not there."""
+    size: float
+    """Of the hands, as a share of what the body's shape gives them."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What is doubtful."""
+
+
+@dataclass(frozen=True)
+class ArmPaths:
+    """Both arms of a body over F frames, left first."""
+
+    rotations: np.ndarray
+    """(F, 2, 3, 3) of the wrists."""
+    wrists: np.ndarray
+    """(F, 2, 3) metres."""
+    elbows: np.ndarray
+    """(F, 2, 3) metres."""
+    covariance: np.ndarray
+    """(F, 2, 3, 3) m² of the wrists."""
+
+    def of(self, side: int) -> WristPath:
+        """Return the path of one wrist."""
+        return WristPath(self.rotations[:, side], self.wrists[:, side], self.covariance[:, side])
+
+
+def measure_hands(
+    measured: HandViews | HandClouds, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings,
+    size: float | None = None,
+) -> MeasuredHands:  # fmt: skip
+    """Return the hands of a body as views or markers have them.
+
+    Args:
+        measured: of both hands.
+        body: with fingers.
+        solved: poses of the body.
+        fps: frames per second.
+        settings: as of the body.
+        size: of the hands, where an earlier solve found it.
+    """
+    betas, arms = to_numpy(solved.subject.betas), arm_paths(solved)
+    skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
+    hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
+    if isinstance(measured, HandViews):
+        kept = sort_hands(measured, arms.wrists, arms.elbows)
+        views, found, located = kept.views, kept.diagnostics, locate_hands(kept.views)
+        sizes = [hand_size(skeletons[side], hand.points, hand.spread_m2) for side, hand in located.items()]
+        size = _common(sizes) if size is None else size
+        skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
+        for side, hand in located.items():
+            skeleton, path = skeletons[side], arms.of(side)
+            term = hand_term(views, side, path.places, hand.noise)
+            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), fps, True)
+            hands[side] = MeasuredHand(problem, hand.points)
+        return MeasuredHands(skeletons, hands, size, found)
+    sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
+    size = _common(sizes) if size is None else size
+    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
+    for side in measured.positions:
+        problem, doubts = worn_hand(measured, side, skeletons[side], arms.of(side), fps, settings)
+        hands[side] = MeasuredHand(problem, np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan))
+        found = (*found, *doubts)
+    return MeasuredHands(skeletons, hands, size, found)
+
+
+def arm_paths(solved: SolvedFrames) -> ArmPaths:
+    """Return the arms of a body's poses."""
+    body, frames = solved.subject.body, solved.frames
+    parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
+    posed = forward_kinematics(body, *parts)
+    wrists, elbows = ([body.layout.joints.index(f"{side}_{part}") for side in SIDES] for part in ("wrist", "elbow"))
+    covariance = np.tile(USUAL_WRIST_M**2 * np.eye(3), (len(parts[1]), 2, 1, 1))
+    if solved.covariance is not None:
+        recorded = [body.layout.recorded.joints.index(f"{side}_wrist") for side in SIDES]
+        covariance = unpacked(to_numpy(solved.covariance)[:, recorded])
+    return ArmPaths(posed.G[:, wrists], posed.joints[:, wrists], posed.joints[:, elbows], covariance)
+
+
+def _common(sizes: list[float]) -> float:
+    return float(np.mean(sizes)) if sizes else 1.0
