@@ -30,6 +30,17 @@ def adopt(scene: bpy.types.Scene) -> int:
     return count
 
 
+def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None:
+    """Adopt bodies as ``adopt`` does, and let panels stay about a capture.
+
+    A body that another one has replaced keeps its takes; adopted later, when the scene is updated, it would be the one
+    that panels are about.
+    """
+    index = next((index for index, capture in enumerate(scene.mocap.captures) if capture == shown), -1)
+    adopt(scene)
+    scene.mocap.show(index)
+
+
 def _is_solved(obj: bpy.types.Object) -> bool:
     from ..animation.curves import current_action
     from ..animation.retiming import is_take

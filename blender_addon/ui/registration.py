@@ -22,6 +22,7 @@ from . import (
     studio_properties,
 )
 from .operators import (
+    add_gloves,
     calibrate_subject,
     cameras,
     clean_up,
@@ -106,6 +107,7 @@ TABLE: tuple[Registrable, ...] = (
     _class(solver_operator.MOCAP_OT_dismiss),
     _class(import_motion.MOCAP_OT_import_motion),
     _class(motion_from_rig.MOCAP_OT_motion_from_rig),
+    _class(add_gloves.MOCAP_OT_add_gloves),
     _class(import_capture.MOCAP_OT_import_capture),
     _class(import_capture.MOCAP_OT_demo_capture),
     _class(import_capture.MOCAP_FH_capture),

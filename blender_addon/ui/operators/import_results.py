@@ -33,7 +33,7 @@ from ...scene.footage import near_footage
 from ...scene.marker_cloud import marker_positions
 from ...scene.replaced_stage import replace_stage
 from ...scene.users_state import is_untouched, undisturbed
-from ..adoption import adopt
+from ..adoption import adopt, adopt_beside
 from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
@@ -195,6 +195,7 @@ def take_motion(
     former = None if again is None else bpy.data.actions.get(again.take)
     if former is not None:
         start = int(former["frame_start"])
+    replaced = armature
     needs_body = armature is None or not armature.is_editable or not plays_body(armature, motion, body)
     with undisturbed(context) if needs_body else nullcontext():
         armature, action = add_take(scene, name, motion, body, armature, parent, start, who)
@@ -212,6 +213,8 @@ def take_motion(
         show_looks(scene)
         frame_body(context, armature)
     colour_markers(scene)
+    if needs_body and replaced is not None:
+        adopt_beside(scene, capture)
     bring_home()
     return action
 

@@ -1,4 +1,4 @@
-"""Fingers: a curl and a spread a finger, and a fist a hand."""
+"""Fingers: those of gloves, a curl and a spread a finger, and a fist a hand."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import bpy
 
 from ..._exchange.hand_points import FINGERS, SIDES
 from ...body.controls.fingers import finger_control, fist_control, has_finger_controls
+from ..operators.add_gloves import MOCAP_OT_add_gloves
+from ..operators.solver_operator import current
 from ..translation import CONTEXT
 from .parts import StagePanel, wrapped
 
@@ -14,7 +16,7 @@ _CURL, _SPREAD = 0, 2
 
 
 class VIEW3D_PT_mocap_fingers(StagePanel, bpy.types.Panel):
-    """The controls of the solved body's fingers."""
+    """The fingers of the solved body."""
 
     stage = "EDIT"
     bl_idname = "VIEW3D_PT_mocap_fingers"
@@ -25,12 +27,19 @@ class VIEW3D_PT_mocap_fingers(StagePanel, bpy.types.Panel):
 
     @classmethod
     def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there is a body with finger controls."""
-        return has_finger_controls(settings.review.armature)
+        """Return whether there is a take, or a body with finger controls."""
+        return settings.review.take is not None or has_finger_controls(settings.review.armature)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the controls of both hands."""
-        bones = context.scene.mocap.review.armature.pose.bones
+        """Draw what adds fingers, and the controls of both hands where the body has them."""
+        column = self.layout.column()
+        column.enabled = not current.busy
+        column.operator(MOCAP_OT_add_gloves.bl_idname, icon="VIEW_PAN")
+        armature = context.scene.mocap.review.armature
+        if has_finger_controls(armature):
+            self._draw_controls(context, armature.pose.bones)
+
+    def _draw_controls(self, context: bpy.types.Context, bones: bpy.types.bpy_prop_collection) -> None:
         for side in SIDES:
             column = self.layout.column(align=True)
             column.label(text=f"{side.title()} Hand", text_ctxt=CONTEXT)
