@@ -77,7 +77,11 @@ def measure_one_view(
             "In no frame are enough keypoints detected to place a body.", where=capture.name,
             hint="Check that the person is whole in the picture for some frames.",
         )  # fmt: skip
-    size = size_of(capture, body, betas, (average - t) @ R, landmarks.names, seen, float(centre[2]))
+    sigma, sight = take.view.sigma_m[:, _joint_of(landmarks, body)], take.view.sight[:, 2] @ R
+    size = size_of(
+        capture, body, betas, (average - t) @ R, landmarks.names, seen, float(centre[2]),
+        np.hypot(sigma[..., 0], sigma[..., 1] * sight[:, None, 2]),
+    )  # fmt: skip
     if size.at_odds[1]:
         found.append(
             diagnostic(
@@ -88,8 +92,7 @@ def measure_one_view(
     shape = betas_of_size(body, size.factor) if betas is None else np.asarray(betas, dtype=float)
     in_camera, places = take.placed(body, landmarks, shape)
     progress("Lifting", 1, 1)
-    points, sight = (in_camera - t) @ R, take.view.sight[:, 2] @ R
-    sigma = take.view.sigma_m[:, _joint_of(landmarks, body)]
+    points = (in_camera - t) @ R
     frames = np.flatnonzero(known)
     states = FrameStates(
         constant(take.z[frames], like), constant((R.T @ take.view.root)[frames], like),

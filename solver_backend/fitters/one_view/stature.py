@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.body.body import Body
-from solver_backend.priors.lifted_take import lowest_feet
+from solver_backend.priors.lifted_take import surest_feet
 from solver_backend.types import Capture
 
 PEOPLE_SIGMA = 0.055
@@ -44,20 +44,20 @@ class Size:
 
 def size_of(
     capture: Capture, body: Body, betas: tuple[float, ...] | None, points: np.ndarray, names: tuple[str, ...],
-    seen: np.ndarray, camera_height: float,
+    seen: np.ndarray, camera_height: float, sigma: np.ndarray,
 ) -> Size:  # fmt: skip
-    """Return how large the person is: of the known shape or stature, else by the floor; see ``size_by_floor``.
+    """Return how large the person is: of the known shape or stature, else by the floor.
 
     Args:
         capture: states the stature, and whether the floor was found from the person.
         body: whose stature is the average's.
         betas: the known shape, or None.
-        points, names, seen, camera_height: see ``size_by_floor``.
+        points, names, seen, camera_height, sigma: see ``measured_size``.
     """
     if capture.floor_from_person:
         by_floor, measured = Size(1.0, PEOPLE_SIGMA, _AVERAGE), None
     else:
-        measured = measured_size(points, names, seen, camera_height)
+        measured = measured_size(points, names, seen, camera_height, sigma)
         by_floor = size_by_floor(measured)
     if betas is not None:
         factor, source = _size_of_shape(body, betas), "the given shape"
@@ -71,7 +71,7 @@ def size_of(
 
 
 def measured_size(
-    points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float
+    points: np.ndarray, names: tuple[str, ...], seen: np.ndarray, camera_height: float, sigma: np.ndarray
 ) -> tuple[float, float] | None:  # fmt: skip
     """Return the size at which an average person's feet reach the floor, and its deviation; None: no foot shows it.
 
@@ -83,8 +83,9 @@ def measured_size(
         names: of the L points.
         seen: (F, L) bool, which of them the camera sees.
         camera_height: H above the floor, metres.
+        sigma: (F, L) deviations of the points' heights, metres.
     """
-    lowest = lowest_feet(points, names, seen)
+    lowest = surest_feet(points, names, seen, sigma)
     if lowest is None or abs(camera_height) < LEAST_HEIGHT_M:
         return None
     drop = camera_height - lowest

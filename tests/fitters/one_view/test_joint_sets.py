@@ -1,4 +1,4 @@
-"""Any detector's points will do for one camera: what a set lacks of head and feet costs little, and nothing else changes."""
+"""Any detector's points will do for one camera: what a set lacks of head and feet costs little."""
 
 from __future__ import annotations
 

@@ -18,6 +18,7 @@ from solver_backend.types import Capture
 NAMES = ("left_heel", "right_heel", "nose")
 SEEN = np.ones((10, 3), dtype=bool)
 SOLE = 0.02
+SIGMA = np.full((10, 3), 0.05)
 
 
 def standing(size: float, camera: float = 1.6) -> np.ndarray:
@@ -30,26 +31,34 @@ def standing(size: float, camera: float = 1.6) -> np.ndarray:
 
 @pytest.mark.parametrize("size", [0.93, 1.0, 1.08])
 def test_feet_on_the_floor_say_the_size(size: float) -> None:
-    found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6))
+    found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6, SIGMA))
     assert found.source == "feet on the floor" and found.has_floor and found.sigma < PEOPLE_SIGMA
     assert abs(found.factor - 1.0) <= abs(size - 1.0) + 1e-9
     assert (found.factor - 1.0) * (size - 1.0) >= 0 and abs(found.factor - size) < 0.05
 
 
+def test_frames_whose_feet_are_unsure_do_not_say_the_size() -> None:
+    points, sigma = standing(1.0), SIGMA.copy()
+    points[:6, :2, 2] -= 0.12  # lifted too low while the person squats
+    assert measured_size(points, NAMES, SEEN, 1.6, sigma)[0] < 0.95  # type: ignore[index]
+    sigma[:6] *= 1.5
+    assert measured_size(points, NAMES, SEEN, 1.6, sigma)[0] == pytest.approx(1.0)  # type: ignore[index]
+
+
 def test_a_floor_that_nobody_could_stand_on_is_none() -> None:
     for size in (0.5, 2.0):
-        found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6))
+        found = size_by_floor(measured_size(standing(size), NAMES, SEEN, 1.6, SIGMA))
         assert (found.factor, found.sigma, found.has_floor) == (1.0, PEOPLE_SIGMA, False)
     assert AT_ODDS_SIGMAS * PEOPLE_SIGMA < 0.5
-    assert not size_by_floor(measured_size(standing(1.0), NAMES, SEEN, 0.0)).has_floor
-    assert not size_by_floor(measured_size(standing(1.0)[:, 2:], ("nose",), SEEN[:, 2:], 1.6)).has_floor
+    assert not size_by_floor(measured_size(standing(1.0), NAMES, SEEN, 0.0, SIGMA)).has_floor
+    assert not size_by_floor(measured_size(standing(1.0)[:, 2:], ("nose",), SEEN[:, 2:], 1.6, SIGMA[:, 2:])).has_floor
 
 
 def test_what_is_given_binds_and_a_floor_from_the_person_says_nothing() -> None:
     body = load_body()
 
     def size(betas=None, **known):
-        return size_of(Capture("one", **known), body, betas, standing(1.05), NAMES, SEEN, 1.6)
+        return size_of(Capture("one", **known), body, betas, standing(1.05), NAMES, SEEN, 1.6, SIGMA)
 
     assert size().source == "feet on the floor"
     assert size((0.0,) * 10).sigma == SHAPE_SIGMA and size((0.0,) * 10).factor == 1.0
