@@ -3,10 +3,13 @@
 import numpy as np
 import pytest
 
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics.table import TABLE
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.types import JointSet
+from tests.support.one_view_situations import filmed_walk
 from tests.support.words import words
 
 JOINTS = JointSet.COCO_17
@@ -52,6 +55,23 @@ def test_who_is_gone_for_long_is_somebody_new() -> None:
     found = select_in_one_view(detections(people, seen), 30.0)
     assert len(found) == 2
     assert [int((p.keypoints.confidence[0] > 0).any(-1).sum()) for p in found] == [20, 15]
+
+
+def test_a_mirror_on_the_wall_is_another_track_and_not_mixed_up_with_the_person() -> None:
+    capture = filmed_walk(90)
+    cameras, rng = capture.require_views()[0], np.random.default_rng(3)
+    names = capture.require_views()[1].joint_set.keypoints
+    points = capture.truth["keypoints3d"][:, [names.index(name) for name in JOINTS.keypoints]]
+    normal = np.array([*cameras.R[0, 2, :2], 0.0]) / np.linalg.norm(cameras.R[0, 2, :2])
+    wall = float((points @ normal).max()) + 0.5
+    behind = points + (2.0 * (wall - points @ normal))[..., None] * normal
+    both = np.stack([points, behind[:, list(JOINTS.mirrored())]], axis=1)
+    people = project(cameras.K, cameras.distortion, cameras.R, cameras.t, both, cameras.distortion_model)[0]
+    people += 3.0 * rng.normal(size=people.shape)
+    found = select_in_one_view(detections(people, np.ones(people.shape[:2], dtype=bool)), 30.0)
+    for number, person in enumerate(found):
+        np.testing.assert_allclose(person.keypoints.xy[0], people[:, number], atol=1e-3)
+    assert "reflection" in TABLE["other_tracks"].cause and found[0].notes[1].values == {"count": 1, "solvable": 1}
 
 
 def test_nobody_is_an_error() -> None:

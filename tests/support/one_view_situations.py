@@ -77,3 +77,12 @@ def doubled(capture: Capture, every: int) -> Capture:
         keypoints=replace(keypoints, xy=keypoints.xy[:, number], confidence=keypoints.confidence[:, number]),
         truth={},
     )
+
+
+def mirrored(capture: Capture) -> Capture:
+    """Return a capture whose video was flipped left to right, as selfie cameras do, before the detector saw it."""
+    cameras, keypoints = parts(capture)
+    order = list(keypoints.joint_set.mirrored())
+    xy, confidence = keypoints.xy[:, :, order].copy(), keypoints.confidence[:, :, order]
+    xy[..., 0] = 2.0 * cameras.K[:, None, None, 0, 2] - xy[..., 0]
+    return replace(capture, keypoints=replace(keypoints, xy=xy, confidence=confidence), truth={})

@@ -136,7 +136,7 @@ _PEOPLE: dict[str, DiagnosticEntry] = {
     ),
     "other_tracks": note(
         "{count} other tracks are seen; {solvable} of them can be solved",
-        "Other people are in the picture, or the person was lost for a while and found again.",
+        "Other people or a reflection are in the picture, or the person was lost for a while and found again.",
         "Choose another with --person.",
     ),
     "few_views_agree": warning(

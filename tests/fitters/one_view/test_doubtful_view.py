@@ -11,13 +11,14 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics
 from solver_backend.fitters.one_view.doubtful_view import cuts, glides
 from solver_backend.fitters.pipeline import solve
-from solver_backend.types import FLAG_UNSEEN, Capture, Motion
-from tests.support.limb_errors import LIMBS
+from solver_backend.types import FLAG_UNSEEN, Capture, JointSet, Motion
+from tests.support.limb_errors import LIMBS, limb_errors
 from tests.support.one_view_situations import (
     LEGS,
     cut,
     doubled,
     filmed_walk,
+    mirrored,
     parts,
     standing,
     without,
@@ -107,6 +108,21 @@ def test_a_camera_whose_floor_is_elsewhere_is_named_without_a_stature(walked: Ca
     lower = replace(cameras, t=cameras.t - np.einsum("cij,j->ci", cameras.R, [0.0, 0.0, 0.9]))
     _, found = doubts(replace(walked, cameras=lower))
     assert found["stature_at_odds"].values["source"] == "what adults are"
+
+
+def test_a_mirrored_video_is_the_mirrored_person_before_the_mirrored_camera() -> None:
+    """One view cannot show it: what is solved is as likely, and the how-to says what to do."""
+    walked = filmed_walk(40)
+    cameras, _ = parts(walked)
+    flip = np.diag([-1.0, 1.0, 1.0])
+    elsewhere = replace(cameras, R=flip @ cameras.R @ flip, t=cameras.t @ flip)
+    plain, found = doubts(walked)
+    other, found_mirrored = doubts(replace(mirrored(walked), cameras=elsewhere))
+    assert set(found) == set(found_mirrored)
+    swap = list(JointSet.SMPL_24.mirrored())
+    assert limb_errors(other.joints, (plain.joints @ flip)[:, swap])[0] < 25.0
+    missed = [np.nanmedian(m.reprojection_px) for m in (plain, other) if m.reprojection_px is not None]
+    assert missed[1] == pytest.approx(missed[0], rel=0.1)
 
 
 def test_fast_people_neither_cut_nor_glide() -> None:
