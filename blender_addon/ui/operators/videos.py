@@ -106,6 +106,11 @@ class MOCAP_OT_capture_from_videos(VideosOperator, bpy.types.Operator, ImportHel
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
     directory: bpy.props.StringProperty(subtype="DIR_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
     files: bpy.props.CollectionProperty(type=bpy.types.OperatorFileListElement, options={"HIDDEN", "SKIP_SAVE"})
+    one_camera: bpy.props.BoolProperty(
+        name="This Video Alone",
+        description="One camera filmed the take; the other videos of the folder are not of it",
+        options={"SKIP_SAVE"},
+    )
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask board or person of what was dropped, or let the user choose a folder."""
@@ -115,14 +120,25 @@ class MOCAP_OT_capture_from_videos(VideosOperator, bpy.types.Operator, ImportHel
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw what the user may set, beside the folders."""
+        self.layout.prop(self, "one_camera")
         draw_settings(self.layout, context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
-        """Begin with the folder of what was chosen."""
+        """Begin with the folder of what was chosen, or with the video alone.
+
+        Raises:
+            TakeMissing: one video is asked for, and none is chosen.
+            MocapError: see ``VideosOperator.go``.
+        """
         chosen = absolute(self.filepath or self.directory)
+        if self.files and self.files[0].name and self.directory:
+            chosen = absolute(self.directory) / self.files[0].name
+        if self.one_camera and not chosen.is_file():
+            raise TakeMissing("No video is chosen.", where=str(chosen), hint="Choose the video file, not its folder.")
         folder = chosen if chosen.is_dir() else absolute(self.directory) if self.directory else chosen.parent
         videos = context.scene.mocap.videos
-        videos.folder, videos.results = stored(folder), stored(_results(context, folder))
+        results = _results(context, folder, f"{chosen.stem}_mocap" if self.one_camera else "mocap")
+        videos.folder, videos.results = stored(chosen if self.one_camera else folder), stored(results)
         videos.steps.clear()
         return self.go(context, _LAST)
 
@@ -199,7 +215,7 @@ def draw_settings(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     draw_setting(layout, context, videos, "people")
 
 
-def _results(context: bpy.types.Context, folder: Path) -> Path:
+def _results(context: bpy.types.Context, folder: Path, name: str) -> Path:
     """Return where results of videos go: beside them, or to the folder of captures where that cannot be written to.
 
     Raises:
@@ -208,7 +224,7 @@ def _results(context: bpy.types.Context, folder: Path) -> Path:
     from ...solving.take_paths import capture_folder
 
     try:
-        return usable(folder / "mocap")
+        return usable(folder / name)
     except OutputNotWritable:
         return usable(capture_folder(files_folder(context.scene), folder))
 

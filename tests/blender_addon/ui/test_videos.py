@@ -93,6 +93,34 @@ def test_a_dropped_video_stands_for_its_folder(mocap, take, monkeypatch):
     assert Path(mocap.videos.results) == take / "videos" / "mocap"
 
 
+def test_one_video_of_many_is_solved_alone(mocap, take, monkeypatch):
+    asked: list[list[str]] = []
+    monkeypatch.setattr(SolverOperator, "launch", lambda self, c, verb, a, f: asked.append([verb, *a]) or {"FINISHED"})
+    chosen = {"directory": str(take / "videos"), "files": [{"name": "cam2.mp4"}], "one_camera": True}
+    bpy.ops.mocap.capture_from_videos(**chosen)
+    assert asked[0][:2] == ["from-videos", str(take / "videos" / "cam2.mp4")]
+    assert Path(mocap.videos.results) == take / "videos" / "cam2_mocap"
+    with pytest.raises(RuntimeError, match="No video is chosen"):
+        bpy.ops.mocap.capture_from_videos(directory=str(take / "videos"), one_camera=True)
+
+
+@pytest.mark.slow
+def test_a_video_becomes_an_animation_in_three_clicks(mocap, shared_data, tmp_path):
+    """The tab, *Capture from Videos*, *Solve*; choosing the file does not count."""
+    pytest.importorskip("av")
+    pytest.importorskip("cv2")
+    try:
+        chosen_detector()
+    except DetectorMissing as missing:
+        pytest.skip(str(missing))
+    source = probe(shared_data / TRIAL / "videos" / "cam01.mp4")
+    pictures = [p.rgb[::2, ::2] for p in islice(read_pictures(source), 40)]
+    write_timed_video(tmp_path / "walk.mp4", pictures, np.arange(40) / source.fps)
+    assert bpy.ops.mocap.capture_from_videos(filepath=str(tmp_path / "walk.mp4")) == {"FINISHED"}, current.last.error
+    assert bpy.ops.mocap.solve.poll() and bpy.ops.mocap.solve() == {"FINISHED"}, current.last.error
+    assert mocap.review.take["frames"] == 40 and mocap.review.armature.animation_data.action is not None
+
+
 def test_results_go_elsewhere_where_the_videos_folder_cannot_be_written_to(mocap, take, tmp_path, monkeypatch):
     asked: list[list[str]] = []
     monkeypatch.setattr(SolverOperator, "launch", lambda self, c, verb, a, f: asked.append(a) or {"FINISHED"})
