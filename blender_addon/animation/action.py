@@ -47,17 +47,17 @@ def bake_action(
         keys_per_second: about how many of the solver's keys to keep, joined by smooth curves; how far that is from
             the full take is noted on the action. None for a key on every frame.
         tolerance_mm: instead of that, as few keys as leave every joint so near to the full take.
-        edited: (F, 3 + 4 J) channels of the take with what was changed by hand, to be thinned; None for the
-            motion's own.
+        edited: (F, 3 + 4 J) channels to write, with what was changed by hand; None for the motion's own.
     """
     target = create_action(name, armature)
     action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
     channels, columns = pose_channels(motion, armature, rest_pelvis), [*pose_columns(layout_of(armature.data.bones))]
+    wanted = channels if edited is None else edited
     if keys_per_second is None and tolerance_mm is None:
         types = key_type_values(motion.keyframes, motion.num_frames)
         for path, joint, part in columns:
-            kept = _needed(channels[:, part])
-            write_curves(target, path, joint, times[kept], channels[kept, part], types[kept])
+            kept = _needed(wanted[:, part])
+            write_curves(target, path, joint, times[kept], wanted[kept, part], types[kept])
         write_confidence(target, armature, motion, np.arange(motion.num_frames), times)
         write_resting(target, armature, motion, np.arange(motion.num_frames), times)
     else:
@@ -65,7 +65,6 @@ def bake_action(
         places = motion.keyframes
         if edited is not None and places is not None:
             places = places | (np.abs(edited - channels).max(axis=1) > _EDITED)
-        wanted = channels if edited is None else edited
         curves, deviation = thin_channels(wanted, armature, places, count, tolerance_mm)
         slopes = curves.slopes * motion.fps / timing.scene_fps
         for path, joint, part in columns:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import bpy
+import numpy as np
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
@@ -89,13 +90,40 @@ def thinned_take(
         MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(take_file(take, "motion_file"))
+    edited = played_channels(scene, armature, take_times(take, motion))
+    name = f"{take.name.removesuffix(FEW)}{FEW}"
+    return add_edited_take(scene, take, armature, name, edited, keys_per_second, tolerance_mm)
+
+
+def add_edited_take(
+    scene: bpy.types.Scene,
+    take: bpy.types.Action,
+    armature: bpy.types.Object,
+    name: str,
+    edited: np.ndarray,
+    keys_per_second: float | None = None,
+    tolerance_mm: float | None = None,
+) -> bpy.types.Action:
+    """Add a take that was made of another one, with its files and its person, and play it.
+
+    Args:
+        scene: the scene.
+        take: what it was made of.
+        armature: the body.
+        name: of the new take.
+        edited: (F, 3 + 4 J) channels, see ``pose_channels``.
+        keys_per_second: see ``bake_action``.
+        tolerance_mm: see ``bake_action``.
+
+    Raises:
+        MocapError: the take's motion or body can no longer be read.
+    """
+    motion = read_motion(take_file(take, "motion_file"))
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     require_body(motion, body)
     motion = with_own_hands(motion, body)
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
-    edited = played_channels(scene, armature, take_times(take, motion))
-    name = f"{take.name.removesuffix(FEW)}{FEW}"
     action = bake_action(name, motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm, edited)
     for key in (*PATHS, BETAS, PERSON):
         if key in take:

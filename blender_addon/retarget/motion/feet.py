@@ -80,12 +80,20 @@ def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
     if not len(fixed):
         return path
     sole = path.sole.copy()
-    sole[:, :2] += _eased(held, fixed, _EASE_S * fps)
+    sole[:, :2] += eased(held, fixed, _EASE_S * fps)
     return replace(path, sole=sole)
 
 
-def _eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
-    """Return offsets that are as given on the fixed frames and fade between them, those before and after adding up."""
+def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
+    """Return offsets that are as given on the fixed frames and fade between them, those before and after adding up.
+
+    Args:
+        held: (F, n) offsets.
+        fixed: frames on which they hold; the others count as 0 where there are none.
+        frames: in which they fade.
+    """
+    if not len(fixed):
+        return np.zeros_like(held)
     index = np.arange(len(held))
     after = np.searchsorted(fixed, index, side="left").clip(max=len(fixed) - 1)
     before = (np.searchsorted(fixed, index, side="right") - 1).clip(min=0)

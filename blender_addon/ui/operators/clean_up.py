@@ -38,6 +38,37 @@ class MOCAP_OT_feet_to_floor(NeedsTake, bpy.types.Operator):
         return {"FINISHED"}
 
 
+class MOCAP_OT_lock_feet(NeedsTake, bpy.types.Operator):
+    """Makes a take whose feet stay where they stand."""
+
+    bl_idname = "mocap.lock_feet"
+    bl_label = "Lock Feet"
+    bl_description = (
+        "Add a take of this one, your edits included, in which heels and balls of the feet stay where they stand; for "
+        "clips of other programs and edited takes, which are not solved anew"
+    )
+    edits_body = True
+
+    slide_mm: bpy.props.FloatProperty(
+        name="Longest Slide",
+        description="Millimetres; a foot that goes farther while it is slow and low slides on purpose",
+        default=100.0, min=1.0, max=500.0,
+    )  # fmt: skip
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Make it and play it."""
+        from ...retarget.locked_feet import lock_feet
+
+        scene, review = context.scene, context.scene.mocap.review
+        made = lock_feet(scene, review.take, review.armature, self.slide_mm)
+        if made is None:
+            self.report({"WARNING"}, f"No foot stands within {self.slide_mm:g} mm: nothing was locked")
+            return {"CANCELLED"}
+        held = counted(made.stands, "stand")
+        self.report({"INFO"}, f"{held} held in '{made.action.name}': feet slid by up to {made.slid_mm:.0f} mm")
+        return {"FINISHED"}
+
+
 class MOCAP_OT_mark_gaps(NeedsTake, bpy.types.Operator):
     """Marks bridged and doubtful ranges on the timeline."""
 
@@ -85,4 +116,4 @@ def _meet(a: tuple[int, int], b: tuple[int, int]) -> bool:
     return a[0] <= b[1] and b[0] <= a[1]
 
 
-CLASSES = (MOCAP_OT_feet_to_floor, MOCAP_OT_mark_gaps, MOCAP_OT_clear_marks)
+CLASSES = (MOCAP_OT_feet_to_floor, MOCAP_OT_lock_feet, MOCAP_OT_mark_gaps, MOCAP_OT_clear_marks)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...conventions.counting import counted
-from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_mark_gaps
+from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_lock_feet, MOCAP_OT_mark_gaps
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
     MOCAP_OT_open_report,
@@ -101,6 +101,7 @@ class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
         column = layout.column(align=True)
         column.prop(settings.review, "floor_offset")
         column.operator(MOCAP_OT_feet_to_floor.bl_idname, icon="SNAP_FACE")
+        layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")
         row = layout.row(align=True)
         row.operator(MOCAP_OT_mark_gaps.bl_idname, icon="MARKER_HLT")
         row.operator(MOCAP_OT_clear_marks.bl_idname, text="", icon="X")

@@ -7,23 +7,15 @@ from itertools import chain
 
 import numpy as np
 
+from solver_backend.exchange.stands import stands, steps
 from solver_backend.geometry.arrays import Array
-from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.foot_contact import SIGMA_M, foot_contact_term
 from solver_backend.residuals.positions import PositionTerm
 
-SPEED_M_S = 0.25
-"""A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
 ALONG_SIGHT = 3.0
 """So many times as fast it may seem along the line of sight of a single camera, which sees no depth. On 48 filmed takes
 of subjects 08, 60 and of some that the lifter is trained on, feet skate by 0.011 cm a frame instead of 0.012 and joints
 are 0.1 mm nearer, with 2 as with 4; on the benchmark's own takes a foot goes deeper below the floor with 4."""
-HEIGHT_M = 0.04
-"""A planted point is at most this far above its own lowest stand."""
-SHORTEST_S = 0.12
-"""A foot that touches the floor for less does not stand."""
-BREAK_S = 0.1
-"""A foot that leaves its place for less did not: no step is so short."""
 _FOOT_POINTS = ("big_toe", "small_toe", "heel", "HEE", "TOE", "MT1", "MT5", "HAL")
 """A detector's keypoints and places of markers, without their side."""
 _SIDES = (("left_", "L"), ("right_", "R"))
@@ -70,41 +62,19 @@ def find_contacts(
     planted, anchors = np.zeros((frames, count), dtype=bool), np.zeros((frames, count, 3))
     if frames < 3 or not columns:
         return Contacts(planted, anchors)
-    half, shortest = max(1, round(0.03 * fps)), max(2, round(SHORTEST_S * fps))
-    index = np.arange(frames)
-    before, after = np.maximum(index - half, 0), np.minimum(index + half, frames - 1)
     feet = points[:, columns]
-    way = feet[after] - feet[before]
+    way, seconds = steps(feet, fps)
     if sight is not None:
         along = np.einsum("fka,fa->fk", way, sight)[..., None] * sight[:, None]
         way = way - (1.0 - 1.0 / ALONG_SIGHT) * along
-    speed = np.linalg.norm(way, axis=-1) * (fps / (after - before))[:, None]
-    slow = speed < SPEED_M_S
-    height = np.where(slow, feet[..., 2], np.nan)
-    for place, column in enumerate(columns):
-        if not slow[:, place].any():
-            continue
-        lowest = np.nanpercentile(height[:, place], 20)
-        low = slow[:, place] & (feet[:, place, 2] < lowest + HEIGHT_M)
-        for first, stop in _joined([(first, last + 1) for first, last in true_runs(low)], round(BREAK_S * fps)):
-            if stop - first >= shortest:
-                planted[first:stop, column] = True
-                sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
-                anchors[first:stop, column] = feet[first:stop, place][sure].mean(axis=0)
+    for place, runs in enumerate(stands(feet[..., 2], np.linalg.norm(way, axis=-1) / seconds, fps)):
+        for first, stop in runs:
+            planted[first:stop, columns[place]] = True
+            sure = fixed[first:stop] if fixed[first:stop].any() else slice(None)
+            anchors[first:stop, columns[place]] = feet[first:stop, place][sure].mean(axis=0)
     return Contacts(planted, anchors)
 
 
 def _foot_columns(names: tuple[str, ...]) -> list[int]:
     feet = {side + point for side in chain(*_SIDES) for point in _FOOT_POINTS}
     return [k for k, name in enumerate(names) if name in feet]
-
-
-def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
-    """Return runs with those that are fewer frames than that apart made one."""
-    joined: list[tuple[int, int]] = []
-    for first, stop in runs:
-        if joined and first - joined[-1][1] < frames:
-            joined[-1] = joined[-1][0], stop
-        else:
-            joined.append((first, stop))
-    return joined

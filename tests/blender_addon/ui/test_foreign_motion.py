@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import MotionFile, read_motion
+from blender_addon._exchange.stands import stands, steps
 from blender_addon.animation.curves import action_curves, current_action
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.body.body_file import default_body_path, read_body
@@ -26,6 +27,8 @@ from tests.support.played_character import FRAMES, known_clip, play_on_character
 
 INSIDE_HANDS = 22
 """First of the joints that are not SMPL's to turn."""
+BALLS, FPS = (10, 11), 30.0
+"""Of the feet, among SMPL's joints; frames a second of the clips."""
 
 
 def joints_of(armature: bpy.types.Object) -> np.ndarray:
@@ -128,3 +131,51 @@ def test_a_foreign_clip_is_edited_like_a_take_of_our_own(mocap, scene, tmp_path:
     mocap.review.floor_offset = 0.05
     assert bpy.ops.mocap.feet_to_floor() == {"FINISHED"}
     assert abs(sole_height(scene, body, action, 1 + FRAMES // 2)) < 0.02
+
+
+def test_feet_of_a_foreign_clip_are_locked_with_edits_kept(mocap, scene, tmp_path: Path) -> None:
+    """A clip that skates by 25 mm: its stands hold, the arm that was edited stays, no other joint leaves its place."""
+    clip = write_bvh(tmp_path / "clip.bvh", known_motion(load_body(), np.zeros(10), FRAMES))
+    assert bpy.ops.mocap.import_motion(filepath=str(clip), scene_setup="TAKE") == {"FINISHED"}
+    body, former = mocap.review.armature, mocap.review.take
+    location = next(curve for curve in action_curves(former) if curve.data_path == 'pose.bones["pelvis"].location')
+    for point in location.keyframe_points:
+        point.co.y += 0.025 * np.sin(2 * np.pi * point.co.x / 40)
+    elbow = next(curve for curve in action_curves(former) if "left_elbow" in curve.data_path and curve.array_index == 1)
+    for point in elbow.keyframe_points:
+        point.co.y += 0.3
+    before, stood = joints_of(body), ball_stands(body)
+    assert slid_mm(before, stood) > 25.0
+    assert bpy.ops.mocap.lock_feet() == {"FINISHED"}
+    locked = mocap.review.take
+    assert locked != former and locked.name.endswith(" feet locked") and former.name in bpy.data.actions
+    after = joints_of(body)
+    assert slid_mm(after, stood) < 1.0
+    upper = [joint for joint in range(INSIDE_HANDS) if joint not in (1, 2, 4, 5, 7, 8, 10, 11)]
+    assert distance_mm(after[:, upper] - after[:, :1], before[:, upper] - before[:, :1]) < 0.1
+    assert distance_mm(after, before) < 60.0
+
+
+def test_a_clip_that_never_stands_has_no_feet_to_lock(mocap, scene, tmp_path: Path) -> None:
+    clip = write_bvh(tmp_path / "clip.bvh", known_motion(load_body(), np.zeros(10), FRAMES))
+    assert bpy.ops.mocap.import_motion(filepath=str(clip), scene_setup="TAKE") == {"FINISHED"}
+    curves = action_curves(mocap.review.take)
+    for point in next(c for c in curves if c.data_path == 'pose.bones["pelvis"].location').keyframe_points:
+        point.co.y += 0.02 * point.co.x
+    takes = len(bpy.data.actions)
+    assert bpy.ops.mocap.lock_feet() == {"CANCELLED"}
+    assert len(bpy.data.actions) == takes
+
+
+def ball_stands(body: bpy.types.Object) -> list[tuple[int, int, int]]:
+    """Return joint, first frame and end of each stretch in which a ball of the foot stands."""
+    balls = joints_of(body)[:, list(BALLS)]
+    way, seconds = steps(balls, FPS)
+    runs = stands(balls[..., 2], np.linalg.norm(way, axis=-1) / seconds, FPS)
+    return [(BALLS[side], *run) for side in range(2) for run in runs[side]]
+
+
+def slid_mm(joints: np.ndarray, stretches: list[tuple[int, int, int]]) -> float:
+    """Return how far a ball of the foot is at most from its mean place in a stretch."""
+    held = [joints[first:stop, joint] for joint, first, stop in stretches]
+    return max(distance_mm(points, points.mean(axis=0)) for points in held)

@@ -1,0 +1,180 @@
+"""Feet of a take held where they stand, whatever program it comes from and whatever was edited by hand."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .._exchange.motion_file import read_motion
+from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, rotvec_from_quat
+from .._exchange.stands import stands, steps
+from ..animation.few_keys import posed_joints, rest_of
+from ..animation.takes import take_file
+from ..scene.add_take import add_edited_take
+from ..scene.hand_edits import played_channels, take_times
+from .motion.feet import eased
+from .motion.limbs import bend_to, longest_reach, swing, within_reach
+
+_LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))
+"""Hip, knee, ankle and ball of each leg among SMPL's joints."""
+_ANKLES = [leg[2] for leg in _LEGS]
+_HEEL_BEHIND = 0.35
+"""How far a heel lies behind its ankle, by the level distance from the ankle to the ball; as our body's lies."""
+_EASE_S = 0.15
+"""Seconds before and after a stand in which the foot comes from its own path and goes back to it."""
+LOCKED = " feet locked"
+"""How names of such takes end."""
+
+
+@dataclass(frozen=True)
+class LockedFeet:
+    """A take whose feet stay where they stand."""
+
+    action: bpy.types.Action
+    stands: int
+    """How many stretches in which a heel or a ball stands were held."""
+    slid_mm: float
+    """The farthest that a foot slid in one of them before."""
+
+
+def lock_feet(
+    scene: bpy.types.Scene, take: bpy.types.Action, armature: bpy.types.Object, longest_slide_mm: float
+) -> LockedFeet | None:
+    """Add a take as it plays, hand edits included, with its feet held where they stand, and play it.
+
+    Args:
+        scene: the scene.
+        take: the take that the body plays.
+        armature: the body.
+        longest_slide_mm: a foot that goes farther while it seems to stand slides on purpose.
+
+    Returns:
+        What was added; None where no foot stands.
+
+    Raises:
+        MocapError: the take's motion or body can no longer be read.
+    """
+    motion = read_motion(take_file(take, "motion_file"))
+    channels = played_channels(scene, armature, take_times(take, motion))
+    held = hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
+    if held is None:
+        return None
+    name = f"{take.name.removesuffix(LOCKED)}{LOCKED}"
+    action = add_edited_take(scene, take, armature, name, held.channels)
+    return LockedFeet(action, held.stands, 1000.0 * held.slid_m)
+
+
+@dataclass(frozen=True)
+class Held:
+    """Channels with feet that stay where they stand."""
+
+    channels: np.ndarray
+    stands: int
+    slid_m: float
+
+
+def hold_feet(
+    channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
+) -> Held | None:
+    """Return channels whose heels and balls stay at the mean place of each stand; None where none stands.
+
+    Where both stand, the foot turns by the smallest rotation that lays it along its mean; then the ankle goes with
+    what stands. Legs bend and swing to it with the plane of hip, knee and ankle kept, and the pelvis gives way where
+    a leg is too short.
+
+    Args:
+        channels: (F, 3 + 4 J) location of the pelvis and quaternions wxyz of the bones, in their own rest axes.
+        heads: (J, 3) metres at rest.
+        axes: (J, 3, 3) at rest.
+        fps: frames per second.
+        longest_slide_m: a stand in which the foot goes farther is left as it is.
+    """
+    if len(channels) < 3:
+        return None
+    G, p = posed_joints(channels, heads, axes)
+    feet = [_held_foot(G, p, heads, axes, leg, fps, longest_slide_m) for leg in _LEGS]
+    count, slid = sum(foot.stands for foot in feet), max(foot.slid_m for foot in feet)
+    if not count:
+        return None
+    way, turned = _bent_legs(G, p, axes, feet)
+    changed = channels.copy()
+    changed[:, :3] += way @ axes[0]
+    for hip, knee, ankle, _ in _LEGS:
+        for parent, joint in ((0, hip), (hip, knee), (knee, ankle)):
+            local = axes[joint].T @ axes[parent] @ np.swapaxes(turned[:, parent], -1, -2) @ turned[:, joint]
+            changed[:, 3 + 4 * joint : 7 + 4 * joint] = quat_from_matrix(local)
+    moved = np.abs(np.stack([foot.ankle for foot in feet], axis=1) - p[:, _ANKLES]).max(axis=(1, 2)) > 0.0
+    return Held(np.where(moved[:, None], _same_signs(changed, channels), channels), count, slid)
+
+
+def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pelvis' way (F, 3) and rotations (F, J, 3, 3) with which ankles stand where they belong."""
+    bones = [(p[:, knee] - p[:, hip], p[:, ankle] - p[:, knee]) for hip, knee, ankle, _ in _LEGS]
+    ankles = np.stack([foot.ankle for foot in feet])
+    hips, reaches = np.stack([p[:, leg[0]] for leg in _LEGS]), np.stack([longest_reach(*bone) for bone in bones])
+    way, turned = within_reach(hips, ankles, reaches), G.copy()
+    for leg, (hip, knee, ankle, ball), (upper, lower), foot in zip(range(2), _LEGS, bones, feet, strict=True):
+        hinge = G[:, knee] @ axes[knee].T @ [1.0, 0.0, 0.0]
+        turn_upper, turn_lower = bend_to(ankles[leg] - hips[leg] - way, upper, lower, hinge)
+        turned[:, hip], turned[:, knee] = turn_upper @ G[:, hip], turn_lower @ G[:, knee]
+        turned[:, ankle], turned[:, ball] = foot.turn @ G[:, ankle], foot.turn @ G[:, ball]
+    return way, turned
+
+
+@dataclass(frozen=True)
+class _Foot:
+    ankle: np.ndarray
+    """(F, 3) where it belongs."""
+    turn: np.ndarray
+    """(F, 3, 3) by which the foot turns about it."""
+    stands: int
+    slid_m: float
+
+
+def _held_foot(
+    G: np.ndarray,
+    p: np.ndarray,
+    heads: np.ndarray,
+    axes: np.ndarray,
+    leg: tuple[int, ...],
+    fps: float,
+    longest: float,
+) -> _Foot:
+    """Return where an ankle goes and how its foot turns for heel and ball to stay where they stand."""
+    ankle, ball = leg[2:]
+    forward = (heads[ball] - heads[ankle]) * [1.0, 1.0, 0.0]
+    behind = heads[ball] - (1.0 + _HEEL_BEHIND) * forward - heads[ankle]
+    from_ankle = np.stack([G[:, ankle] @ axes[ankle].T @ behind, p[:, ball] - p[:, ankle]], axis=1)
+    points = p[:, ankle, None] + from_ankle
+    way, seconds = steps(points, fps)
+    planted, anchors = np.zeros(points.shape[:2], bool), points.copy()
+    count, slid = 0, 0.0
+    for k, runs in enumerate(stands(points[..., 2], np.linalg.norm(way, axis=-1) / seconds, fps)):
+        for first, stop in runs:
+            where = points[first:stop, k].mean(axis=0)
+            far = float(np.linalg.norm(points[first:stop, k] - where, axis=1).max())
+            if far <= longest:
+                planted[first:stop, k], anchors[first:stop, k] = True, where
+                count, slid = count + 1, max(slid, far)
+    turn = _turned(planted.all(axis=1), from_ankle[:, 1] - from_ankle[:, 0], anchors[:, 1] - anchors[:, 0], fps)
+    off = anchors - p[:, ankle, None] - (turn[:, None] @ from_ankle[..., None])[..., 0]
+    weights = planted / np.maximum(planted.sum(axis=1, keepdims=True), 1)
+    stood = np.flatnonzero(planted.any(axis=1))
+    shift = (weights[..., None] * off).sum(axis=1)
+    return _Foot(p[:, ankle] + eased(shift, stood, _EASE_S * fps), turn, count, slid)
+
+
+def _turned(both: np.ndarray, now: np.ndarray, held: np.ndarray, fps: float) -> np.ndarray:
+    """Return rotations (F, 3, 3) that lay a foot along its held direction while it is flat, and fade beside that."""
+    turn = np.zeros_like(now)
+    turn[both] = rotvec_from_quat(quat_from_matrix(swing(now[both], held[both])))
+    return matrix_from_rotvec(eased(turn, np.flatnonzero(both), _EASE_S * fps))
+
+
+def _same_signs(changed: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """Return channels with each quaternion of the sign that it had before: q and -q are the same rotation."""
+    new, old = (values[:, 3:].reshape(len(values), -1, 4) for values in (changed, channels))
+    signs = np.where((new * old).sum(-1, keepdims=True) < 0, -1.0, 1.0)
+    return np.concatenate([changed[:, :3], (signs * new).reshape(len(changed), -1)], axis=1)

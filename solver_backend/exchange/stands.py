@@ -1,0 +1,56 @@
+"""When points of the feet stand: slow and low, in stretches that no step is short enough to interrupt."""
+
+from __future__ import annotations
+
+import numpy as np
+
+SPEED_M_S = 0.25
+"""A planted point of a solution moves slower than this: the error of a standing foot changes that fast."""
+HEIGHT_M = 0.04
+"""A planted point is at most this far above its own lowest stand."""
+SHORTEST_S = 0.12
+"""A foot that touches the floor for less does not stand."""
+BREAK_S = 0.1
+"""A foot that leaves its place for less did not: no step is so short."""
+_HALF_S = 0.03
+"""Seconds before and after a frame over which a speed is measured."""
+
+
+def steps(points: np.ndarray, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return how points move about each frame, (F, K, 3) metres, and in which time, (F, 1) seconds."""
+    half, index = max(1, round(_HALF_S * fps)), np.arange(len(points))
+    before, after = np.maximum(index - half, 0), np.minimum(index + half, len(points) - 1)
+    return points[after] - points[before], ((after - before) / fps)[:, None]
+
+
+def stands(heights: np.ndarray, speeds: np.ndarray, fps: float) -> list[list[tuple[int, int]]]:
+    """Return for each point the stretches in which it stands, as first frames and ends.
+
+    Args:
+        heights: (F, K) metres.
+        speeds: (F, K) metres a second.
+        fps: frames per second.
+    """
+    shortest, slow = max(2, round(SHORTEST_S * fps)), speeds < SPEED_M_S
+    found: list[list[tuple[int, int]]] = []
+    for height, still in zip(heights.T, slow.T, strict=True):
+        low = still & (height < np.nanpercentile(height[still], 20) + HEIGHT_M) if still.any() else still
+        runs = _joined(_runs(low), round(BREAK_S * fps))
+        found.append([(first, stop) for first, stop in runs if stop - first >= shortest])
+    return found
+
+
+def _runs(mask: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [(int(first), int(stop)) for first, stop in edges.reshape(-1, 2)]
+
+
+def _joined(runs: list[tuple[int, int]], frames: int) -> list[tuple[int, int]]:
+    """Return runs with those that are fewer frames than that apart made one."""
+    joined: list[tuple[int, int]] = []
+    for first, stop in runs:
+        if joined and first - joined[-1][1] < frames:
+            joined[-1] = joined[-1][0], stop
+        else:
+            joined.append((first, stop))
+    return joined
