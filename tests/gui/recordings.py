@@ -14,6 +14,8 @@ WALK = "Gang ü.c3d"
 """A short recording of markers."""
 FIGURES = "Figuren ü"
 """Folder of characters of other programs, written by their exporters."""
+WHEELS = "Räder ü"
+"""Folder of wheels that hold next to nothing, of LiteRT."""
 LONG_DEMO = "demo_1000.npz"
 """Capture of the demo's person, 1,000 frames long."""
 _WAVED_S, _LONG = 20.0, 1000
@@ -33,6 +35,8 @@ def lay_out(out: Path, script: str) -> None:
         shutil.copy(recordings.parent / "markers" / "cmu_pairs" / "02_01.c3d", out / WALK)
     elif script == "characters.py":
         _characters(out / FIGURES)
+    elif script == "detector.py":
+        _wheels(out / WHEELS)
     elif script == "retarget_speed.py":
         _long_demo(out / LONG_DEMO)
 
@@ -42,6 +46,12 @@ def _long_demo(path: Path) -> None:
     from solver_backend.synthesis.embedded.demo import demo_capture
 
     write_capture(path, demo_capture(_LONG))
+
+
+def _wheels(folder: Path) -> None:
+    from tests.support.stub_wheels import litert_wheels
+
+    litert_wheels(folder)
 
 
 def _characters(folder: Path) -> None:

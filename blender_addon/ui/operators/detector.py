@@ -78,7 +78,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
             raise PythonUnsuitable("Blender is set to stay offline.", where="Set Up Detector", hint=hint)
         folder = find_python.environment_folder(self.kind)
         folder.parent.mkdir(parents=True, exist_ok=True)
-        python = find_python.python_to_make_with() if self.kind == "mediapipe" else Path(sys.executable)
+        python = find_python.python_to_make_with(self.kind)
         arguments = [str(folder), self.kind, *([str(absolute(self.wheels))] if self.wheels else [])]
         own = python if python != Path(sys.executable) else None
         return self.follow(context, start_script(VERB, Path(make_environment.__file__), arguments, own, folder.parent))

@@ -3,10 +3,7 @@
 from __future__ import annotations
 
 import ast
-import io
 import sys
-import tarfile
-import zipfile
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -19,6 +16,7 @@ from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import videos as videos_panel
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
+from tests.support.stub_wheels import litert_wheels
 
 ROOT = Path(__file__).resolve().parents[3]
 SHIPPED = [*(ROOT / "solver_backend").rglob("*.py"), *(ROOT / "blender_addon").rglob("*.py")]
@@ -66,31 +64,9 @@ def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(ho
     assert any("could not be installed" in text for text in drawn())
 
 
-def stub_wheel(folder: Path, name: str, version: str, files: dict[str, str]) -> None:
-    """Write a wheel of these files."""
-    own = f"{name}-{version}.dist-info"
-    files = {
-        **files, f"{own}/METADATA": f"Metadata-Version: 2.1\nName: {name.replace('_', '-')}\nVersion: {version}\n",
-        f"{own}/WHEEL": "Wheel-Version: 1.0\nGenerator: test\nRoot-Is-Purelib: true\nTag: py3-none-any\n",
-    }  # fmt: skip
-    record = "".join(f"{path},,\n" for path in (*files, f"{own}/RECORD"))
-    with zipfile.ZipFile(folder / f"{name}-{version}-py3-none-any.whl", "w") as wheel:
-        for path, text in {**files, f"{own}/RECORD": record}.items():
-            wheel.writestr(path, text)
-
-
 def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels"
-    wheels.mkdir()
-    stub_wheel(
-        wheels, "ai_edge_litert", "2.3.0", {"ai_edge_litert/__init__.py": "", "ai_edge_litert/interpreter.py": ""}
-    )
-    stub_wheel(wheels, "numpy", "2.2.0", {"numpy/__init__.py": ""})
-    with tarfile.open(wheels / "mediapipe-hands-0.4.1675469240.tgz", "w:gz") as package:
-        for name in ("package/hand_landmark_full.tflite", "package/hands.js"):
-            member = tarfile.TarInfo(name)
-            member.size = 5
-            package.addfile(member, io.BytesIO(b"model"))
+    litert_wheels(wheels)
     videos = bpy.context.scene.mocap.videos
     assert "--hand-model" not in videos.arguments()
     assert bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(wheels)) == {"FINISHED"}
@@ -101,6 +77,28 @@ def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Pat
     assert Path(videos.hands) == folder / "models" / "hand_landmark_full.tflite"
     assert videos.arguments()[-2:] == ["--hand-model", videos.hands]
     assert preferences.litert_python(bpy.context) == find_python.made_litert_python()
+
+
+@pytest.mark.slow
+def test_a_detector_that_cannot_be_made_leaves_the_earlier_one(home, tmp_path: Path) -> None:
+    """A failed or cancelled set-up is no detector, and one that worked is still there."""
+    earlier = find_python.environment_folder("litert") / find_python._BELOW
+    earlier.parent.mkdir(parents=True)
+    earlier.write_text("an earlier one")
+    (tmp_path / "wheels").mkdir()
+    with pytest.raises(RuntimeError, match="could not be installed from the folder of wheels"):
+        bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(tmp_path / "wheels"))
+    assert find_python.made_litert_python() == earlier and earlier.read_text() == "an earlier one"
+    assert find_python.made_python() is None
+
+
+def test_a_python_that_makes_no_environments_is_named(home, monkeypatch) -> None:
+    """Debian's Python has no ensurepip: Blender's own cannot be used there, and the free space is not at fault."""
+    monkeypatch.setattr(find_python, "find_spec", lambda name: None)
+    monkeypatch.setattr(find_python, "_candidates", lambda *_: ())
+    with pytest.raises(RuntimeError, match="ensurepip is missing.*python3-venv"):
+        bpy.ops.mocap.set_up_detector(kind="litert", wheels=str(home))
+    assert not find_python.environment_folder("litert").exists()
 
 
 @pytest.mark.slow
