@@ -6,6 +6,7 @@ whose Python makes no environments (Debian's without python3-venv) names that in
 
 from __future__ import annotations
 
+import shutil
 from importlib.util import find_spec
 from typing import Any
 
@@ -21,6 +22,7 @@ _OFFERED = "mocap.set_up_detector"
 def steps(user: Any) -> Any:
     """Play it."""
     find_python = extension("solving.detector.find_python")
+    shutil.rmtree(find_python.environment_folder("litert"), ignore_errors=True)  # of an earlier run
     yield from user.open_tab("MoCap")
     yield from user.open_panel("VIEW3D_PT_mocap_videos")
     yield from user.shot("none")

@@ -5,8 +5,10 @@ Costs are squares of standard deviations, as of independent Gaussians; a name th
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 
@@ -129,22 +131,22 @@ def _arm_cost(skeleton: Skeleton, path: list[int], places: tuple[int, int, int])
 
 def _line_cost(points: np.ndarray, a: int, b: int) -> float:
     """Return what the bones inside a segment cost: they lie on it, one after the other."""
-    between = points[a + 1 : b] - points[a]
-    if not len(between):
+    if b == a + 1:
         return 0.0
-    way = points[b] - points[a]
+    between, way = points[a + 1 : b] - points[a], points[b] - points[a]
     along = between @ way / (way @ way)
-    off = np.linalg.norm(between - along[:, None] * way, axis=1) / np.linalg.norm(way)
-    ordered = bool((np.diff([0.0, *along, 1.0]) > -1e-6).all())
-    return float(_SKIPPED * len(between) + ((off / _OFF_LINE) ** 2).sum()) + (0.0 if ordered else 20.0)
+    off = between - along[:, None] * way
+    off2 = float((off * off).sum()) / float(way @ way)
+    ordered = all(after - before > -1e-6 for before, after in pairwise((0.0, *along, 1.0)))
+    return _SKIPPED * len(between) + off2 / _OFF_LINE**2 + (0.0 if ordered else 20.0)
 
 
 def _apart(points: np.ndarray, a: int, b: int) -> float:
-    return float(np.linalg.norm(points[b] - points[a]))
+    return math.dist(points[a], points[b])
 
 
 def _log_cost(ratio: float, usual: float, sigma: float) -> float:
-    return float((np.log(max(ratio, 1e-6) / usual) / sigma) ** 2)
+    return (math.log(max(ratio, 1e-6) / usual) / sigma) ** 2
 
 
 def _angle_deg(a: np.ndarray, b: np.ndarray) -> float:

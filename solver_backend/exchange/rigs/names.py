@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator
+from functools import lru_cache
 from itertools import pairwise
 
 from .roles import LIMBS, SIDES
@@ -80,12 +81,13 @@ def side_of_name(bone: str) -> str:
     return _words(bone)[0]
 
 
-def words_of(bone: str) -> list[str]:
+def words_of(bone: str) -> tuple[str, ...]:
     """Return the lower-case words of a name without its side and prefixes."""
     return _words(bone)[1]
 
 
-def _words(bone: str) -> tuple[str, list[str]]:
+@lru_cache(maxsize=4096)
+def _words(bone: str) -> tuple[str, tuple[str, ...]]:
     """Return side and lower-case words of a name: ``mixamorig:LeftForeArm`` is left, fore, arm."""
     spaced = re.sub(r"(?<=[a-z])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])|(?<=[A-Za-z])(?=\d)|(?<=\d)(?=[A-Za-z])", " ", bone)
     parts = [part for word in re.split(r"[^A-Za-z]+|\d+", spaced.lower()) if word for part in _split_off_side(word)]
@@ -94,7 +96,7 @@ def _words(bone: str) -> tuple[str, list[str]]:
     kept = [word for word in parts if word not in _LEFT | _RIGHT]
     while len(kept) > 1 and kept[0] in _PREFIXES:
         kept = kept[1:]
-    return side, kept
+    return side, tuple(kept)
 
 
 def _split_off_side(word: str) -> list[str]:
@@ -106,7 +108,7 @@ def _split_off_side(word: str) -> list[str]:
 
 
 def _scored(
-    words: dict[str, tuple[str, list[str]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
+    words: dict[str, tuple[str, tuple[str, ...]]], side: str, synonyms: tuple[str, ...], parents: dict[str, str]
 ) -> Iterator[tuple[int, int, int, str]]:
     """Yield the bones of a side that one of these words names: lower is likelier."""
     for bone, (of_side, kept) in words.items():

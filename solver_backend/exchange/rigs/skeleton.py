@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -36,7 +37,7 @@ class Skeleton:
 
     def distance(self, a: int, b: int) -> float:
         """Return the distance of two heads."""
-        return float(np.linalg.norm(self.heads[a] - self.heads[b]))
+        return math.dist(self.heads[a], self.heads[b])
 
     def main_path(self, bone: int) -> list[int]:
         """Return the longest way down, from a bone on."""

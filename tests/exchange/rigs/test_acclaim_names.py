@@ -41,7 +41,7 @@ def found(skeleton: Skeleton, wanted: dict[str, str]) -> dict[str, str]:
     ],
 )  # fmt: skip
 def test_letters_of_a_side_may_be_glued_to_the_name(name: str, side: str, words: list[str]) -> None:
-    assert (side_of_name(name), words_of(name)) == (side, words)
+    assert (side_of_name(name), list(words_of(name))) == (side, words)
 
 
 @pytest.mark.parametrize("splay_deg", [0.0, 21.0])
