@@ -91,6 +91,12 @@ class SolverStopped(MocapError):
         self.exit_code = exit_code
 
 
+class WindowClosed(MocapError):
+    """The window in which a run was started is closed, and with it what follows the run."""
+
+    code = "window_closed"
+
+
 class TakeTooSlow(MocapError):
     """A take of a batch took longer than it may."""
 

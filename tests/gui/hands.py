@@ -24,12 +24,14 @@ class Hands:
         self.folder = folder
         self.done: list[str] = []
         self.clicks = 0
+        self.which = 0
+        """Which of Blender's windows the user is at."""
         self._shots = self._x = self._y = 0
 
     @property
     def window(self) -> bpy.types.Window:
-        """The main window."""
-        return bpy.context.window_manager.windows[0]
+        """The window that the user is at."""
+        return bpy.context.window_manager.windows[self.which]
 
     @property
     def viewport(self) -> bpy.types.Area:

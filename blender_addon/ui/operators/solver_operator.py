@@ -10,6 +10,7 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..._exchange.errors import MocapError, sentence
+from ...errors import WindowClosed
 from ..preferences import chosen_python
 from ..project_files import following
 from .base import MocapOperator
@@ -40,6 +41,14 @@ class Current:
         """Keep the run as the last one."""
         self.run, self.last = None, self.run
         following.solver_reads = False
+
+    def lose(self, scene: bpy.types.Scene, error: MocapError) -> None:
+        """End the run at once and keep why, for the scene that it was started in."""
+        if self.run is not None:
+            self.run.process.kill()
+            self.run.error = error.as_event()
+            self.finish()
+            self.about = _subject(scene)
 
     def abandon(self) -> None:
         """End the run at once and forget everything; for leaving a file or switching the add-on off."""
@@ -150,9 +159,12 @@ class SolverOperator(MocapOperator):
         return self._ended(context)
 
     def cancel(self, context: bpy.types.Context) -> None:
-        """End the run when Blender closes the window or opens another file."""
+        """End the run when Blender closes the window or opens another file; other windows show why."""
         self._stop_timer(context)
-        current.abandon()
+        hint = "Start it again from a window that stays open."
+        error = WindowClosed("The run ended: the window in which it was started was closed.", hint=hint)
+        scene = bpy.data.scenes.get(self._scene)
+        current.abandon() if scene is None else current.lose(scene, error)
 
     def _ended(self, context: bpy.types.Context) -> set[str]:
         """Take the outcome into the scene the run was started in, whichever is shown now."""

@@ -15,7 +15,7 @@ from ..properties import MocapCapture, MocapSettings
 from ..setting_properties import READING_ROWS
 from ..settings_layout import draw_setting, settings_layout
 from .findings import draw_finding
-from .parts import StagePanel, draw_next, draw_progress, wrapped
+from .parts import TALLEST, StagePanel, draw_next, draw_progress, wrapped
 
 _VERBS = ("convert", "demo-capture")
 
@@ -35,9 +35,10 @@ class VIEW3D_PT_mocap_capture(StagePanel, bpy.types.Panel):
             return
         if not capture.file:
             draw_next(layout, context, "Drop any file of your capture on the viewport, or choose its folder.")
+        button = layout.column()
+        button.scale_y = 1.0 if capture.file else TALLEST
+        button.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
         column = layout.column(align=True)
-        column.scale_y = 1.0 if capture.file else 1.4
-        column.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
         column.operator(MOCAP_OT_capture_from_videos.bl_idname, icon="FILE_MOVIE")
         column.operator(MOCAP_OT_import_motion.bl_idname, icon="ARMATURE_DATA")
         if len(context.scene.mocap.captures) > 1:

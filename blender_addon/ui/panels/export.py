@@ -78,7 +78,7 @@ def _draw_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     if draw_progress(layout, _VERBS):
         return
     column = layout.column(align=True)
-    for contents, text in (("cleaned", "Cleaned Markers"), ("solved", "Solved Markers")):
+    for contents, text in (("cleaned", "Cleaned"), ("solved", "Solved")):
         row = column.row(align=True)
         row.label(text=text, text_ctxt=CONTEXT)
         for name in ("c3d", "trc"):

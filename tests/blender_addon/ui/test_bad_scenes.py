@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import bpy
 import numpy as np
@@ -20,6 +21,7 @@ from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from blender_addon.scene.add_take import add_take
 from blender_addon.ui.operators.import_results import take_motion
+from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
 
@@ -162,3 +164,14 @@ def test_a_file_of_a_newer_blender_opens_with_its_takes(mocap, solved_take, tmp_
     assert draw_all() > 10
     assert bpy.context.scene.mocap.review.take is not None
     assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
+
+
+def test_a_run_whose_window_is_closed_ends_and_the_other_window_shows_why(mocap, scene) -> None:
+    killed: list[bool] = []
+    process = SimpleNamespace(kill=lambda: killed.append(True), cancelling=False)
+    current.run = SimpleNamespace(process=process, verb="solve", error=None, log=[])
+    closed = SimpleNamespace(_stop_timer=lambda context: None, _scene=scene.name)
+    SolverOperator.cancel(closed, bpy.context)
+    assert killed and not current.busy
+    assert "was closed" in " ".join(draw_panel(bpy.types.VIEW3D_PT_mocap_run, 283).drawn)
+    assert bpy.ops.mocap.dismiss() == {"FINISHED"}
