@@ -226,6 +226,17 @@ def test_a_bone_that_a_constraint_holds_is_named(scene, files: Files) -> None:
     assert not bpy.data.actions and len(bpy.data.scenes) == 1
 
 
+def test_a_bone_that_a_driver_holds_is_named(scene, files: Files) -> None:
+    rig, _ = mixamo()
+    bone = rig.pose.bones[f"{PREFIX}LeftArm"]
+    bone.rotation_mode = "QUATERNION"
+    for index, value in enumerate(("1.0", "0.0", "0.0", "0.0")):
+        bone.driver_add("rotation_quaternion", index).driver.expression = value
+    with pytest.raises(TargetUnsuitable, match=r"drivers keep mixamorig:LeftArm from turning"):
+        play(rig, files)
+    assert not bpy.data.actions and len(bpy.data.scenes) == 1
+
+
 def test_a_wrong_or_doubled_name_in_a_map_is_named(scene, files: Files) -> None:
     rig, _ = mixamo()
     good = map_of_rig(rig)
