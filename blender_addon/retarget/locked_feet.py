@@ -67,7 +67,7 @@ def lock_feet(
 
 
 @dataclass(frozen=True)
-class Held:
+class HeldFeet:
     """Channels with feet that stay where they stand."""
 
     channels: np.ndarray
@@ -77,7 +77,7 @@ class Held:
 
 def hold_feet(
     channels: np.ndarray, heads: np.ndarray, axes: np.ndarray, fps: float, longest_slide_m: float
-) -> Held | None:
+) -> HeldFeet | None:
     """Return channels whose heels and balls stay at the mean place of each stand; None where none stands.
 
     Where both stand, the foot turns by the smallest rotation that lays it along its mean; then the ankle goes with
@@ -106,7 +106,7 @@ def hold_feet(
             local = axes[joint].T @ axes[parent] @ np.swapaxes(turned[:, parent], -1, -2) @ turned[:, joint]
             changed[:, 3 + 4 * joint : 7 + 4 * joint] = quat_from_matrix(local)
     moved = np.abs(np.stack([foot.ankle for foot in feet], axis=1) - p[:, _ANKLES]).max(axis=(1, 2)) > 0.0
-    return Held(np.where(moved[:, None], _same_signs(changed, channels), channels), count, slid)
+    return HeldFeet(np.where(moved[:, None], _same_signs(changed, channels), channels), count, slid)
 
 
 def _bent_legs(G: np.ndarray, p: np.ndarray, axes: np.ndarray, feet: list[_Foot]) -> tuple[np.ndarray, np.ndarray]:
