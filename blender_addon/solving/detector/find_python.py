@@ -19,8 +19,8 @@ from ...errors import PythonUnsuitable
 _TIMEOUT_S = 60
 _BELOW = "Scripts/python.exe" if os.name == "nt" else "bin/python"
 """Where an environment has its Python."""
-PYTHONS = {"mediapipe": ((3, 9), (3, 12)), "litert": ((3, 10), (3, 14))}
-"""Oldest and newest Python that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
+MINORS = {"mediapipe": range(9, 13), "litert": range(10, 15)}
+"""Python 3's minor versions that the wheels of MediaPipe 0.10.21 and of LiteRT 2 are for."""
 _PROBE = """
 import json, sys
 from importlib.metadata import version
@@ -101,41 +101,38 @@ def python_to_make_with(kind: str = "mediapipe") -> Path:
     Raises:
         PythonUnsuitable: there is none.
     """
-    oldest, newest = PYTHONS[kind]
-    fits = oldest <= sys.version_info[:2] <= newest
+    minors = MINORS[kind]
+    fits = sys.version_info.major == 3 and sys.version_info.minor in minors
     if fits and find_spec("ensurepip") is not None:
         return Path(sys.executable)
-    for candidate in _candidates(oldest[1], newest[1]):
-        version = _version(candidate)
-        if version is not None and oldest <= version <= newest:
+    for candidate in _candidates(minors):
+        if _minor(candidate) in minors:
             return Path(candidate)
-    name, span = ("MediaPipe", "LiteRT")[kind == "litert"], f"Python {_dotted(oldest)} to {_dotted(newest)}"
-    why = "cannot make environments (ensurepip is missing)" if fits else f"is {_dotted(sys.version_info[:2])}"
+    name, newest = ("MediaPipe", "LiteRT")[kind == "litert"], f"3.{minors[-1]}"
+    own = f"is {sys.version_info.major}.{sys.version_info.minor}"
+    why = "cannot make environments (ensurepip is missing)" if fits else own
     raise PythonUnsuitable(
-        f"{name} needs {span}; this Blender's own {why}, and no other was found.", where="Set Up Detector",
-        hint=f"Install Python {_dotted(newest)} from python.org (on Debian and Ubuntu python3-venv, too), or name a "
-        "Python that has a detector in the preferences.",
-    )  # fmt: skip
+        f"{name} needs Python 3.{minors[0]} to {newest}; this Blender's own {why}, and no other was found.",
+        where="Set Up Detector",
+        hint=f"Install Python {newest} from python.org (on Debian and Ubuntu python3-venv, too), or name a Python that "
+        "has a detector in the preferences.",
+    )
 
 
-def _dotted(version: tuple[int, ...]) -> str:
-    return ".".join(map(str, version))
-
-
-def _candidates(oldest: int, newest: int) -> Iterator[str]:
-    names = [f"python3.{minor}" for minor in range(newest, oldest - 1, -1)] + ["python3", "python"]
+def _candidates(minors: range) -> Iterator[str]:
+    names = [f"python3.{minor}" for minor in reversed(minors)] + ["python3", "python"]
     yield from filter(None, map(shutil.which, names))
     if os.name == "nt":
         programs = Path(os.environ.get("LOCALAPPDATA", "")) / "Programs" / "Python"
         yield from (str(path) for path in sorted(programs.glob("Python3*/python.exe"), reverse=True))
 
 
-def _version(python: str) -> tuple[int, int] | None:
-    """Return the version of a Python that makes environments, None of others."""
+def _minor(python: str) -> int:
+    """Return the minor version of a Python 3 that makes environments, -1 of others."""
     code = "import sys, venv, ensurepip; print(*sys.version_info[:2])"
     try:
         done = subprocess.run([python, "-I", "-c", code], capture_output=True, text=True, timeout=10, check=False)
         major, minor = map(int, done.stdout.split())
     except (OSError, ValueError, subprocess.TimeoutExpired):
-        return None
-    return major, minor
+        return -1
+    return minor if major == 3 else -1
