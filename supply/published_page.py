@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache
@@ -11,9 +12,12 @@ from typing import Any
 
 BENCHMARKS = Path(__file__).resolve().parents[1] / "tests" / "benchmarks"
 PUBLISHED, BASELINE = BENCHMARKS / "published_tables.json", BENCHMARKS / "baseline.json"
-REPRODUCED, CONTRADICTED, NOT_MEASURED = "reproduced", "contradicted", "not measured"
-UNDECIDED, NOT_PUBLISHED = "undecided", "no published figure"
-VERDICTS = (REPRODUCED, CONTRADICTED, UNDECIDED, NOT_PUBLISHED, NOT_MEASURED)
+REPRODUCED, CONTRADICTED, NOT_APPLICABLE = "reproduced", "contradicted", "not applicable"
+UNDECIDED, NOT_FOUND, NOT_PUBLISHED = "undecided", "not found", "no published figure"
+VERDICTS = (REPRODUCED, CONTRADICTED, NOT_FOUND, UNDECIDED, NOT_PUBLISHED, NOT_APPLICABLE)
+
+MANY_SEEDS = 50
+"""More are not counted out: a published difference that small is none for practice. Chosen by hand."""
 
 _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/published_tables.json and baseline.json. -->
 
@@ -23,8 +27,10 @@ Every table of the work that this program implements, one comparison a row. *Pub
 published figures, *here* the ratio of ours, by the benchmark of the row, on the day that stands there: data and weights
 differ, so only ratios can be compared. A row is *reproduced* where both ratios lie on the same side of 1, and
 *contradicted* where they do not, with the reason. Where training is involved, ours are medians of three seeds, and a
-row is *undecided* where ours is nearer to 1 than two standard errors of the ratio over seeds. What is proposed without
-a figure stands as *no published figure*.
+row whose ratio is nearer to 1 than two standard errors over seeds is *not found*, with the reason, where the published
+ratio is farther from ours than chance allows between the two, a published figure being of one training; else it is
+*undecided*, with the number of seeds that would separate the published ratio from 1. What is proposed without a figure
+stands as *no published figure*, and what cannot be measured here as *not applicable*, with the reason.
 `python3 dev.py bench seeds` counts them; `python3 dev.py bench NAME --update` measures a row anew.
 [Results](../results.md) has what this program itself reaches."""
 
@@ -37,29 +43,47 @@ class PublishedRow:
     table: str
     what: str
     published: float | None = None
-    """Ratio of the published figures; None where there are none, or the row is not measured."""
+    """Ratio of the published figures; None where there are none, or the row is not applicable."""
     here: float | None = None
     """Ratio of ours."""
     bench: str = ""
     reason: str = ""
-    """Why it is contradicted, or not measured."""
+    """Why it is contradicted, not found or not applicable."""
     log: str = ""
     """Page of the research log that has more."""
     recorded: str = ""
     """Day of ours."""
     spread: float = 0.0
-    """Two standard errors of the ratio over seeds of the trainings: nearer to 1 ours is undecided."""
+    """Two standard errors of the ratio over seeds of the trainings: nearer to 1 ours shows no difference."""
+    seeds: int = 0
+    """Trainings that ours is the median of; 0 where none is involved."""
 
     @property
     def verdict(self) -> str:
         """Whether what was published holds here."""
         if self.here is None:
-            return NOT_MEASURED
+            return NOT_APPLICABLE
         if self.published is None:
             return NOT_PUBLISHED
         if abs(self.here - 1.0) < self.spread:
-            return UNDECIDED
+            return NOT_FOUND if abs(math.log(self.here / self.published)) > self.chance else UNDECIDED
         return REPRODUCED if (self.published < 1.0) == (self.here < 1.0) else CONTRADICTED
+
+    @property
+    def chance(self) -> float:
+        """Two standard errors of the logarithm of ours by the published ratio.
+
+        A median of n seeds has ``π / 2n`` of one training's variance; the published ratio is taken to be of one.
+        """
+        return self.spread * math.sqrt(1.0 + 2.0 * self.seeds / math.pi)
+
+    @property
+    def what_decides(self) -> str:
+        """How many seeds would separate the published ratio from 1."""
+        effect = abs(math.log(self.published or 1.0))
+        needed = math.ceil(self.seeds * (self.spread / effect) ** 2) if effect else MANY_SEEDS + 1
+        seeds = f"{max(needed, self.seeds + 1)} seeds" if needed <= MANY_SEEDS else f"more than {MANY_SEEDS} seeds"
+        return f"Chance is ±{self.spread:.3f} by {self.seeds} seeds; {seeds} would tell."
 
 
 def published_rows(values: Sequence[Mapping[str, Any]], baseline: Mapping[str, Any]) -> list[PublishedRow]:
@@ -73,15 +97,20 @@ def published_rows(values: Sequence[Mapping[str, Any]], baseline: Mapping[str, A
 
 def _row(value: Mapping[str, Any], baseline: Mapping[str, Any]) -> PublishedRow:
     shared = value["source"], value["table"], value["what"]
-    if "not_measured" in value:
-        return PublishedRow(*shared, reason=value["not_measured"], log=value.get("log", ""))
+    if "not_applicable" in value:
+        return PublishedRow(*shared, reason=value["not_applicable"], log=value.get("log", ""))
     measured = baseline[value["bench"]]
     over, under = (float(measured["figures"][key]["value"]) for key in value["figures"])
     published = value["published"][0] / value["published"][1] if "published" in value else None
     return PublishedRow(
         *shared, published, over / under, value["bench"], value.get("reason", ""), value.get("log", ""),
-        measured["recorded"], measured["figures"][value["spread"]]["value"] if "spread" in value else 0.0,
+        measured["recorded"], *_seeds(value, measured["figures"]),
     )  # fmt: skip
+
+
+def _seeds(value: Mapping[str, Any], figures: Mapping[str, Any]) -> tuple[float, int]:
+    """Return the spread of a row over seeds, and their number."""
+    return (figures[value["spread"]]["value"], int(figures["seeds"]["value"])) if "spread" in value else (0.0, 0)
 
 
 @cache
@@ -111,7 +140,8 @@ def published_page() -> str:
 
 def _line(row: PublishedRow) -> str:
     published, here = ("–" if value is None else f"{value:.3f}" for value in (row.published, row.here))
-    reason = f": {row.reason}" if row.reason and row.verdict not in (REPRODUCED, UNDECIDED) else ""
+    told = row.what_decides if row.verdict == UNDECIDED else row.reason if row.verdict != REPRODUCED else ""
+    reason = f": {told}" if told else ""
     log = f" [More](../research-log/{row.log})." if row.log else ""
     bench = f"`{row.bench}`, {row.recorded}" if row.bench else "–"
     return f"| {row.table} | {row.what} | {published} | {here} | **{row.verdict}**{reason}{log} | {bench} |"

@@ -28,6 +28,12 @@ LANDMARKS = (
     Choice(LANDMARKS_JOINTS, "With Joints", "The same with the network's 24 joints"),
 )
 """The thesis fits estimated landmarks directly (5.2.2)."""
+APART, SCREW = "apart", "screw"
+ROOT_CURVES = (
+    Choice(APART, "Apart", "Rotation and translation each on a curve of its own, as published"),
+    Choice(SCREW, "Screw", "Both together on screws of SE(3): where the body turns, it travels on an arc"),
+)
+"""Thesis 6.2.5 (eq. 6.10), and 6.4 for the screw."""
 METHOD_NAMES = tuple(method.value for method in METHODS)
 BACKENDS = (
     Choice("numpy", "NumPy", "Works everywhere"),
@@ -58,13 +64,23 @@ class SolveSettings:
         "whole", 20, "Window", "Frames at 60 a second between the ends of a window of keyframes", group=METHOD,
         low=4, high=240, unit="frames",
     )  # fmt: skip
-    """Frames a window of 'sliding'; it holds a key at each end and one in the middle."""
+    """Frames a window of 'sliding'; it holds a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = setting(
         "whole", 10, "Refined Window", "The same for the last passes; fewer follow faster limbs", group=METHOD,
         low=2, high=240, unit="frames",
     )  # fmt: skip
     """The same for 'global', as a duration: so many frames at 60 a second, and down to 0.6 times as many in takes that
     are fast throughout, 0.4 where they are of markers."""
+    interpolation: int = setting(
+        "whole", 2, "Keys a Window", "Free keyframes of a sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
+        group=METHOD, low=1, high=6,
+    )  # fmt: skip
+    """Of 'sliding' alone (thesis 6.4); beyond 6 a polynomial of translations swings between its keys."""
+    root_curve: str = setting(
+        "choice", APART, "Root Curve", "How the root moves between the keyframes of a sliding window", group=METHOD,
+        choices=ROOT_CURVES, metavar="NAME",
+    )  # fmt: skip
+    """Of 'sliding' alone."""
     residual_rotations: bool = setting(
         "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", group=METHOD
     )
@@ -141,6 +157,12 @@ class SolveSettings:
     def __post_init__(self) -> None:
         check_settings(self)
         check_accepted(self.accept)
+
+    @property
+    def other_curves(self) -> tuple[str, ...]:
+        """Names of the settings of curves between keyframes that are not as published."""
+        published = (("interpolation", 2), ("root_curve", APART))
+        return tuple(name for name, value in published if getattr(self, name) != value)
 
     @property
     def is_direct(self) -> bool:

@@ -59,12 +59,12 @@ class BundleMoCapPlusPlus(Baseline):
         """Slide SIDER-n windows over the take.
 
         Raises:
-            JobInvalid: there is no such n, or the root's curve is for n = 2 alone.
+            JobInvalid: there is no such n, or SLERP from key to key is asked for, which is for n = 2 alone.
         """
-        if not 1 <= self.interpolation <= MOST_KEYS or (self.root != "sider" and self.interpolation != 2):
+        if not 1 <= self.interpolation <= MOST_KEYS or (self.root == "slerp" and self.interpolation != 2):
             raise JobInvalid(
                 f"There is no SIDER-{self.interpolation} with the root by {self.root}.", where=self.name,
-                hint=f"SIDER-n is for n = 1 to {MOST_KEYS}; other curves of the root are for n = 2.",
+                hint=f"SIDER-n is for n = 1 to {MOST_KEYS}; the root by SLERP is for n = 2.",
             )  # fmt: skip
         prepared = prepare(capture)
         slider = _Slider(

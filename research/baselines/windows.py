@@ -11,10 +11,10 @@ from typing import Literal
 
 import numpy as np
 
-from research.baselines.screw_root import ScrewRoot
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.keyframe_curve import Interpolant, KeyframeCurve, by_turns
+from solver_backend.fitters.model.interpolant import Interpolant
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
@@ -28,7 +28,7 @@ SPHERICAL = Product((CodeSphere(), SO3(), Euclidean()))
 GAUSSIAN = Product((Euclidean(), SO3(), Euclidean()))
 """The same for VPoser's codes."""
 Root = Literal["sider", "slerp", "se3"]
-"""Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3) through three keys."""
+"""Rotation and translation apart as SIDER-n or SLERP has it, or together on SE(3)."""
 KeyState = tuple[np.ndarray, np.ndarray, np.ndarray]
 """Codes (n, 32), root rotations (n, 3, 3), translations (n, 3)."""
 
@@ -56,15 +56,12 @@ class Window:
 
     def frames(self, state: KeyState) -> PosedFrames:
         """Return the frames between the keys."""
-        frames = self._curve(state).poses(self.prior)
-        return frames if self.root != "se3" else _placed(frames, self._screw(state))
+        return self._curve(state).poses(self.prior)
 
     def objective(self, state: KeyState) -> tuple[float, KeyState]:
         """Return the cost and its gradient by the free keys: ambient for codes, left tangent for rotations."""
         curve = self._curve(state)
         frames, vjp = curve.poses_with_vjp(self.prior)
-        screw = self._screw(state) if self.root == "se3" else None
-        frames = frames if screw is None else _placed(frames, screw)
         posed, z = pose(self.subject, frames, jacobian=True), curve.codes.value[0]
         evidence = self.term(posed.points, self.scale)
         assert posed.by_rotations is not None
@@ -73,15 +70,7 @@ class Window:
         cost = float(evidence.cost.sum()) + 0.5 * self.latent_weight * float((z**2).sum())
         by_keys = vjp(by_poses, self.latent_weight * z)
         assert by_keys.z is not None
-        if screw is not None:
-            by_root, by_transl = screw.vjp(by_poses[:, :3], by_poses[:, -3:])
-            return cost, (by_keys.z[0, 1:], by_root[1:], by_transl[1:])
         return cost, (by_keys.z[0, 1:], by_turns(curve.keys.quat, by_keys.quat)[0, 1:], by_keys.transl[0, 1:])
-
-    def _screw(self, state: KeyState) -> ScrewRoot:
-        """Return the root on its screw motion through the fixed key and the free ones."""
-        R, transl = (np.concatenate([a, b]) for a, b in zip(self.first[1:], state[1:], strict=True))
-        return ScrewRoot.through(R, transl, self.time)
 
     def _curve(self, state: KeyState) -> KeyframeCurve:
         """Return the curve through the fixed key and the free ones."""
@@ -91,11 +80,8 @@ class Window:
             keys.select(np.arange(len(z))[None]), self.time[None], residuals=False,
             codes=sider_weights if self.keys is SPHERICAL else StretchedSlerp.between,
             quats=KeyToKeySlerp.between if self.root == "slerp" and len(z) > 2 else sider_weights,
+            screw=self.root == "se3",
         )  # fmt: skip
-
-
-def _placed(frames: PosedFrames, screw: ScrewRoot) -> PosedFrames:
-    return PosedFrames(screw.rotation, frames.local, screw.transl)
 
 
 @dataclass(frozen=True)

@@ -54,6 +54,8 @@ class Method:
     """Every frame is solved on its own, so that a take may be as short as one."""
     solves_one_view: bool = False
     """It solves a take of one camera."""
+    has_curves: bool = False
+    """The curves between its keyframes are those that are asked for; others smooth across windows."""
     fits_network: bool = False
     """It fits what the labelling network has for a recording of markers, which needs no labels."""
     prior: Callable[[], AutoencodingPrior] | None = None
@@ -79,7 +81,7 @@ METHODS = {
     method.name: method
     for method in (
         Method("global", _solve_take, solves_one_view=True),
-        Method("sliding", solve_sliding_windows),
+        Method("sliding", solve_sliding_windows, has_curves=True),
         Method("frame", solve_single_frames, per_frame=True),
         Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, fits_network=True, prior=pose_prior),
     )
@@ -104,6 +106,17 @@ def require_network(settings: SolveSettings, where: str) -> None:
         raise JobInvalid(
             f"The landmarks '{settings.landmarks}' are for the method {_named(able)} without a marker layout.",
             where=where, hint=f"Use --method {able[0]}, or leave --landmarks out.",
+        )  # fmt: skip
+
+
+def require_curves(settings: SolveSettings, where: str) -> None:
+    """Raise ``JobInvalid`` where curves are asked for that the method does not have."""
+    if settings.other_curves and not METHODS[settings.method].has_curves:
+        able = _named(method.name for method in METHODS.values() if method.has_curves)
+        names = " and ".join(settings.other_curves)
+        raise JobInvalid(
+            f"The method '{settings.method}' has no setting {names}.", where=where,
+            hint=f"Choose the method {able}, or leave {names} out.",
         )  # fmt: skip
 
 

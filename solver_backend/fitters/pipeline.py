@@ -31,7 +31,7 @@ from solver_backend.fitters.measurements.meant_confidence import with_meant_conf
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.measurements.network_landmarks import measure_directly
-from solver_backend.fitters.methods import METHODS, require_network, require_one_view
+from solver_backend.fitters.methods import METHODS, require_curves, require_network, require_one_view
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
@@ -206,6 +206,7 @@ def prepare(
     """
     if capture.keypoints is not None or capture.markers is None:
         capture.require_views()
+    require_curves(settings, capture.name)
     method = METHODS[settings.method]
     if not method.per_frame and capture.num_frames < 4:
         raise TakeTooShort(

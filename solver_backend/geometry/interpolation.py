@@ -91,7 +91,7 @@ def sider2(a: Vectors, b: Vectors, c: Vectors, t: Times) -> Vectors:
 
     Reference: Fong and Leung 2023; thesis 6.2.3.
     """
-    return _sider([a, b, c], constant(t, a), slerp, _reflect)
+    return aitken_neville([a, b, c], constant(t, a), slerp, _reflect)
 
 
 def sider_n(keys: Keys, t: Times) -> Vectors:
@@ -110,7 +110,7 @@ def sider_n(keys: Keys, t: Times) -> Vectors:
     Reference: thesis 6.2.3 for n = 2; Neville 1934 for the recursion.
     """
     points = [keys[..., i, :] for i in range(keys.shape[-2])]
-    return _sider(points, constant(t, keys), slerp, _reflect)
+    return aitken_neville(points, constant(t, keys), slerp, _reflect)
 
 
 def slerp_with_jacobian(a: Vectors, b: Vectors, t: Times) -> tuple[Vectors, tuple[Jacobian, Jacobian]]:
@@ -151,7 +151,7 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
     def join(q: KeyWeights, r: KeyWeights, at: Array) -> KeyWeights:
         return _join(q, r, at, gram)
 
-    return _sider(points, t, join, lambda point, centre: _reflect_weights(point, centre, gram))
+    return aitken_neville(points, t, join, lambda point, centre: _reflect_weights(point, centre, gram))
 
 
 def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[Array, ...]]:
@@ -162,8 +162,15 @@ def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[
     return x.value, tuple(x.jacobian(key) for key in range(len(points)))
 
 
-def _sider(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
-    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, joined by geodesics."""
+def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:
+    """Return the point at ``t`` of the curve through points at 0, 1/n, ..., 1, whatever its geodesics are.
+
+    Args:
+        points: n + 1 of any kind.
+        t: where on the curve.
+        join: two points and a share, to the point there on their geodesic, which goes on beyond its ends.
+        reflect: a point and a centre, to the point as far beyond the centre.
+    """
     degree = len(points) - 1
     if degree == 1:
         return join(points[0], points[1], t)
@@ -171,8 +178,8 @@ def _sider(points: list[Any], t: Array, join: Callable[..., Any], reflect: Calla
         a, b, c = points
         return join(join(a, reflect(c, b), t), join(reflect(a, b), c, t), t)
     scale = degree / (degree - 1.0)
-    before = _sider(points[:-1], scale * t, join, reflect)
-    after = _sider(points[1:], scale * t - 1.0 / (degree - 1.0), join, reflect)
+    before = aitken_neville(points[:-1], scale * t, join, reflect)
+    after = aitken_neville(points[1:], scale * t - 1.0 / (degree - 1.0), join, reflect)
     return join(before, after, t)
 
 

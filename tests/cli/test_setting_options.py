@@ -23,7 +23,7 @@ def another(name: str) -> tuple[object, list[str]]:
     if row.kind == "switch":
         return not default, [option(name).replace("--", "--no-") if default else option(name)]
     value, words = {
-        "whole": (7, "7"), "number": (1.5, "1.5"), "file": ("/x/a.json", "/x/a.json"),
+        "whole": (4, "4"), "number": (1.5, "1.5"), "file": ("/x/a.json", "/x/a.json"),
         "name_or_file": ("anny", "anny"), "texts": (["cam1"], "cam1"), "numbers": (BETAS, ",".join(map(str, BETAS))),
         "choice": (row.choices[-1].value, row.choices[-1].value) if row.choices else (None, ""),
     }[row.kind]  # fmt: skip

@@ -130,6 +130,16 @@ def test_fewer_than_two_views(capture):
             solve(cut(capture, 0, 20).views([2]), SolveSettings(method=method))
 
 
+def test_windows_of_three_keys_and_screws_are_for_the_sliding_method(capture):
+    short, curves = cut(capture, 0, 31), {"interpolation": 3, "root_curve": "screw"}
+    motion = solve(short, replace(QUICK, method="sliding", window=30, **curves)).motion
+    assert motion.keyframes is not None and np.flatnonzero(motion.keyframes).tolist() == [0, 10, 20, 30]
+    assert motion.provenance["settings"]["interpolation"] == 3
+    assert evaluate(short, motion).joints_mpjpe_mm < 40
+    with pytest.raises(JobInvalid, match=r"'global' has no setting interpolation and root_curve.*method 'sliding'"):
+        solve(short, replace(QUICK, **curves))
+
+
 def test_settings_name_what_is_wrong():
     with pytest.raises(JobInvalid, match=r"window = 2 is not valid; a whole number from 4 to 240"):
         SolveSettings(window=2)

@@ -10,7 +10,8 @@ import pytest
 from supply.published_page import (
     BASELINE,
     CONTRADICTED,
-    NOT_MEASURED,
+    NOT_APPLICABLE,
+    NOT_FOUND,
     NOT_PUBLISHED,
     PUBLISHED,
     REPRODUCED,
@@ -41,13 +42,23 @@ def test_the_verdict_is_the_side_of_one(this: float, verdict: str):
 
 
 @pytest.mark.parametrize(
-    ("this", "verdict"), [(1.9, REPRODUCED), (1.97, UNDECIDED), (2.03, UNDECIDED), (2.1, CONTRADICTED)]
-)
-def test_nearer_to_one_than_seeds_are_to_one_another_is_undecided(this: float, verdict: str):
+    ("this", "published", "verdict"),
+    [(1.9, 0.9, REPRODUCED), (1.97, 0.97, UNDECIDED), (2.03, 0.99, UNDECIDED), (2.03, 0.97, NOT_FOUND),
+     (2.1, 0.9, CONTRADICTED)],
+)  # fmt: skip
+def test_nearer_to_one_than_chance_is_not_found_or_undecided(this: float, published: float, verdict: str):
+    """By three seeds the published ratio, of one training, scatters 1.7 times as much about ours as ours does."""
     measured = baseline(this, 2.0)
-    measured["b"]["figures"]["by_seeds"] = {"value": 0.02}
-    (row,) = published_rows([{**ENTRY, "spread": "by_seeds"}], measured)
+    measured["b"]["figures"] |= {"by_seeds": {"value": 0.02}, "seeds": {"value": 3}}
+    (row,) = published_rows([{**ENTRY, "published": [published, 1.0], "spread": "by_seeds"}], measured)
     assert row.verdict == verdict
+    assert row.chance == pytest.approx(0.02 * 1.706, rel=1e-3)
+
+
+@pytest.mark.parametrize(("published", "seeds"), [(0.95, "4 seeds"), (0.99, "12 seeds"), (1.0, "more than 50 seeds")])
+def test_an_undecided_row_says_how_many_seeds_would_tell(published: float, seeds: str):
+    row = PublishedRow("A", "1", "W", published, 0.99, spread=0.02, seeds=3)
+    assert row.what_decides == f"Chance is ±0.020 by 3 seeds; {seeds} would tell."
 
 
 def test_what_has_no_published_figure_is_called_so_and_has_its_day():
@@ -65,21 +76,21 @@ def test_a_figure_that_the_baseline_lacks_is_named():
         published_rows([ENTRY], {"b": {"recorded": "", "figures": {}}})
 
 
-def test_what_is_not_measured_says_why():
-    (row,) = published_rows([{"source": "A", "table": "2", "what": "W", "not_measured": "No data."}], {})
-    assert (row.verdict, row.reason) == (NOT_MEASURED, "No data.")
+def test_what_is_not_applicable_has_its_reason():
+    (row,) = published_rows([{"source": "A", "table": "2", "what": "W", "not_applicable": "No data."}], {})
+    assert (row.verdict, row.reason) == (NOT_APPLICABLE, "No data.")
 
 
 def test_the_committed_rows_name_figures_of_the_baseline_and_no_ratio_is_typed():
     figures = json.loads(BASELINE.read_text(encoding="utf-8"))
     for value in VALUES:
         assert (
-            set(value) <= {*ENTRY, "not_measured", "log", "spread"}
+            set(value) <= {*ENTRY, "not_applicable", "log", "spread"}
             and value["source"]
             and value["table"]
             and value["what"]
         )
-        if "not_measured" not in value:
+        if "not_applicable" not in value:
             named = {*value["figures"], *([value["spread"]] if "spread" in value else [])}
             assert named <= set(figures[value["bench"]]["figures"]), value["what"]
             assert len(value.get("published", (1, 2))) == len(value["figures"]) == 2
@@ -105,4 +116,5 @@ def test_a_row_of_the_page_shows_both_ratios_and_the_reason_of_a_contradiction_a
         assert row.verdict in line and (row.reason in line) == (
             row.verdict not in (REPRODUCED, UNDECIDED) or not row.reason
         )
+        assert (row.verdict == UNDECIDED) == ("would tell." in line)
     assert isinstance(rows()[0], PublishedRow)

@@ -10,6 +10,8 @@ from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 def resampled(keys: Keyframes, layout: KeyframeLayout, finer: KeyframeLayout) -> Keyframes:
     """Return keys at another layout's times, on the curves through the given keys."""
     window, time = layout.positions(finer.key_times)
-    curve = KeyframeCurve.through(keys.triples(window), time[:, None], residuals=True)
+    curve = KeyframeCurve.through(keys.of_windows(window), time[:, None], residuals=True)
     assert curve.residual is not None
-    return hemisphere_aligned(Keyframes(curve.codes.value[:, 0], curve.quats.value[:, 0], curve.transl, curve.residual))
+    return hemisphere_aligned(
+        Keyframes(curve.codes.value[:, 0], curve.root.quat[:, 0], curve.root.transl, curve.residual)
+    )

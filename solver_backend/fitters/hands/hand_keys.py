@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.body.hand_angles import NUM_ANGLES
-from solver_backend.fitters.model.keyframe_curve import lagrange
+from solver_backend.fitters.model.interpolant import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 from solver_backend.types.shapes import Bool, Float

@@ -1,9 +1,10 @@
-"""Normal equations of keyframes: what the frames of every window contribute to its three keys (thesis eq. 6.6)."""
+"""Normal equations of keyframes: what the frames of every window contribute to its keys (thesis eq. 6.6)."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
@@ -11,7 +12,8 @@ from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange, rows_of
+from solver_backend.fitters.model.interpolant import lagrange, rows_of
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
@@ -32,24 +34,24 @@ FLOOR = 1e-2
 """Precision that everything has, so that no matrix is singular; chosen by hand."""
 FIXED = 1e12
 """Precision of what is fixed: beside it no measurement counts. Chosen by hand."""
-_PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
-"""Pairs of the three keyframes that a frame depends on."""
 
 
 @dataclass(frozen=True)
 class KeyframeNormalEquations:
-    """Block-tridiagonal equations of 2 N + 1 keys; block w holds the keys 2w and 2w + 1 (the last one a dummy).
+    """Block-tridiagonal equations of n N + 1 keys; block w holds the n keys from n w on (the last ones dummies).
+
+    Terms over keys are for n = 2.
 
     What ``add`` methods are given is added in place: the arrays are large.
     """
 
     diagonal: Array
-    """(N + 1, 2 D, 2 D), single precision: it only steers the steps."""
+    """(N + 1, n D, n D), single precision: it only steers the steps."""
     upper: Array
-    """(N, 2 D, D + n), single precision: residual rotations of a middle key meet those of its own window alone, and the
-    n unknowns before them those of the next key too."""
+    """(N, n D, D + m), single precision: residual rotations of a middle key meet those of its own window alone, and the
+    m unknowns before them those of the next key too."""
     g: Array
-    """(N + 1, 2 D)."""
+    """(N + 1, n D)."""
     layout: StateLayout
     """Of the tangent of one key, D numbers."""
 
@@ -58,34 +60,41 @@ class KeyframeNormalEquations:
         """D, the length of a key's tangent."""
         return self.layout.dof
 
+    @property
+    def free(self) -> int:
+        """n, the keys of a block."""
+        return self.g.shape[1] // self.dof
+
     @classmethod
-    def empty(cls, num_windows: int, layout: StateLayout, like: Array) -> KeyframeNormalEquations:
+    def empty(cls, num_windows: int, layout: StateLayout, like: Array, free: int = 2) -> KeyframeNormalEquations:
         """Return the equations of N windows without any data; a floor keeps unseen parts still."""
         single, dof = array_namespace(like).float32, layout.dof
-        floor = FLOOR * identity(2 * dof, like, single)
-        diagonal = zeros((num_windows + 1, 2 * dof, 2 * dof), like, single) + floor
-        diagonal[-1, dof:, dof:] += identity(dof, like, single)
-        upper = zeros((num_windows, 2 * dof, dof + layout.turns.start), like, single)
-        return cls(diagonal, upper, zeros((num_windows + 1, 2 * dof), like), layout)
+        floor = FLOOR * identity(free * dof, like, single)
+        diagonal = zeros((num_windows + 1, free * dof, free * dof), like, single) + floor
+        diagonal[-1, dof:, dof:] += identity((free - 1) * dof, like, single)
+        met = dof + min(layout.turns.start, (free - 1) * dof)
+        upper = zeros((num_windows, free * dof, met), like, single)
+        return cls(diagonal, upper, zeros((num_windows + 1, free * dof), like), layout)
 
     def add_windows(self, windows: slice, hessian: Array) -> None:
-        """Add the (n, 3 D, 3 D) matrices of a range of windows, without their part of the last keys alone."""
-        inner = 2 * self.dof
+        """Add the matrices by all n + 1 keys of a range of windows, without their part of the last keys alone."""
+        inner = self.free * self.dof
         self.diagonal[windows] += hessian[:, :inner, :inner]
         self.upper[windows, :, : self.dof] += hessian[:, :inner, inner:]
 
     def add_ends(self, hessian: Array, gradient: Array) -> None:
-        """Add N windows' part of their last keys alone (N, D, D), and the (2 N + 1, D) derivative by the keys."""
+        """Add N windows' part of their last keys alone (N, D, D), and the (n N + 1, D) derivative by the keys."""
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
-        """Return the equations without the keys of a (2 N + 1,) mask: they take no step and have no uncertainty."""
+        """Return the equations without the keys of a (n N + 1,) mask: they take no step and have no uncertainty."""
         if not fixed.any():
             return self
-        free = constant(np.repeat(np.append(~fixed, True), self.dof).reshape(self.g.shape), self.diagonal)
-        blocks = np.flatnonzero(np.append(fixed, False).reshape(-1, 2).any(axis=1))
+        fixed = np.append(fixed, np.zeros(self.free - 1, dtype=bool))  # the dummies
+        free = constant(np.repeat(~fixed, self.dof).reshape(self.g.shape), self.diagonal)
+        blocks = np.flatnonzero(fixed.reshape(-1, self.free).any(axis=1))
         diagonal, upper = self.diagonal + 0.0, self.upper + 0.0
         for b in blocks.tolist():  # few: the ends of a chunk
             diagonal[b] = diagonal[b] * (free[b, :, None] * free[b, None, :])
@@ -112,6 +121,12 @@ class FrameData:
     """Of all frames."""
     free: StateLayout
     """Of the unknowns of a key; rotation vectors that are none do not act, codes that are none are decoded once."""
+    screw: bool = False
+    """The root moves on screws of SE(3)."""
+
+    def curve(self, keys: Keyframes, rows: WindowRows, *, residuals: bool) -> KeyframeCurve:
+        """Return the frames of N windows as functions of their keys."""
+        return KeyframeCurve.through(_by_windows(keys, rows), rows.time, residuals=residuals, screw=self.screw)
 
     def decode_fixed(self, keys: Keyframes, rows: WindowRows) -> list[Array] | None:
         """Return (W·n, J, 3, 3) for each block of the rows: what fixed codes decode to; None where they are free."""
@@ -119,8 +134,8 @@ class FrameData:
             return None
 
         def decode(windows: slice) -> Array:
-            triples = keys.triples(np.arange(windows.start, windows.stop))
-            codes = sider_weights(triples.z[:, None], constant(rows.time[windows], keys.z))
+            some = _by_windows(keys, rows).select(windows)
+            codes = sider_weights(some.z[:, None], constant(rows.time[windows], keys.z))
             return self.prior.decode(rows_of(codes.value))
 
         return map_blocks(decode, _blocks(rows, keys), keys.z)
@@ -133,23 +148,24 @@ class DataEquations:
     cost: Array
     """(N,) of each window's frames."""
     gradient: Array
-    """(2 N + 1, D) by the keys."""
+    """(n N + 1, D) by the keys."""
     _layout: StateLayout
     _windows: list[slice]
     _matrices: list[Callable[[], Array]]
-    """(n, 3 D, 3 D) of each range of windows."""
+    """By all n + 1 keys of each window, of each range of windows."""
 
     def normal_equations(self) -> KeyframeNormalEquations:
         """Return the normal equations of all keys, formed on all cores."""
         xp, like = array_namespace(self.gradient), self.gradient
-        count, dof = (like.shape[0] - 1) // 2, like.shape[1]
-        equations = KeyframeNormalEquations.empty(count, self._layout, like)
+        count, dof = self._windows[-1].stop, like.shape[1]
+        free = (like.shape[0] - 1) // count
+        equations = KeyframeNormalEquations.empty(count, self._layout, like, free)
         ends = empty((count, dof, dof), like, xp.float32)
 
         def fill(block: int) -> None:
             windows, hessian = self._windows[block], self._matrices[block]()
             equations.add_windows(windows, hessian)
-            ends[windows] = hessian[:, 2 * dof :, 2 * dof :]
+            ends[windows] = hessian[:, free * dof :, free * dof :]
 
         map_blocks(fill, range(len(self._windows)), like)
         equations.add_ends(ends, self.gradient)
@@ -171,24 +187,24 @@ def data_equations(
 
     Args:
         data: what evaluates the frames.
-        keys: 2 N + 1 keys.
+        keys: n N + 1 keys.
         rows: the frames of N windows.
         scale: of Geman-McClure's penalty.
         hessian_frames: frames of a window whose Hessians are formed.
         decoded: see ``FrameData.decode_fixed``; None decodes here.
     """
-    columns, blocks = rows.columns(hessian_frames), _blocks(rows, keys)
+    columns, blocks, free = rows.columns(hessian_frames), _blocks(rows, keys), _free_keys(keys, rows)
     local = data.decode_fixed(keys, rows) if decoded is None else decoded
 
     def block(number: int) -> tuple[Array, Array, Callable[[], Array]]:
         windows = blocks[number]
-        part = keys.select(slice(2 * windows.start, 2 * windows.stop + 1))
+        part = keys.select(slice(free * windows.start, free * windows.stop + 1))
         return _block(data, part, rows.select(windows), columns, scale, None if local is None else local[number])
 
     parts = map_blocks(block, range(len(blocks)), keys.z)
     gradient = zeros((keys.z.shape[0], data.free.dof), keys.z)
     for windows, (_, by_keys, _) in zip(blocks, parts, strict=True):
-        gradient[2 * windows.start : 2 * windows.stop + 1] += by_keys
+        gradient[free * windows.start : free * windows.stop + 1] += by_keys
     cost = array_namespace(gradient).concat([part[0] for part in parts])
     return DataEquations(cost, gradient, data.free, blocks, [part[2] for part in parts])
 
@@ -198,15 +214,24 @@ def _blocks(rows: WindowRows, keys: Keyframes) -> list[slice]:
     return rows.blocks(block_size(BLOCK_FRAMES, keys.z))
 
 
+def _free_keys(keys: Keyframes, rows: WindowRows) -> int:
+    """Return n of n N + 1 keys."""
+    return (keys.z.shape[0] - 1) // rows.frames.shape[0]
+
+
+def _by_windows(keys: Keyframes, rows: WindowRows) -> Keyframes:
+    """Return (N, n + 1) keys."""
+    return keys.of_windows(np.arange(rows.frames.shape[0]), _free_keys(keys, rows))
+
+
 def _block(
     data: FrameData, keys: Keyframes, rows: WindowRows, columns: np.ndarray, scale: float, decoded: Array | None
 ) -> tuple[Array, Array, Callable[[], Array]]:
-    """Return the (N,) costs of windows, their (2 N + 1, D) derivative by the keys, and what forms the matrices."""
+    """Return the (N,) costs of windows, their (n N + 1, D) derivative by the keys, and what forms the matrices."""
     xp = array_namespace(keys.z)
     count, width = rows.frames.shape
     turned = bool(data.free.turned)
-    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=turned)
-    poses, vjp = curve.poses_with_vjp(data.prior, decoded)
+    poses, vjp = data.curve(keys, rows, residuals=turned).poses_with_vjp(data.prior, decoded)
     chosen = (np.arange(count)[:, None] * width + columns).reshape(-1)
     equations = frame_equations(data.subject, poses, data.objective.select(rows.frames.reshape(-1)), scale, chosen)
     weight = constant(rows.weight.reshape(-1), keys.z)
@@ -215,51 +240,53 @@ def _block(
     return (
         xp.sum(xp.reshape(equations.cost * weight, (count, width)), axis=1),
         gradient,
-        lambda: form(data.free, data.prior, keys, rows.sampled(columns), equations.hessian),
+        lambda: form(data, keys, rows.sampled(columns), equations.hessian),
     )
 
 
-def _exact(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 3 D, 3 D): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its three keys."""
+def _exact(data: FrameData, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, ·, ·): ``Σ_f B_fᵀ H_f B_f`` with the derivative B_f of every frame by its window's n + 1 keys."""
     xp = array_namespace(hessian)
     count, width = rows.frames.shape
-    curve = KeyframeCurve.through(keys.triples(np.arange(count)), rows.time, residuals=False)
-    B = xp.astype(curve.jacobian(prior, layout), hessian.dtype)
+    curve = data.curve(keys, rows, residuals=False)
+    B = xp.astype(curve.jacobian(data.prior, data.free), hessian.dtype)
     weighted = xp.matmul(hessian * xp.reshape(constant(rows.weight, hessian), (-1, 1, 1)), B)
     tall = (count, width * B.shape[1], B.shape[-1])
     return xp.matmul(xp.matrix_transpose(xp.reshape(B, tall)), xp.reshape(weighted, tall))
 
 
-def _mixed(layout: StateLayout, prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
-    """Return (N, 3 D, 3 D), the pose tangents of frames as those of their keys mixed."""
-    by_keys = d_pose_d_key(layout, prior, keys.z, keys.residual)
+def _mixed(data: FrameData, keys: Keyframes, rows: WindowRows, hessian: Array) -> Array:
+    """Return (N, ·, ·), the pose tangents of frames as those of their keys mixed."""
+    by_keys = d_pose_d_key(data.free, data.prior, keys.z, keys.residual)
     return matrices_by_keys(rows, hessian, by_keys)
 
 
 def matrices_by_keys(rows: WindowRows, hessian: Array, d_pose_d_keys: Array) -> Array:
-    """Return (N, 3 D, 3 D): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys.
+    """Return (N, (n + 1) D, (n + 1) D): ``P_aᵀ (Σ_f w_a w_b H_f) P_b`` with the tangents P of each window's keys.
 
     Args:
         rows: the frames of N windows whose Hessians are formed.
-        hessian: (N·n, p, p) of these frames.
-        d_pose_d_keys: (2 N + 1, p, D) P, the pose tangents by the tangents of the keys.
+        hessian: (N·m, p, p) of these frames, m a window.
+        d_pose_d_keys: (n N + 1, p, D) P, the pose tangents by the tangents of the keys.
     """
     xp, dof = array_namespace(hessian), hessian.shape[-1]
     count, width = rows.frames.shape
-    weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian))
-    mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in _PAIRS], axis=1)
+    num_keys = (d_pose_d_keys.shape[0] - 1) // count + 1
+    pairs = list(combinations_with_replacement(range(num_keys), 2))
+    weight, shares = constant(rows.weight, hessian), lagrange(constant(rows.time, hessian), num_keys)
+    mixes = xp.stack([weight * shares[..., a] * shares[..., b] for a, b in pairs], axis=1)
     mixed = xp.matmul(mixes, xp.reshape(hessian, (count, width, dof * dof)))
-    mixed = xp.reshape(mixed, (count, len(_PAIRS), dof, dof))
-    return _by_keys(xp, mixed, xp.astype(d_pose_d_keys, hessian.dtype))
+    mixed = xp.reshape(mixed, (count, len(pairs), dof, dof))
+    return _by_keys(xp, mixed, xp.astype(d_pose_d_keys, hessian.dtype), pairs)
 
 
-def _by_keys(xp: Any, mixed: Array, d_pose_d_keys: Array) -> Array:
-    """Return (N, 3 D, 3 D): ``P_aᵀ M_ab P_b`` for the three keys a, b of each window."""
-    count, dof = mixed.shape[0], d_pose_d_keys.shape[-1]
-    hessian = empty((count, 3 * dof, 3 * dof), mixed)
-    P = [d_pose_d_keys[:-2:2], d_pose_d_keys[1:-1:2], d_pose_d_keys[2::2]]
+def _by_keys(xp: Any, mixed: Array, d_pose_d_keys: Array, pairs: list[tuple[int, int]]) -> Array:
+    """Return (N, (n + 1) D, (n + 1) D): ``P_aᵀ M_ab P_b`` for pairs of keys a, b of each window."""
+    count, dof, num_keys = mixed.shape[0], d_pose_d_keys.shape[-1], pairs[-1][0] + 1
+    hessian, free = empty((count, num_keys * dof, num_keys * dof), mixed), num_keys - 1
+    P = [d_pose_d_keys[key : key + free * (count - 1) + 1 : free] for key in range(num_keys)]
     P_T = [xp.matrix_transpose(part) for part in P]
-    for number, (a, b) in enumerate(_PAIRS):
+    for number, (a, b) in enumerate(pairs):
         product = xp.matmul(P_T[a], xp.matmul(mixed[:, number], P[b]))
         rows, columns = slice(a * dof, (a + 1) * dof), slice(b * dof, (b + 1) * dof)
         hessian[:, rows, columns] = product

@@ -72,6 +72,8 @@ class BundleModel:
     """What is minimised."""
     free: StateLayout
     """The blocks of a key that are unknowns; residual rotations that are none do not act."""
+    screw: bool = False
+    """The root moves on screws of SE(3) between keys."""
 
     def part(self, keys: slice) -> BundleModel:
         """Return what evaluates some of the keys."""
@@ -89,7 +91,8 @@ class BundleModel:
         They lie on the windows' own curves, which is what is solved; or, as a take is handed over, on the spline of
         control points.
         """
-        return key_poses(self.prior, keys, layout, frames, residuals=bool(self.free.turned), spline=spline)
+        turned = bool(self.free.turned)
+        return key_poses(self.prior, keys, layout, frames, residuals=turned, spline=spline, screw=self.screw)
 
     def equations(
         self, rows: WindowRows, keys: Keyframes, scale: float, hessian_frames: int = HESSIAN_FRAMES,
@@ -119,7 +122,7 @@ class BundleModel:
     @property
     def frames(self) -> FrameData:
         """What evaluates the frames."""
-        return FrameData(self.subject, self.prior, self.objective.frames, self.free)
+        return FrameData(self.subject, self.prior, self.objective.frames, self.free, self.screw)
 
     def _at_windows(self, cost: Array, keys: Keyframes) -> Array:
         """Return the costs (N,) of windows with those of the terms on their keys added."""
@@ -139,19 +142,19 @@ def joined_solution(keys: Keyframes, parts: list[KeySolution]) -> KeySolution:
 def solve_sliding(
     model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, progress: Progress = silent
 ) -> KeySolution:
-    """Solve window after window: the first key fixed, the middle and end keys free (thesis 6.3.2, eqs. 6.6-6.8).
+    """Solve window after window: the first key fixed, the n others free (thesis 6.3.2, eqs. 6.6-6.8).
 
     Args:
         model: what evaluates the keys.
         layout: windows of the take.
-        start: 2N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
+        start: n N + 1 keys; of each window only the first key of the take is trusted, the others are guesses.
         schedule: robust scales and iterations.
         progress: called after each window.
     """
     keys, found = start, []
+    fixed = np.arange(layout.free + 1) == 0
     for w in range(layout.num_windows):
-        window = slice(2 * w, 2 * w + 3)
-        fixed = np.array([True, False, False])
+        window = slice(layout.free * w, layout.free * (w + 1) + 1)
         solved = solve_keys(model, layout.part(slice(w, w + 1)), keys.select(window), schedule, fixed)
         keys = keys.replaced(window, solved.keys)
         found.append(solved)
@@ -172,9 +175,9 @@ def solve_keys(
     Args:
         model: what evaluates the keys.
         layout: windows of the frames.
-        start: 2N + 1 keys.
+        start: n N + 1 keys.
         schedule: robust scales and iterations.
-        fixed: (2N + 1,) bool, the keys that stay; None for none.
+        fixed: (n N + 1,) bool, the keys that stay; None for none.
         alive: called before each linearisation; it may raise to end the solve.
     """
     xp = array_namespace(start.z)

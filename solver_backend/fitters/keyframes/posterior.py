@@ -11,7 +11,7 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.keyframe_curve import lagrange
+from solver_backend.fitters.model.interpolant import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames

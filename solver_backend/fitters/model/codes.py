@@ -98,8 +98,8 @@ def d_pose_d_state(
     Args:
         layout: of the state, n numbers.
         by_code: (F, 3 J, c) of the J joints by the code; None where it is no unknown.
-        by_root: (F, 3, 3) of the root by the state's root; the identity if None.
-        weight: (F,) share of the state's translation and rotation vectors; one if None.
+        by_root: (F, 6, 6) of the root's turn and translation by the state's; the identity if None.
+        weight: (F,) share of the state's rotation vectors; one if None.
         by_residual: (F, J, 3, 3) of each joint by its rotation vector; None where joints stay on the manifold.
     """
     like = by_residual if by_code is None else by_code
@@ -109,9 +109,13 @@ def d_pose_d_state(
     eye = identity(3, like)
     if by_code is not None:
         jacobian[:, pose.joints, layout[CODE]] = by_code
-    jacobian[:, pose.root, layout[ROOT]] = eye if by_root is None else by_root
+    parts = (pose.root, layout[ROOT], slice(0, 3)), (pose.transl, layout[TRANSL], slice(3, 6))
+    for rows, own, i in parts:
+        jacobian[:, rows, own] = eye
+        if by_root is not None:
+            for _, columns, j in parts:
+                jacobian[:, rows, columns] = by_root[:, i, j]
     share = (xp.ones_like(jacobian[:, 0, 0]) if weight is None else weight)[:, None, None]
-    jacobian[:, pose.transl, layout[TRANSL]] = share * eye
     if by_residual is not None:
         for number, joint in enumerate(layout.turned):
             first = layout.turns.start + 3 * number

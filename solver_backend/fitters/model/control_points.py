@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.fitters.model.keyframe_curve import lagrange
+from solver_backend.fitters.model.interpolant import lagrange
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.geometry.arrays import constant, to_numpy

@@ -2,15 +2,14 @@
 
 Codes follow SIDER-2 (SIDER2) through the three keys of a window and the decoder makes poses of them (thesis eq. 6.9);
 root rotations follow SIDER-2, translations and residual rotations the parabola through the keys (thesis eq. 6.10).
+Through n + 1 keys a window they follow SIDER-n and a polynomial.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, reduce
-from operator import mul
-from typing import Protocol
+from functools import cached_property
 
 import numpy as np
 from array_api_compat import array_namespace
@@ -24,47 +23,17 @@ from solver_backend.fitters.model.codes import (
     decoder_jacobian,
     turned_with_vjp,
 )
+from solver_backend.fitters.model.interpolant import Interpolant, combined, lagrange, rows_of, shared
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
+from solver_backend.fitters.model.root_curve import ApartRoot, RootCurve, ScrewRoot
 from solver_backend.fitters.model.spherical_mean import SphericalMean
 from solver_backend.geometry.arrays import Array, constant, index, zeros
 from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import map_blocks
-from solver_backend.geometry.rotations import matrix_from_quat, quat_left_tangent
+from solver_backend.geometry.rotations import quat_left_tangent
 from solver_backend.priors.base import PosePrior
-
-
-class Interpolant(Protocol):
-    """Points between keys, and their derivatives by the keys."""
-
-    @property
-    def value(self) -> Array:
-        """(W, n, d)."""
-        ...
-
-    def vjp(self, cotangent: Array) -> Array:
-        """Return (W, n, k, d) by each of the k keys from (W, n, d)."""
-        ...
-
-    def jacobian(self, key: int) -> Array:
-        """Return (W, n, d, d), the derivative of the points by one of the keys."""
-        ...
-
-
-def lagrange(time: Array, num_keys: int = 3) -> Array:
-    """Return (..., k) weights of equally spaced keys on the polynomial through them, at time 0..1.
-
-    With three keys the cubic of thesis eq. 6.10 has one degree too many; its minimal-curvature member is the parabola.
-    """
-    xp = array_namespace(time)
-    if num_keys == 2:
-        return xp.stack([1 - time, time], axis=-1)
-    if num_keys == 3:
-        return xp.stack([(1 - time) * (1 - 2 * time), 4 * time * (1 - time), time * (2 * time - 1)], axis=-1)
-    at, keys = time * (num_keys - 1), range(num_keys)
-    factors = [[(at - j) / (i - j) for j in keys if j != i] for i in keys]
-    return xp.stack([reduce(mul, others) for others in factors], axis=-1)
 
 
 @dataclass(frozen=True)
@@ -81,7 +50,7 @@ class KeyCotangents:
     """(W, k, 3 J); None where joints stay on the manifold."""
 
     def by_tangents(self, keys: Keyframes, layout: StateLayout) -> Array:
-        """Return (2 W + 1, n): by the tangents of the keys, summed where neighbouring windows share one."""
+        """Return (K, n): by the tangents of the keys, summed where neighbouring windows share one."""
         xp = array_namespace(self.quat)
         parts = [by_turns(keys.quat, summed_by_keys(self.quat)), summed_by_keys(self.transl)]
         if self.z is not None:
@@ -99,10 +68,10 @@ class KeyframeCurve:
     keys: Keyframes
     """(W, k) keys."""
     _codes: Callable[[], Interpolant]
-    quats: Interpolant
-    """Of the root's quaternions, thesis eq. 6.10."""
+    root: RootCurve
+    """Of the root's rotations and translations."""
     weights: Array
-    """(W, n, k) of translations and residual rotations, thesis eq. 6.10."""
+    """(W, n, k) of residual rotations, thesis eq. 6.10."""
     residuals: bool
     """The residual rotations act."""
 
@@ -110,7 +79,7 @@ class KeyframeCurve:
     def through(
         cls, keys: Keyframes, time: np.ndarray, *, residuals: bool,
         codes: Callable[[Array, Array], Interpolant] = sider_weights,
-        quats: Callable[[Array, Array], Interpolant] = sider_weights,
+        quats: Callable[[Array, Array], Interpolant] = sider_weights, screw: bool = False,
     ) -> KeyframeCurve:  # fmt: skip
         """Return the curve through the keys of W windows.
 
@@ -120,10 +89,12 @@ class KeyframeCurve:
             residuals: let the residual rotations act.
             codes: (W, 1, k, d) codes and (W, n) times to the codes between.
             quats: the same for the root's quaternions.
+            screw: let the root move on screws of SE(3) instead.
         """
         t = constant(time, keys.z)
-        between = quats(keys.quat[:, None], t)
-        return cls(keys, lambda: codes(keys.z[:, None], t), between, lagrange(t, keys.z.shape[1]), residuals)
+        weights = lagrange(t, keys.z.shape[1])
+        root = ScrewRoot.through(keys, t) if screw else ApartRoot(keys, quats(keys.quat[:, None], t), weights)
+        return cls(keys, lambda: codes(keys.z[:, None], t), root, weights, residuals)
 
     @classmethod
     def spline(cls, keys: Keyframes, shares: np.ndarray, *, residuals: bool) -> KeyframeCurve:
@@ -135,18 +106,13 @@ class KeyframeCurve:
             residuals: let the residual rotations act.
         """
         weights = constant(shares, keys.z)
-        between = SphericalMean.of(keys.quat, weights)
-        return cls(keys, lambda: SphericalMean.of(keys.z, weights), between, weights, residuals)
+        root = ApartRoot(keys, SphericalMean.of(keys.quat, weights), weights)
+        return cls(keys, lambda: SphericalMean.of(keys.z, weights), root, weights, residuals)
 
     @cached_property
     def codes(self) -> Interpolant:
         """Of the codes z, thesis eq. 6.9; made when asked for, as codes that stay are decoded once."""
         return self._codes()
-
-    @property
-    def transl(self) -> Array:
-        """(W·n, 3) metres: ``Σ_k w_k(t) x_k`` (thesis eq. 6.10)."""
-        return self._combined(self.keys.transl)
 
     @property
     def residual(self) -> Array | None:
@@ -155,7 +121,7 @@ class KeyframeCurve:
             return None
         xp, vectors = array_namespace(self.weights), self.keys.residual
         flat = xp.reshape(vectors, (*vectors.shape[:2], -1))
-        return xp.reshape(self._combined(flat), (-1, *vectors.shape[2:]))
+        return xp.reshape(combined(self.weights, flat), (-1, *vectors.shape[2:]))
 
     def poses(self, prior: PosePrior) -> PosedFrames:
         """Return the W·n poses."""
@@ -188,15 +154,8 @@ class KeyframeCurve:
             if by_z is not None:
                 by_z = by_z if by_codes is None else by_z + by_codes
                 by_z = xp.sum(self.codes.vjp(xp.reshape(by_z, (*shape, -1))), axis=1)
-            # A turn d of the frame changes its quaternion q by 1/2 (0, d) q; (d q)·q* goes the other way.
-            turn = xp.reshape(by_poses[:, layout.root], (*shape, 3, 1))
-            by_quat = xp.matmul(4.0 * quat_left_tangent(self.quats.value), turn)[..., 0]
-            return KeyCotangents(
-                by_z,
-                xp.sum(self.quats.vjp(by_quat), axis=1),
-                self._shared(by_poses[:, layout.transl]),
-                None if by_residual is None else self._shared(by_residual),
-            )
+            by_root = self.root.vjp(by_poses[:, layout.root], by_poses[:, layout.transl])
+            return KeyCotangents(by_z, *by_root, None if by_residual is None else shared(self.weights, by_residual))
 
         return poses, vjp
 
@@ -204,34 +163,16 @@ class KeyframeCurve:
         """Return (W·n, p, k·D), the pose tangents by the tangents of the keys (D numbers) of each frame's window."""
         xp, num_keys = array_namespace(self.weights), self.weights.shape[-1]
         by_code, by_residual = decoder_jacobian(prior, rows_of(self.codes.value), self.residual)
-        codes, quats = self.codes, self.quats
-        basis, weights = CODES.tangent_basis(self.keys.z), rows_of(self.weights)
-        G_T, G_keys = xp.matrix_transpose(quat_left_tangent(quats.value)), quat_left_tangent(self.keys.quat)
+        codes, basis, weights = self.codes, CODES.tangent_basis(self.keys.z), rows_of(self.weights)
         parts = []
         for k in range(num_keys):
-            of_code = xp.matmul(codes.jacobian(k), basis[:, None, k])
-            # A turn of the key to a turn of the frame, both left: 4 G(q_f)ᵀ (dq_f/dq_k) G(q_k).
-            by_root = 4.0 * xp.matmul(G_T, xp.matmul(quats.jacobian(k), G_keys[:, None, k]))
-            by_latent = xp.matmul(by_code, rows_of(of_code))
-            parts.append(d_pose_d_state(layout, by_latent, rows_of(by_root), weights[:, k], by_residual))
+            by_latent = xp.matmul(by_code, rows_of(xp.matmul(codes.jacobian(k), basis[:, None, k])))
+            parts.append(d_pose_d_state(layout, by_latent, self.root.jacobian(k), weights[:, k], by_residual))
         return xp.concat(parts, axis=-1)
 
     def _placed(self, local: Array) -> PosedFrames:
         """Return the poses with these rotations of the joints."""
-        return PosedFrames(matrix_from_quat(rows_of(self.quats.value)), local, self.transl)
-
-    def _combined(self, values: Array) -> Array:
-        """Return (W·n, d): ``Σ_k w_k x_k`` of the keys' values (W, k, d)."""
-        if self.weights.shape[1] > 1:
-            return rows_of(array_namespace(values).matmul(self.weights, values))
-        # Single frames are summed key by key: how a BLAS adds three numbers does not affect them.
-        return sum(self.weights[:, 0, k, None] * values[:, k] for k in range(values.shape[1]))
-
-    def _shared(self, by_frames: Array) -> Array:
-        """Return (W, k, d): derivatives by each frame's values (W·n, ...) summed with the keys' weights."""
-        xp = array_namespace(by_frames)
-        rows = xp.reshape(by_frames, (*self.weights.shape[:2], -1))
-        return xp.matmul(xp.matrix_transpose(self.weights), rows)
+        return PosedFrames(self.root.rotation, local, self.root.transl)
 
 
 def turns_of(by_joints: Array, layout: StateLayout) -> Array:
@@ -250,14 +191,15 @@ def by_turns(quat: Array, by_quat: Array) -> Array:
 
 def key_poses(
     prior: PosePrior, keys: Keyframes, layout: KeyframeLayout, frames: np.ndarray | None = None, *, residuals: bool,
-    spline: bool = False,
+    spline: bool = False, screw: bool = False,
 ) -> PosedFrames:  # fmt: skip
-    """Return the poses of these frame numbers, or of all frames of the layout."""
+    """Return the poses of these frame numbers, or of all frames of the layout; ``screw`` as in ``through``."""
     window, time = layout.positions(layout.frames if frames is None else frames)
 
     def curve(part: slice) -> KeyframeCurve:
         if not spline:
-            return _curve_at(keys, window[part], time[part], residuals=residuals)
+            some = keys.of_windows(window[part], layout.free)
+            return KeyframeCurve.through(some, time[part][:, None], residuals=residuals, screw=screw)
         shares = layout.spline_shares(window[part], time[part])[:, None]
         return KeyframeCurve.spline(keys.fives(window[part]), shares, residuals=residuals)
 
@@ -267,29 +209,18 @@ def key_poses(
 
 def keys_at(keys: Keyframes, layout: KeyframeLayout, times: np.ndarray) -> Keyframes:
     """Return keys that stand at these frame numbers (K,) on the windows' own curves."""
-    xp, vectors = array_namespace(keys.z), keys.residual
-    curve = _curve_at(keys, *layout.positions(times), residuals=True)
-    codes, quats = rows_of(curve.codes.value), rows_of(curve.quats.value)
+    xp, vectors, (window, time) = array_namespace(keys.z), keys.residual, layout.positions(times)
+    curve = KeyframeCurve.through(keys.of_windows(window, layout.free), time[:, None], residuals=True)
+    codes, quats = rows_of(curve.codes.value), rows_of(curve.root.quat)
     residual = curve.residual
     assert residual is not None
-    return Keyframes(codes, quats, curve.transl, xp.reshape(residual, (-1, *vectors.shape[1:])))
-
-
-def _curve_at(keys: Keyframes, window: np.ndarray, time: np.ndarray, *, residuals: bool) -> KeyframeCurve:
-    """Return the curve at scattered places (F,): a row of one frame each."""
-    return KeyframeCurve.through(keys.triples(window), time[:, None], residuals=residuals)
-
-
-def rows_of(values: Array) -> Array:
-    """Return (W·n, ...) from (W, n, ...)."""
-    return array_namespace(values).reshape(values, (-1, *values.shape[2:]))
+    return Keyframes(codes, quats, curve.root.transl, xp.reshape(residual, (-1, *vectors.shape[1:])))
 
 
 def summed_by_keys(values: Array) -> Array:
-    """Return (2 W + 1, d): the (W, 3, d) derivatives by each window's keys summed where windows share a key."""
-    count = values.shape[0]
-    summed = zeros((2 * count + 1, values.shape[-1]), values)
-    summed[:-2:2] += values[:, 0]
-    summed[1:-1:2] += values[:, 1]
-    summed[2::2] += values[:, 2]
+    """Return (n W + 1, d): the (W, n + 1, d) derivatives by windows' keys, summed where windows share a key."""
+    count, free = values.shape[0], values.shape[1] - 1
+    summed = zeros((free * count + 1, values.shape[-1]), values)
+    for key in range(free + 1):
+        summed[key : key + free * (count - 1) + 1 : free] += values[:, key]
     return summed

@@ -10,16 +10,21 @@ import numpy as np
 
 @dataclass(frozen=True)
 class KeyframeLayout:
-    """N windows over F frames; window w uses the keys 2w, 2w + 1, 2w + 2, its neighbours share the end keys."""
+    """N windows over F frames; window w uses the keys n w, ..., n w + n, its neighbours share the end keys.
+
+    The whole-take method, its terms over keys and its splines are for n = 2.
+    """
 
     bounds: np.ndarray
     """(N + 1,) frame numbers at which windows meet, rising; the first and the last are the ends of the frames."""
+    free: int = 2
+    """n, the keys that a window adds: of SIDER-n."""
 
     @classmethod
-    def even(cls, num_frames: int, window: int, first: int = 0) -> KeyframeLayout:
+    def even(cls, num_frames: int, window: int, first: int = 0, free: int = 2) -> KeyframeLayout:
         """Cut F >= 2 frames from ``first`` on into windows of nearly ``window`` frames."""
         count = max(1, round((num_frames - 1) / window))
-        return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64))
+        return cls(first + np.round(np.linspace(0, num_frames - 1, count + 1)).astype(np.int64), free)
 
     @property
     def num_windows(self) -> int:
@@ -28,15 +33,17 @@ class KeyframeLayout:
 
     @property
     def num_keys(self) -> int:
-        """Number of keys, 2N + 1."""
-        return 2 * self.num_windows + 1
+        """Number of keys, n N + 1."""
+        return self.free * self.num_windows + 1
 
     @property
     def key_times(self) -> np.ndarray:
-        """(2N + 1,) frame number of each key; a middle key may fall between two frames."""
+        """(n N + 1,) frame number of each key; one within a window may fall between two frames."""
         times = np.empty(self.num_keys)
-        times[::2] = self.bounds
-        times[1::2] = 0.5 * (self.bounds[:-1] + self.bounds[1:])
+        times[:: self.free] = self.bounds
+        for key in range(1, self.free):
+            share = key / self.free
+            times[key :: self.free] = (1 - share) * self.bounds[:-1] + share * self.bounds[1:]
         return times
 
     @property
@@ -100,7 +107,7 @@ class KeyframeLayout:
 
     def part(self, windows: slice) -> KeyframeLayout:
         """Return the layout of some windows."""
-        return KeyframeLayout(self.bounds[windows.start : windows.stop + 1])
+        return KeyframeLayout(self.bounds[windows.start : windows.stop + 1], self.free)
 
 
 @dataclass(frozen=True)

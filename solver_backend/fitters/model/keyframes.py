@@ -41,9 +41,9 @@ class Keyframes:
             xp.where(mask[:, None, None], self.residual, other.residual),
         )  # fmt: skip
 
-    def triples(self, windows: np.ndarray) -> Keyframes:
-        """Return (W, 3) keys: those of each of these windows."""
-        return self.select(index(2 * windows[:, None] + np.arange(3), self.z))
+    def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
+        """Return (W, n + 1) keys: those of each of these windows, which have n free ones each."""
+        return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
 
     def fives(self, windows: np.ndarray) -> Keyframes:
         """Return (W, 5) keys: of each of these windows, with one more on either side; the ends are repeated."""

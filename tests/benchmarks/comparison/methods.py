@@ -101,17 +101,30 @@ def copied() -> list[Method]:
     ]
 
 
+_SLIDING = (
+    ("SLERP, 10 frames", {"interpolation": 1, "window": 10}),
+    ("SIDER-2, 20 frames", {}),
+    ("SIDER-3, 30 frames", {"interpolation": 3, "window": 30}),
+    ("SIDER-4, 40 frames", {"interpolation": 4, "window": 40}),
+    ("SIDER-2, root on SE(3)", {"root_curve": "screw"}),
+    ("SIDER-3, root on SE(3)", {"interpolation": 3, "window": 30, "root_curve": "screw"}),
+)
+"""Curves of ``solve --method sliding``, by Gauss-Newton steps with a shape and noise that are learned before."""
+
+
 def curves() -> list[Method]:
-    """Return the published method with other curves between keys: SIDER-n, and the root on a screw of SE(3)."""
+    """Return the published method, and ours that slides, with SIDER-n and the root on a screw of SE(3)."""
     plain = {"optimiser": "lbfgs"}
     return [
         Method.of(PUBLISHED, "SLERP, a key every 20 frames", interpolation=1, **plain),
         Method.of(PUBLISHED, "SLERP, a key every 10 frames", interpolation=1, window=10, **plain),
+        Method.of(PUBLISHED, "SIDER-2, 10 frames", window=10, **plain),
         Method.of(PUBLISHED, "SIDER-2, 20 frames", **plain),
         Method.of(PUBLISHED, "SIDER-3, 30 frames", interpolation=3, window=30, **plain),
         Method.of(PUBLISHED, "SIDER-4, 40 frames", interpolation=4, window=40, **plain),
         Method.of(PUBLISHED, "SIDER-2, root from key to key by SLERP", root="slerp", **plain),
         Method.of(PUBLISHED, "SIDER-2, root on SE(3)", root="se3", **plain),
+        *(Method.of(OURS, f"ours, sliding, {label}", method="sliding", **changes) for label, changes in _SLIDING),
     ]
 
 

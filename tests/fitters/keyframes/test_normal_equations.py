@@ -8,7 +8,8 @@ import numpy as np
 
 from solver_backend.fitters.keyframes import normal_equations
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
-from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, lagrange
+from solver_backend.fitters.model.interpolant import lagrange
+from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import frame_equations
@@ -47,7 +48,7 @@ def hessians(rows: WindowRows) -> np.ndarray:
 def exact(prior: PosePrior, keys: Keyframes, rows: WindowRows, hessian: np.ndarray) -> np.ndarray:
     """Return (W, 297, 297): ``Σ_f w_f B_fᵀ H_f B_f`` with the curve's own Jacobian."""
     windows, dof = np.arange(len(rows.time)), POSE.dof
-    B = KeyframeCurve.through(keys.triples(windows), rows.time, residuals=True).jacobian(prior, WHOLE)
+    B = KeyframeCurve.through(keys.of_windows(windows), rows.time, residuals=True).jacobian(prior, WHOLE)
     B = B.reshape(*rows.time.shape, dof, -1)
     weighted = rows.weight[..., None, None] * hessian.reshape(*rows.time.shape, dof, dof) @ B
     return (B.swapaxes(-1, -2) @ weighted).sum(axis=1)
@@ -57,7 +58,8 @@ def difference(spread: float) -> float:
     """Return how far the mixed matrix is from the exact one, as a share of it, both in double precision."""
     prior, keys, rows = ExactToyPrior(), keys_near(spread), LAYOUT.rows()
     H = hessians(rows)
-    found, expected = normal_equations._mixed(WHOLE, prior, keys, rows, H), exact(prior, keys, rows, H)
+    data = replace(StickScene().data(residuals=True), prior=prior)
+    found, expected = normal_equations._mixed(data, keys, rows, H), exact(prior, keys, rows, H)
     assert found.dtype == np.float64
     return float(np.linalg.norm(found - expected) / np.linalg.norm(expected))
 
@@ -76,8 +78,9 @@ def test_the_mixed_matrix_is_its_formula():
     """``P_aᵀ (Σ_f w_a w_b H_f) P_b``, key by key and frame by frame, for keys of any distance."""
     keys, rows, prior = random_keys(LAYOUT.num_keys), LAYOUT.rows(), ExactToyPrior()
     H = hessians(rows)
-    found = normal_equations._mixed(WHOLE, prior, keys, rows, H)
-    at_keys = KeyframeCurve.through(keys.triples(WINDOWS), np.tile([0.0, 0.5, 1.0], (COUNT, 1)), residuals=True)
+    data = replace(StickScene().data(residuals=True), prior=prior)
+    found = normal_equations._mixed(data, keys, rows, H)
+    at_keys = KeyframeCurve.through(keys.of_windows(WINDOWS), np.tile([0.0, 0.5, 1.0], (COUNT, 1)), residuals=True)
     B, shares = at_keys.jacobian(prior, WHOLE).reshape(COUNT, 3, POSE.dof, 3, DOF), lagrange(rows.time)
     of_frames = H.reshape(*rows.time.shape, POSE.dof, -1)
     for a in range(3):
@@ -110,7 +113,7 @@ def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
     keys, rows = resampled(scene.start, scene.layout, layout), layout.rows()
     keys = replace(keys, residual=0.02 * np.random.default_rng(2).normal(size=keys.residual.shape))
     data = data_equations(scene.data(residuals=True), keys, rows, 3.0, rows.frames.shape[1])
-    poses = KeyframeCurve.through(keys.triples(np.arange(layout.num_windows)), rows.time, residuals=True).poses(
+    poses = KeyframeCurve.through(keys.of_windows(np.arange(layout.num_windows)), rows.time, residuals=True).poses(
         scene.prior
     )
     frames = frame_equations(scene.subject, poses, scene.objective.select(rows.frames.reshape(-1)), 3.0)

@@ -1,5 +1,7 @@
 """Recover known keyframes of a stick figure from noisy detections, window by window and all at once."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,12 +10,13 @@ from solver_backend.fitters.keyframes.normal_equations import data_equations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys, solve_sliding
 from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import frame_equations, pose
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import JointSet, Keypoints2D
 from tests.support.layouts import LAYOUTS, ON_MANIFOLD
-from tests.support.stick_scene import NOISE_PX, ROTATIONS
+from tests.support.stick_scene import FRAMES, NOISE_PX, ROTATIONS
 from tests.support.stick_scene import StickScene as Scene
 
 SCHEDULE = Schedule((12.0, 3.0), 8)
@@ -114,13 +117,40 @@ def test_gradient_by_keys_equals_central_differences(residuals):
         np.testing.assert_allclose((gradient * direction).sum(), numeric, rtol=1e-5)
 
 
+@pytest.mark.parametrize(("free", "screw"), [(1, False), (3, False), (3, True)])
+def test_windows_of_other_curves_slide_to_the_points(free: int, screw: bool):
+    """Points of the very curve, n keys a window: the gradient is the slope, and the person is found."""
+    scene, rng = Scene(), np.random.default_rng(3)
+    layout = KeyframeLayout.even(FRAMES, 10 * free, free=free)
+    steps = rng.normal(size=(2, layout.num_keys, ON_MANIFOLD.dof))
+    truth = scene.truth.select(np.zeros(layout.num_keys, dtype=int)).retract(0.2 * steps[0], ON_MANIFOLD)
+    start = truth.retract(0.03 * (np.arange(layout.num_keys) > 0)[:, None] * steps[1], ON_MANIFOLD)
+    true = pose(scene.subject, replace(scene.model(), screw=screw).poses(truth, layout)).points
+    cameras = scene.cameras
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, true, cameras.distortion_model)
+    keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
+    scene.term = ReprojectionTerm.of(cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
+    model, rows, step = replace(scene.model(), screw=screw), layout.rows(), 1e-6
+    gradient = data_equations(model.frames, start, rows, 3.0).gradient
+    direction = rng.normal(size=gradient.shape)
+    moved = (start.retract(s * step * direction, ON_MANIFOLD) for s in (1, -1))
+    ahead, behind = (data_equations(model.frames, some, rows, 3.0).cost.sum() for some in moved)
+    np.testing.assert_allclose((gradient * direction).sum(), (ahead - behind) / (2 * step), rtol=1e-5)
+
+    def error_m(keys: Keyframes) -> float:
+        points = pose(scene.subject, model.poses(keys, layout)).points
+        return float(np.linalg.norm(points - true, axis=-1).mean())
+
+    assert error_m(solve_sliding(model, layout, start, SCHEDULE).keys) < 0.3 * error_m(start)
+
+
 def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
     scene = Scene()
     layout = scene.layout
     rows = layout.rows()
     data = data_equations(scene.data(residuals=False), scene.truth, rows, 3.0)
     window, time = layout.positions(layout.frames)
-    curve = KeyframeCurve.through(scene.truth.triples(window), time[:, None], residuals=False)
+    curve = KeyframeCurve.through(scene.truth.of_windows(window), time[:, None], residuals=False)
     equations = frame_equations(scene.subject, curve.poses(scene.prior), scene.objective, 3.0)
     first = window == 0
     B = curve.jacobian(scene.prior, ON_MANIFOLD)[first]

@@ -23,7 +23,7 @@ PARTS = {"latent": WHOLE[CODE], "root": WHOLE[ROOT], "transl": WHOLE[TRANSL], "r
 
 
 def curve_through(keys: Keyframes, *, residuals: bool) -> KeyframeCurve:
-    return KeyframeCurve.through(keys.triples(WINDOWS), ROWS.time, residuals=residuals)
+    return KeyframeCurve.through(keys.of_windows(WINDOWS), ROWS.time, residuals=residuals)
 
 
 def tangent_between(poses: PosedFrames, base: PosedFrames) -> np.ndarray:
@@ -61,13 +61,37 @@ def directions(parts: str, count: int, residuals: bool):
         yield direction
 
 
+@pytest.mark.parametrize(("free", "screw"), [(1, False), (2, True), (3, False), (3, True)])
+def test_other_curves_have_the_derivatives_of_central_differences(free: int, screw: bool):
+    """SIDER-n of other n and the root on screws: the Jacobian, and the product with a cotangent."""
+    layout, prior, step = KeyframeLayout.even(FRAMES, WINDOW, free=free), ToyPrior(), 1e-5
+    first = random_keys(layout.num_keys).select(np.zeros(layout.num_keys, dtype=int))
+    rng, rows = np.random.default_rng(4), layout.rows()
+    keys = first.retract(0.1 * rng.normal(size=(layout.num_keys, ON_MANIFOLD.dof)), ON_MANIFOLD)
+
+    def curve(some: Keyframes) -> KeyframeCurve:
+        return KeyframeCurve.through(some.of_windows(WINDOWS, free), rows.time, residuals=False, screw=screw)
+
+    base, vjp = curve(keys).poses_with_vjp(prior)
+    jacobian, cotangent = curve(keys).jacobian(prior, ON_MANIFOLD), rng.normal(size=(rows.time.size, POSE.dof))
+    by_keys = vjp(cotangent).by_tangents(keys, ON_MANIFOLD)
+    for _ in range(3):
+        direction = rng.normal(size=(layout.num_keys, ON_MANIFOLD.dof))
+        ends = [curve(keys.retract(s * step * direction, ON_MANIFOLD)).poses(prior) for s in (1, -1)]
+        numeric = (tangent_between(ends[0], base) - tangent_between(ends[1], base)) / (2 * step)
+        of_window = np.stack([direction[free * w : free * w + free + 1].ravel() for w in WINDOWS])
+        analytic = np.einsum("fij,fj->fi", jacobian, np.repeat(of_window, rows.time.shape[1], axis=0))
+        np.testing.assert_allclose(analytic, numeric, atol=1e-5 * np.abs(numeric).max())
+        np.testing.assert_allclose((by_keys * direction).sum(), (cotangent * numeric).sum(), rtol=1e-6)
+
+
 CASES = [(part, True) for part in (*PARTS, "all")] + [(part, False) for part in ("latent", "root", "transl", "all")]
 
 
 def test_frames_pass_through_their_keys():
     keys, prior = random_keys(LAYOUT.num_keys), ToyPrior()
     for k, when in enumerate((0.0, 0.5, 1.0)):
-        curve = KeyframeCurve.through(keys.triples(WINDOWS), np.full((len(WINDOWS), 1), when), residuals=False)
+        curve = KeyframeCurve.through(keys.of_windows(WINDOWS), np.full((len(WINDOWS), 1), when), residuals=False)
         frames, chosen = curve.poses(prior), keys.select(2 * WINDOWS + k)
         np.testing.assert_allclose(frames.transl, chosen.transl, atol=1e-12)
         np.testing.assert_allclose(frames.local, prior.decode(chosen.z), atol=1e-9)

@@ -69,7 +69,7 @@ def test_a_window_alone_is_a_parabola():
 
 def test_codes_stay_on_their_sphere_and_carry_derivatives_back():
     rng = np.random.default_rng(3)
-    keys = Keyframes.triples(random_keys(7), np.arange(2))
+    keys = Keyframes.of_windows(random_keys(7), np.arange(2))
     weights, cotangent = rng.normal(1.0, 0.3, (2, 4, 3)), rng.normal(size=(2, 4, 32))
     mean = SphericalMean.of(keys.z, weights)
     np.testing.assert_allclose(np.linalg.norm(mean.value, axis=-1), 1.0)

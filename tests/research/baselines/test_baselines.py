@@ -63,7 +63,7 @@ def test_other_curves_through_other_keys_find_the_person_too(capture: Capture, c
     assert mpjpe_mm(result.motion.joints, capture.truth["joints"]) < 45.0
 
 
-@pytest.mark.parametrize("changes", [{"interpolation": 0}, {"interpolation": 7}, {"interpolation": 3, "root": "se3"}])
+@pytest.mark.parametrize("changes", [{"interpolation": 0}, {"interpolation": 7}, {"interpolation": 3, "root": "slerp"}])
 def test_curves_that_there_are_none_of_are_refused(capture: Capture, changes: dict) -> None:
     with pytest.raises(JobInvalid, match="There is no SIDER"):
         BundleMoCapPlusPlus(**changes).solve(capture)

@@ -29,7 +29,7 @@ FRAMES = 13
 """One more than a number that 1 to 4 divide: every key has a frame."""
 KINDS = [
     ("sider", 2), ("sider, root by slerp", 2), ("slerp", 1), ("sider", 1), ("sider", 3), ("sider", 4),
-    ("sider, root by se3", 2),
+    ("sider, root by se3", 2), ("sider, root by se3", 3),
 ]  # fmt: skip
 """Curves and their free keys; SIDER-n of more than two keys is met where they are near."""
 
