@@ -39,12 +39,17 @@ def run(root: Path = ROOT) -> list[Metric]:
             "No landmark rows are trained here.",
             hint="python -m tests.benchmarks.landmark_rows.train_rows --data DATA --device cuda",
         )  # fmt: skip
+    return metrics_of(folders)
+
+
+def metrics_of(folders: dict[tuple[str, int], Path], base: str = "base") -> list[Metric]:
+    """Return medians over seeds of what trainings left, by row, and the spread of their ratios to a base's."""
     by_row: dict[str, list[dict[str, Any]]] = defaultdict(list)
     for (row, _), figures in sorted(read_figures(folders).items()):
         by_row[row].append(figures["chosen"])
     least = min(len(seeds) for seeds in by_row.values())
     return [
-        *spreads(by_row),
+        *spreads(by_row, base),
         Metric("seeds", least, "", "higher", rel_tol=0.0),
         *(
             Metric(f"{key_of(row)}_{where}_{column}", median(seeds, where, column), unit)
@@ -60,11 +65,11 @@ def median(seeds: list[dict[str, Any]], where: str, column: str) -> float:
     return float(np.median([seed[f"{KIND} {where}"][column] for seed in seeds]))
 
 
-def spreads(by_row: dict[str, list[dict[str, Any]]]) -> list[Metric]:
+def spreads(by_row: dict[str, list[dict[str, Any]]], usual: str = "base") -> list[Metric]:
     """Return how far ratios of medians of RMSE lie apart by chance, by network and set of poses."""
     of_base: dict[str, list[str]] = defaultdict(list)
     for row in by_row:
-        of_base[BASES.get(row, "base")].append(row)
+        of_base[BASES.get(row, usual)].append(row)
     pairs = {base: [(row, base) for row in rows if row != base] for base, rows in of_base.items() if base in by_row}
     rmse = {
         where: {row: [seed[f"{KIND} {where}"]["rmse_mm"] for seed in seeds] for row, seeds in by_row.items()}

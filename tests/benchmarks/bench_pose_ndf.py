@@ -58,7 +58,8 @@ CONSTANT_WEIGHT, PULLS = 30.0, {"vposer": 20.0, "vposer_worded": 20.0, "rvposer"
 PICTURES = Path(__file__).resolve().parents[2] / "build" / "bench_pose_ndf"
 _BODY = load_body()
 _NAMES = marker_layout(LAYOUT)
-_SUBJECT = Subject(_BODY, marker_landmarks(_BODY, _NAMES), np.zeros(10), np.zeros((len(_NAMES), 3)))
+SUBJECT = Subject(_BODY, marker_landmarks(_BODY, _NAMES), np.zeros(10), np.zeros((len(_NAMES), 3)))
+"""The mean body, whose markers are what uses of the field observe."""
 
 
 def run() -> list[Metric]:
@@ -89,7 +90,7 @@ def _denoising(prior, vaes, takes, length, shown) -> list[Metric]:
     for truth in takes:
         turn = exp_so3(np.radians(NOISE_DEG) * rng.standard_normal(truth.local.shape[:2] + (3,)))
         noisy = PosedFrames(truth.root, turn @ truth.local, truth.transl)
-        errors.setdefault("noise", []).append(_error_cm(noisy, truth))
+        errors.setdefault("noise", []).append(error_cm(noisy, truth))
         for data, start in (("clean", truth), ("noisy", noisy)):
             for row, work in (
                 ("no_prior", partial(_denoised, prior, ManifoldWeights(1.0, 0.0, WEIGHTS.smoothness))),
@@ -97,7 +98,7 @@ def _denoising(prior, vaes, takes, length, shown) -> list[Metric]:
                 ("pose_ndf", partial(_denoised, prior, WEIGHTS)),
             ):
                 found = work(start)
-                errors.setdefault(f"{data}_{row}", []).append(_error_cm(found, truth))
+                errors.setdefault(f"{data}_{row}", []).append(error_cm(found, truth))
                 if data == "noisy" and row != "no_prior":
                     shown.setdefault("truth", truth.local[::10])
                     shown.setdefault("noisy", noisy.local[::10])
@@ -106,13 +107,13 @@ def _denoising(prior, vaes, takes, length, shown) -> list[Metric]:
 
 
 def _denoised(prior, weights: ManifoldWeights, noisy: PosedFrames) -> PosedFrames:
-    return denoise(_SUBJECT, prior, noisy, FPS, DenoiseSettings(weights, iterations=12, move_root=False))
+    return denoise(SUBJECT, prior, noisy, FPS, DenoiseSettings(weights, iterations=12, move_root=False))
 
 
 def _latent_denoised(vae, noisy: PosedFrames) -> PosedFrames:
-    observed = pose(_SUBJECT, noisy).points
+    observed = pose(SUBJECT, noisy).points
     chain = LatentChain(
-        _SUBJECT, vae, noisy.root, noisy.transl, observed, np.ones(observed.shape[:2]), vae.encode(noisy.local),
+        SUBJECT, vae, noisy.root, noisy.transl, observed, np.ones(observed.shape[:2]), vae.encode(noisy.local),
         pull=1e-4, smoothness=3e-3,
     )  # fmt: skip
     return PosedFrames(noisy.root, chain.solve(), noisy.transl)
@@ -129,10 +130,10 @@ def _completion(prior, vaes, takes, length, shown) -> list[Metric]:
             found = {
                 "rest": hidden,
                 **{name: _latent_completed(vae, hidden, missing) for name, vae in vaes.items()},
-                "pose_ndf": complete(_SUBJECT, prior, hidden, missing, FPS),
+                "pose_ndf": complete(SUBJECT, prior, hidden, missing, FPS),
             }
             for row, frames in found.items():
-                errors.setdefault(f"{name}_{row}", []).append(_error_cm(frames, truth))
+                errors.setdefault(f"{name}_{row}", []).append(error_cm(frames, truth))
                 shown.setdefault(f"complete_{name}_truth", truth.local[::10])
                 shown.setdefault(f"complete_{name}_{row}", frames.local[::10])
     return [Metric(f"complete_{length}_{key}_cm", float(np.mean(v)), "cm", rel_tol=0.15) for key, v in errors.items()]
@@ -140,12 +141,12 @@ def _completion(prior, vaes, takes, length, shown) -> list[Metric]:
 
 def _latent_completed(vae, hidden: PosedFrames, missing: tuple[int, ...]) -> PosedFrames:
     """Fit codes to the landmarks that the missing joints do not move; take the missing joints from them."""
-    posed = pose(_SUBJECT, hidden, jacobian=True)
+    posed = pose(SUBJECT, hidden, jacobian=True)
     assert posed.by_rotations is not None
     columns = [3 + 3 * j + axis for j in missing for axis in range(3)]
     seen = (np.abs(posed.by_rotations[..., columns]).max(axis=(2, 3)) < 1e-6).astype(float)
     chain = LatentChain(
-        _SUBJECT, vae, hidden.root, hidden.transl, posed.points, seen, vae.encode(hidden.local), pull=1e-4,
+        SUBJECT, vae, hidden.root, hidden.transl, posed.points, seen, vae.encode(hidden.local), pull=1e-4,
         smoothness=3e-3,
     )  # fmt: skip
     decoded, local = chain.solve(), hidden.local.copy()
@@ -223,7 +224,8 @@ def _samples(prior, vaes, shown, count: int = 500) -> list[Metric]:
     return metrics
 
 
-def _error_cm(found: PosedFrames, truth: PosedFrames) -> float:
+def error_cm(found: PosedFrames, truth: PosedFrames) -> float:
+    """Return the mean error of the skin's vertices in every fifth frame, cm."""
     difference = _vertices(found.local[::5]) - _vertices(truth.local[::5])
     return 100 * float(np.linalg.norm(difference, axis=-1).mean())
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 
 import numpy as np
@@ -12,15 +13,17 @@ torch = pytest.importorskip("torch")
 from PIL import Image  # noqa: E402
 
 from solver_backend.body.body import load_body  # noqa: E402
+from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.labelling.outputs import LANDMARKS  # noqa: E402
+from solver_backend.training.data.sources.clips import Clip  # noqa: E402
 from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
 from solver_backend.training.landmarks.evaluation import LIMBS, SETS, evaluate  # noqa: E402
 from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
 from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
 from solver_backend.training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
 from solver_backend.training.landmarks.trained import trained_model  # noqa: E402
-from tests.benchmarks import bench_landmark_rows  # noqa: E402
-from tests.benchmarks.landmark_rows import train_rows  # noqa: E402
+from tests.benchmarks import bench_landmark_rows, bench_landmark_sources  # noqa: E402
+from tests.benchmarks.landmark_rows import train_rows, train_sources  # noqa: E402
 from tests.benchmarks.landmark_rows.row_folders import folder_of, trained  # noqa: E402
 from tests.benchmarks.landmark_rows.row_tables import PCK_LIMITS_CM, read_figures, row_tables  # noqa: E402
 from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
@@ -102,6 +105,30 @@ def test_rows_are_trained_once_and_their_medians_are_the_benchmarks(tmp_path, ca
     seeds = [json.loads((root / f"bmse_{seed}" / "figures.json").read_text())["chosen"] for seed in (1, 2)]
     assert found["seeds"] == 2
     assert found["bmse_tail_rmse_mm"] == pytest.approx(np.mean([seed["fixed tail"]["rmse_mm"] for seed in seeds]))
+
+
+def test_sources_are_evened_and_evaluated_on_the_same_poses(tmp_path):
+    rng = np.random.default_rng(0)
+
+    def clip(subject: str, name: str, frames: int) -> Clip:
+        turns = exp_so3(0.3 * rng.normal(size=(frames, 22, 3))).astype(np.float32)
+        return Clip(f"mb2/{name}", subject, turns[:, 1:], turns[:, 0])
+
+    clips = [clip("16", "16_01", 150), clip("49", "49_01", 100), clip("08", "08_01", 40)]
+    tables = train_sources.evened(clips, [])
+    few = tables["two people"].arrays
+    (count,) = {len(table.arrays["training"]) for table in tables.values()}
+    assert 140 < count < 150  # the rarest 3 % are anchors
+    for name in SETS:
+        np.testing.assert_array_equal(few[name], tables["many people"].arrays[name])
+    for source, seed in itertools.product(train_sources.SOURCES, (1, 2)):
+        folder = folder_of(tmp_path, source, seed)
+        folder.mkdir()
+        error = {"rmse_mm": 50.0 + seed + 10 * (source == "two people"), "mpjpe_mm": 40.0}
+        (folder / "figures.json").write_text(json.dumps({"chosen": {f"fixed {where}": error for where in SETS}}))
+    found = {metric.key: metric.value for metric in bench_landmark_sources.run(tmp_path)}
+    assert (found["two_people_tail_rmse_mm"], found["many_people_tail_rmse_mm"], found["seeds"]) == (61.5, 51.5, 2)
+    assert 0 < found["spread_many_people_tail"] < 0.02
 
 
 def test_the_folder_of_a_row_gives_its_name_back(tmp_path):

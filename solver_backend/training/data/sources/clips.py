@@ -56,13 +56,16 @@ class Clip:
     """(F, 3, 3) float32, the pelvis since the T-pose, Y up; None where it was not kept."""
 
 
-def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = None) -> list[Clip]:
+def load_clips(
+    data: Path, progress: Progress = silent, *, cache: Path | None = None, fitted: bool = True
+) -> list[Clip]:
     """Read CMU's recordings under ``data``, and the marker takes and hand-keyed animations where they are there.
 
     Args:
         data: folder that holds ``motion_cmu``.
         progress: called after every file.
         cache: folder that keeps the fitted marker takes, as fitting takes minutes.
+        fitted: read the marker takes, too.
 
     Raises:
         FileMissing: the folder holds no clips.
@@ -78,7 +81,8 @@ def load_clips(data: Path, progress: Progress = silent, *, cache: Path | None = 
     archive = data / KEYED_ARCHIVE
     keyed = read_archive_clips(archive) if archive.is_file() else []
     clips += [_clip(f"{KEYED}/{clip.name}", KEYED, _at_corpus_rate(clip)) for clip in keyed]
-    clips += _marker_takes(data / "markers" / "ui_prmd", cache, progress)
+    if fitted:
+        clips += _marker_takes(data / "markers" / "ui_prmd", cache, progress)
     return [piece for clip in clips for piece in without_faults(clip)]
 
 

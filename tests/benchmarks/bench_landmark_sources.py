@@ -1,0 +1,31 @@
+"""Tables 1 and 7 of the paper: one landmark network trained on two people's motions and on as many poses of many.
+
+Reads what `python -m tests.benchmarks.landmark_rows.train_sources` left under build/landmark_sources (four minutes of
+a processor for three seeds of 500 steps). RMSE and MPJPE in our clouds of 53 markers, on held-out people's ordinary
+poses, the thesis' tail groups, and lying on the floor. Medians over seeds; ``spread`` as in `bench landmark_rows`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from tests.benchmarks.bench_landmark_rows import metrics_of
+from tests.benchmarks.landmark_rows.row_folders import trained
+from tests.benchmarks.metric import BenchmarkSkipped, Metric
+
+ROOT = Path(__file__).resolve().parents[2] / "build" / "landmark_sources"
+
+
+def run(root: Path = ROOT) -> list[Metric]:
+    """Read what was trained.
+
+    Raises:
+        BenchmarkSkipped: nothing was.
+    """
+    folders = trained(root)
+    if not folders:
+        raise BenchmarkSkipped(
+            "No landmark network is trained on sources here.",
+            hint="python -m tests.benchmarks.landmark_rows.train_sources --data DATA",
+        )  # fmt: skip
+    return metrics_of(folders, "many people")
