@@ -6,6 +6,7 @@ import bpy
 
 from ...conventions.counting import counted
 from ..operators.fixes import fix_of
+from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.review import MOCAP_OT_next_bad_range
 from ..operators.solver_operator import MOCAP_OT_cancel, current
 from ..project_files import following
@@ -45,12 +46,7 @@ class VIEW3D_PT_mocap_run(MocapPanel, bpy.types.Panel):
             wrapped(layout, context, following.failure, "ERROR", alert=True)
         draw_failure(layout, context, VERBS)
         _draw_status(layout, context, settings)
-        if settings.stage in ("EDIT", "DELIVER") and settings.review.armature is None:
-            draw_next(
-                layout, context, "Solve the capture first." if settings.capture.file else "Import a capture first."
-            )
-        if settings.capture.file and settings.stage in ("CAPTURE", "SOLVE"):
-            draw_solve(layout, context)
+        _draw_step(layout, context, settings)
 
 
 class VIEW3D_PT_mocap_acquisition_run(AcquisitionPanel, bpy.types.Panel):
@@ -109,6 +105,21 @@ def _draw_status(layout: bpy.types.UILayout, context: bpy.types.Context, setting
             if settings.stage != stage:
                 show = {"text": "", "icon": "VIEWZOOM"} if remedies else {"text": "Show", "text_ctxt": CONTEXT}
                 row.prop_enum(settings, "stage", stage, **show)
+
+
+def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, settings: MocapSettings) -> None:
+    """Draw the step that the open stage waits for: a capture, or its solve."""
+    has_capture, waits = bool(settings.capture.file), settings.review.armature is None
+    if settings.stage in ("CAPTURE", "SOLVE") and has_capture:
+        draw_solve(layout, context)
+    elif settings.stage == "SOLVE" or (settings.stage in ("EDIT", "DELIVER") and waits and not has_capture):
+        draw_next(layout, context, "Import a capture first.")
+        button = layout.column()
+        button.scale_y = TALLEST
+        button.operator(MOCAP_OT_import_capture.bl_idname, icon="IMPORT")
+    elif settings.stage in ("EDIT", "DELIVER") and waits:
+        draw_next(layout, context, "Solve the capture first.")
+        draw_solve(layout, context)
 
 
 def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:

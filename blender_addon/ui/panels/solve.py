@@ -10,7 +10,7 @@ from ..operators.calibrate_subject import MOCAP_OT_calibrate_subject, calibrated
 from ..operators.solver_operator import current
 from ..setting_properties import CHOSEN_BY_PRESETS, names_of
 from ..settings_layout import draw_setting, is_narrow, settings_layout
-from .parts import StagePanel, draw_next, draw_progress, draw_waiting, wrapped
+from .parts import StagePanel, draw_progress, draw_waiting, wrapped
 from .people import draw_solve_all
 
 _VERBS = ("solve", "calibrate")
@@ -24,12 +24,14 @@ class VIEW3D_PT_mocap_solve(StagePanel, bpy.types.Panel):
     bl_label = "Solve"
     bl_order = 2
 
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a capture."""
+        return bool(settings.capture.file)
+
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the preset, the person of the markers, and the buttons for everybody; Solve itself is on top."""
         layout, settings = self.layout, context.scene.mocap
-        if not settings.capture.file:
-            draw_next(layout, context, "Import a capture first.")
-            return
         row = layout.row()
         row.enabled = not current.busy
         if is_narrow(context):

@@ -180,11 +180,11 @@ def test_the_list_of_takes_shows_the_error_of_each(mocap, solved, scene) -> None
 
 
 def test_a_stage_that_has_nothing_yet_says_what_comes_first(mocap, solved, scene) -> None:
-    for stage in ("EDIT", "DELIVER"):
+    for stage in ("SOLVE", "EDIT", "DELIVER"):
         mocap.stage = stage
-        assert "Import a capture first." in on_top()
+        assert "Import a capture first." in on_top() and "Import Capture" in on_top(), "with its button"
     take_capture(scene, solved.read)
-    assert "Solve the capture first." in on_top()
+    assert "Solve the capture first." in on_top() and on_top().split(" | ").count("Solve") == 2
     take_motion(bpy.context, solved.files)
     assert "first." not in on_top()
 
