@@ -143,6 +143,10 @@ def brought_back(user: Any, rig_name: str) -> Any:
     yield 1.0
     yield from user.shot("brought_onto_the_body")
     assert off_mm < 20.0
+    yield from user.open_panel("VIEW3D_PT_mocap_clean_up")
+    yield from user.press("mocap.lock_feet()")
+    yield from user.until(lambda: mocap().review.take.name.endswith("feet locked"), "its feet are locked", 30)
+    yield from user.shot("feet_locked")
     yield from user.open_stage("DELIVER")  # from now on the actor is the body that it was brought onto
 
 

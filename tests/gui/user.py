@@ -33,7 +33,8 @@ STAGES = {
     "SOLVE": ("solve.preset", "solve_all", "calibrate_subject", "solve.estimate_sync", "solve.subject"),
     "EDIT": (
         "show_take", "delete_take", "thin_take", "push_down", "mark_take", "pin_pose", "resolve_range",
-        "show_confidence", "open_report", "mocap.look", "feet_to_floor", "mark_gaps", "switch_limbs", "floor_offset",
+        "show_confidence", "open_report", "mocap.look", "feet_to_floor", "lock_feet", "mark_gaps", "switch_limbs",
+        "floor_offset",
     ),
     "DELIVER": (
         "export_take", "export_markers", "format='", 'node="', "map_rig", "mocap.retarget", "set_map_pose",
