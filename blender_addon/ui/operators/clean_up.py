@@ -45,9 +45,17 @@ class MOCAP_OT_lock_feet(NeedsTake, bpy.types.Operator):
     bl_label = "Lock Feet"
     bl_description = (
         "Add a take of this one, your edits included, in which heels and balls of the feet stay where they stand; for "
-        "clips of other programs and edited takes, which are not solved anew"
+        "clips of other programs, which are not solved anew"
     )
     edits_body = True
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a take that no solve of a capture can hold anew."""
+        if context.scene.mocap.capture.file:
+            cls.poll_message_set("Choose more Foot Lock and press Solve Anew: this take is solved from a capture")
+            return False
+        return super().poll(context)
 
     slide_mm: bpy.props.FloatProperty(
         name="Longest Slide",

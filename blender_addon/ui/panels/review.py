@@ -98,10 +98,11 @@ class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
             column.prop(settings.solve, "smoothing")
             column.prop(settings.solve, "foot_lock")
             column.operator(MOCAP_OT_solve.bl_idname, text="Solve Anew", icon="FILE_REFRESH")
+        else:
+            layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")
         column = layout.column(align=True)
         column.prop(settings.review, "floor_offset")
         column.operator(MOCAP_OT_feet_to_floor.bl_idname, icon="SNAP_FACE")
-        layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")
         row = layout.row(align=True)
         row.operator(MOCAP_OT_mark_gaps.bl_idname, icon="MARKER_HLT")
         row.operator(MOCAP_OT_clear_marks.bl_idname, text="", icon="X")

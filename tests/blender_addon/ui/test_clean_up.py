@@ -25,6 +25,10 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
     assert settings["smoothing"] == pytest.approx(3.0) and settings["foot_lock"] == pytest.approx(4.0)
 
 
+def test_a_solved_takes_feet_are_held_by_solving_anew(solved_take, mocap) -> None:
+    assert mocap.capture.file and not bpy.ops.mocap.lock_feet.poll()
+
+
 def test_a_detectors_noise_goes_into_the_job_and_is_missed_by_name(solved_take, mocap, tmp_path) -> None:
     assert "noise" not in prepare_job(bpy.context.scene, None)[0].settings
     path = tmp_path / "noise.json"

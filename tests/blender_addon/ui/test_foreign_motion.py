@@ -146,6 +146,7 @@ def test_feet_of_a_foreign_clip_are_locked_with_edits_kept(mocap, scene, tmp_pat
         point.co.y += 0.3
     before, stood = joints_of(body), ball_stands(body)
     assert slid_mm(before, stood) > 25.0
+    assert "Lock Feet" in draw_panel(bpy.types.VIEW3D_PT_mocap_clean_up, 283).drawn
     assert bpy.ops.mocap.lock_feet() == {"FINISHED"}
     locked = mocap.review.take
     assert locked != former and locked.name.endswith(" feet locked") and former.name in bpy.data.actions
