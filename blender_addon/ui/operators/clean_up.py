@@ -70,7 +70,7 @@ class MOCAP_OT_lock_feet(NeedsTake, bpy.types.Operator):
         scene, review = context.scene, context.scene.mocap.review
         made = lock_feet(scene, review.take, review.armature, self.slide_mm)
         if made is None:
-            self.report({"WARNING"}, f"No foot stands within {self.slide_mm:g} mm: nothing was locked")
+            self.report({"WARNING"}, f"No foot stands without sliding over {self.slide_mm:g} mm: nothing was locked")
             return {"CANCELLED"}
         held = counted(made.stands, "stand")
         self.report({"INFO"}, f"{held} held in '{made.action.name}': feet slid by up to {made.slid_mm:.0f} mm")
