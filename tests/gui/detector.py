@@ -39,6 +39,7 @@ def steps(user: Any) -> Any:
     yield from asked(user, "", "RET")
     yield 0.5
     yield from user.shot("offline")
+    yield from user.key("ESC")  # the report of an error goes when the mouse does
     assert not busy(), "Blender is set to stay offline: nothing is asked of a network"
     _EMPTY.mkdir()
     yield from asked(user, str(_EMPTY), "RET")

@@ -23,12 +23,15 @@ _KINDS = (
     ("litert", "LiteRT", "Runs MediaPipe's models of people and hands as files; Python 3.10 to 3.14"),
 )
 _ABOUT = {
-    "mediapipe": ("MediaPipe 0.10.21 and what it needs, 150 MB, are installed from",),
-    "litert": (
-        "Google's LiteRT and NumPy, 60 MB, are installed. Models are files of the npm packages",
-        "@mediapipe/pose and @mediapipe/hands (.tgz): put them beside the wheels. Installed from",
-    ),
+    "mediapipe": "MediaPipe 0.10.21 and what it needs, 150 MB, are installed from",
+    "litert": "Google's LiteRT and NumPy, 60 MB, are installed from",
 }
+_MODELS = (
+    "It runs models as files: put the npm packages @mediapipe/pose",
+    "and @mediapipe/hands (.tgz) beside the wheels.",
+)
+_WIDTH_PX = 520
+"""Of the question: the folder has a line."""
 
 
 class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
@@ -51,7 +54,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask."""
-        return context.window_manager.invoke_props_dialog(self, width=440)
+        return context.window_manager.invoke_props_dialog(self, width=_WIDTH_PX)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw what is installed, from where and into which folder."""
@@ -59,10 +62,11 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
 
         column = self.layout.column()
         column.row().prop(self, "kind", expand=True)
-        for line in _ABOUT[self.kind]:
-            column.label(text=line, translate=False)
+        column.label(text=_ABOUT[self.kind], translate=False)
         column.label(text="the folder below" if self.wheels else "the package registry (pypi.org)", translate=False)
         column.label(text=f"into {environment_folder(self.kind)}", icon="FILE_FOLDER", translate=False)
+        for line in _MODELS if self.kind == "litert" else ():
+            column.label(text=line, translate=False)
         column.prop(self, "wheels")
 
     def work(self, context: bpy.types.Context) -> set[str]:

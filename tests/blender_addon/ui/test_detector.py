@@ -12,6 +12,7 @@ import pytest
 
 from blender_addon.solving.detector import find_python
 from blender_addon.ui import preferences
+from blender_addon.ui.operators.detector import MOCAP_OT_set_up_detector
 from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import videos as videos_panel
 from tests.support.narrow_layout import NarrowContext
@@ -41,6 +42,17 @@ def test_the_panel_shows_that_there_is_none_and_how_to_get_one(home) -> None:
     assert any("No detector is set up" in text for text in drawn())
     assert not any("Test Detector" in text for text in drawn())
     assert bpy.ops.mocap.test_detector() == {"CANCELLED"}
+
+
+@pytest.mark.parametrize("kind", ["mediapipe", "litert"])
+def test_the_question_fits_its_window_and_names_source_and_folder(home, kind: str) -> None:
+    layout = Layout()
+    for wheels in ("", str(home)):
+        MOCAP_OT_set_up_detector.draw(SimpleNamespace(layout=layout, kind=kind, wheels=wheels), bpy.context)
+    folder = f"into {find_python.environment_folder(kind)}"
+    texts = [text.removeprefix("label:") for text in layout.drawn]
+    assert {"the package registry (pypi.org)", "the folder below", folder} <= set(texts)
+    assert max(len(text) for text in texts if text != folder) < 72, "letters that 440 px hold"
 
 
 def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
