@@ -11,9 +11,10 @@ from solver_backend.body.hand_skeleton import HandSkeleton, site_frames
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.hands.hand_keys import DOF, FINGERS
 from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, WristPath
+from solver_backend.fitters.hands.hand_size import SIZES
 from solver_backend.fitters.hands.solve_hand import hand_window
 from solver_backend.fitters.hands.solve_keys import frame_states, solve_keys
-from solver_backend.fitters.hands.start import SIZES, nearest_rotations
+from solver_backend.fitters.hands.start import nearest_rotations
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3

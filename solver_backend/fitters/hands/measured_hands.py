@@ -16,10 +16,10 @@ from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.fitters.hands.extra_markers import worn_hand
 from solver_backend.fitters.hands.hand_noise import hand_term
 from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
+from solver_backend.fitters.hands.hand_size import hand_size, likely_size
 from solver_backend.fitters.hands.located_hands import locate_hands
 from solver_backend.fitters.hands.marker_hand import marker_size
 from solver_backend.fitters.hands.sides import sort_hands
-from solver_backend.fitters.hands.start import hand_size
 from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.settings import SolveSettings
@@ -94,8 +94,8 @@ def measure_hands(
     if isinstance(measured, HandViews):
         kept = sort_hands(measured, arms.wrists, arms.elbows)
         views, found, located = kept.views, kept.diagnostics, locate_hands(kept.views)
-        sizes = [hand_size(skeletons[side], hand.points, hand.spread_m2) for side, hand in located.items()]
-        size = _common(sizes) if size is None else size
+        if size is None:
+            size = likely_size(hand_size(skeletons[s], hand.points, hand.spread_m2) for s, hand in located.items())
         skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
         for side, hand in located.items():
             skeleton, path = skeletons[side], arms.of(side)
@@ -103,8 +103,9 @@ def measure_hands(
             problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), fps, True)
             hands[side] = MeasuredHand(problem, hand.points)
         return MeasuredHands(skeletons, hands, size, found)
-    sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
-    size = _common(sizes) if size is None else size
+    if size is None:
+        sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
+        size = float(np.mean(sizes)) if sizes else 1.0
     skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
     for side in measured.positions:
         problem, doubts = worn_hand(measured, side, skeletons[side], arms.of(side), fps, settings)
@@ -124,7 +125,3 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
         recorded = [body.layout.recorded.joints.index(f"{side}_wrist") for side in SIDES]
         covariance = unpacked(to_numpy(solved.covariance)[:, recorded])
     return ArmPaths(posed.G[:, wrists], posed.joints[:, wrists], posed.joints[:, elbows], covariance)
-
-
-def _common(sizes: list[float]) -> float:
-    return float(np.mean(sizes)) if sizes else 1.0

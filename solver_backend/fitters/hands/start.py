@@ -1,4 +1,4 @@
-"""Where the solve of a hand begins: located points, the size of the hand, and keys that are near them."""
+"""Where the solve of a hand begins: keys that are near its located points."""
 
 from __future__ import annotations
 
@@ -17,37 +17,8 @@ PALM = (0, 1, *KNUCKLES[1:])
 """Points of the palm: wrist, root of the thumb and knuckles."""
 LEAST_PALM = 4
 """Points of the palm that place it."""
-SIZES = (0.75, 1.35)
-"""Least and largest hands, as shares of the body's own: four standard deviations of hands of one stature."""
-LEAST_BONES = 60
-"""Measured bones that determine a size: a second or so of a palm."""
-LEAST_EACH = 3
-"""Frames in which a bone must be measured to count."""
 FARTHEST_M = 0.08
 """No wrist starts further from where the body has it."""
-
-
-def hand_size(
-    skeleton: HandSkeleton, points: Float[np.ndarray, "frames 21 3"], spread: Float[np.ndarray, "frames 21"]
-) -> float:
-    """Return how many times the skeleton's the bones of located points are; 1 where too few are known.
-
-    ``s² = Σ_b median_f(|d_bf|² - v_bf) / Σ_b L_b²``: noise makes a bone look longer by its variance v, by a quarter
-    for a finger's bone of 25 mm between points that are 10 mm off.
-
-    Args:
-        skeleton: of the size that the body's shape gives it.
-        points: (F, 21, 3) metres, NaN where a point is not located.
-        spread: (F, 21) m², trace of the covariance by which points scatter about their hand.
-    """
-    square, rest = _square_bones(points), _square_bones(skeleton.points_at_rest[None])[0]
-    known = np.isfinite(square)
-    if known.sum() < LEAST_BONES:
-        return 1.0
-    each = square - _sum_at_bones(spread)
-    enough = np.flatnonzero(known.sum(axis=0) >= LEAST_EACH)
-    found = sum(float(np.median(each[known[:, b], b])) for b in enough)
-    return float(np.clip(np.sqrt(max(found, 0.0) / rest[enough].sum()), *SIZES)) if len(enough) else 1.0
 
 
 def initial_keys(
@@ -106,18 +77,3 @@ def nearest_rotations(matrices: np.ndarray) -> np.ndarray:
     U, _, V_T = np.linalg.svd(matrices)
     U[..., :, 2] *= np.sign(np.linalg.det(U @ V_T))[..., None]
     return U @ V_T
-
-
-def _square_bones(points: np.ndarray) -> np.ndarray:
-    """Return (F, 19) squared lengths: wrist to knuckles, and the bones of the fingers."""
-    chain = points[:, 1:].reshape(len(points), 5, 4, 3)
-    palm = ((chain[:, 1:, 0] - points[:, :1]) ** 2).sum(-1)
-    bones = (np.diff(chain, axis=2) ** 2).sum(-1)
-    return np.concatenate([palm, bones.reshape(len(points), -1)], axis=1)
-
-
-def _sum_at_bones(values: np.ndarray) -> np.ndarray:
-    """Return (F, 19) sums of (F, 21) values at the ends of the same bones."""
-    chain = values[:, 1:].reshape(len(values), 5, 4)
-    palm = chain[:, 1:, 0] + values[:, :1]
-    return np.concatenate([palm, (chain[:, :, 1:] + chain[:, :, :-1]).reshape(len(values), -1)], axis=1)

@@ -11,9 +11,9 @@ from solver_backend.body.body import load_body
 from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hands import with_fingers
 from solver_backend.cameras.projection import project
+from solver_backend.fitters.hands.hand_size import hand_size, likely_size
 from solver_backend.fitters.hands.hand_view_term import HandViewTerm
 from solver_backend.fitters.hands.located_hands import locate_hands
-from solver_backend.fitters.hands.start import hand_size
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from tests.support.moving_hand import hand_problem
@@ -98,4 +98,9 @@ def test_noise_is_measured_and_bones_are_as_long_as_they_are(noise: float) -> No
     assert list(found) == [1]
     assert np.median(found[1].noise.own_px) == pytest.approx(noise * OWN, rel=0.25)
     np.testing.assert_allclose(found[1].noise.whole_px, noise * WHOLE, rtol=0.4)
-    assert hand_size(skeleton, found[1].points, found[1].spread_m2) == pytest.approx(1.0, abs=0.04)
+    size = hand_size(skeleton, found[1].points, found[1].spread_m2)
+    assert size.scale == pytest.approx(1.0, abs=max(0.01, 2.5 * size.sigma))
+    assert size.sigma < 0.06
+    large = hand_size(skeleton, 1.1 * found[1].points, 1.21 * found[1].spread_m2)
+    assert 1.0 < likely_size([large, large]) < large.scale, "what is measured, drawn to people of that build"
+    assert likely_size([]) == 1.0
