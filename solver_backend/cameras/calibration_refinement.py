@@ -10,13 +10,19 @@ from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.types.shapes import Float
 
 LEAST_FRAMES = 8
 """Half of them are fitted to, the other half is what before and after are measured on."""
+
+
+WHOLE_HAND = 4.0 / NUM_HAND_POINTS
+"""Weight of a point of a hand beside one of the body. A view has a hand's 21 points off alike by half as much as each
+for itself: they locate a hand as well as four points would (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
@@ -41,7 +47,7 @@ class RefinedCalibration:
 
 
 def refine_calibration(capture: Capture) -> RefinedCalibration:
-    """Return camera poses that fit the detections of everybody in a capture better.
+    """Return camera poses that fit the detections of everybody in a capture better, those of hands too.
 
     Every other frame is fitted to; the rest is measured on. The world stays: the located points are moved back, by the
     best similarity, to where the given calibration had them (a calibration knows its scale, detections do not).
@@ -60,9 +66,9 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     xy = np.concatenate([one.xy for one in everybody], axis=2)
     confidence = np.concatenate([one.confidence for one in everybody], axis=2)
     fitted, held_out = slice(0, None, 2), slice(1, None, 2)
-    located = triangulate(cameras, xy[:, fitted], confidence[:, fitted]).points
-    refined = refined_cameras(cameras, xy[:, fitted], confidence[:, fitted])
-    moved = triangulate(refined, xy[:, fitted], confidence[:, fitted]).points
+    handed = [one for one in everybody if one.hands is not None] or [keypoints]
+    refined = refined_cameras(cameras, *_with_hands(handed, xy[:, fitted], confidence[:, fitted], fitted))
+    located, moved = (triangulate(rig, xy[:, fitted], confidence[:, fitted]).points for rig in (cameras, refined))
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
     before, after = (view_distances(rig, xy[:, held_out], confidence[:, held_out]) for rig in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
@@ -72,6 +78,17 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
         refined, before, after, 1000 * np.linalg.norm(refined.centres - cameras.centres, axis=-1),
         np.degrees(np.linalg.norm(turn, axis=-1)),
     )  # fmt: skip
+
+
+def _with_hands(
+    handed: list[Keypoints2D], xy: np.ndarray, confidence: np.ndarray, frames: slice
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return points (C, n, K, 2) and confidences (C, n, K) of bodies with those of hands behind them."""
+    for hands in (one.hands[:, frames] for one in handed if one.hands is not None):
+        flat = hands.reshape(*hands.shape[:2], -1, 3)
+        xy = np.concatenate([xy, flat[..., :2]], axis=2)
+        confidence = np.concatenate([confidence, WHOLE_HAND * np.nan_to_num(flat[..., 2])], axis=2)
+    return xy, confidence
 
 
 def _in_the_same_world(cameras: Cameras, points: np.ndarray, where: np.ndarray) -> Cameras:

@@ -10,13 +10,16 @@ import pytest
 
 from solver_backend.cameras import calibration_refinement
 from solver_backend.cameras.calibration_refinement import RefinedCalibration, refine_calibration
+from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.types import Capture
+from solver_backend.types.capture import PersonInViews
 from tests.support.recordings import BALANCING_TRIAL
 from tests.support.words import words
 
@@ -43,6 +46,26 @@ def test_turned_cameras_are_turned_back_and_the_world_stays() -> None:
     assert np.linalg.norm(shift) < 0.002
     error = [np.nanmedian(np.linalg.norm(located(c) - located(true), axis=-1)) for c in (wrong, mended)]
     assert error[1] < 0.6 * error[0]
+
+
+def test_hands_help_to_place_cameras() -> None:
+    """The body of one frame in two; hands lie in other places of the pictures and are seen all the time."""
+    true, rng = demo_capture(40), np.random.default_rng(2)
+    cameras, keypoints = true.require_multiview()
+    swarm = rng.uniform([-0.8, -0.8, 0.4], [0.8, 0.8, 1.9], (keypoints.num_frames, 2, 1, 3))
+    places = swarm + rng.normal(0.0, 0.04, (*swarm.shape[:2], 21, 3))
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, places, cameras.distortion_model)
+    px += rng.normal(0.0, 1.0, px.shape)
+    hands = np.concatenate([px, np.full((*px.shape[:-1], 1), 0.9)], axis=-1)
+    error = []
+    # Hands are found for the person who is solved alone; the list of everybody is of before.
+    everybody = (PersonInViews("Anna", keypoints),)
+    for seen in (None, hands):
+        take = replace(true, keypoints=replace(keypoints, hands=seen), people=everybody)
+        found = refine_calibration(off_by(take, 25.0)).cameras
+        away = found.R @ cameras.R.swapaxes(-1, -2)
+        error.append(np.degrees(np.linalg.norm(log_so3(away[1:] @ away[:1].swapaxes(-1, -2)), axis=-1)).mean())
+    assert error[1] < 0.7 * error[0]
 
 
 def test_a_take_of_seven_frames_is_too_short() -> None:

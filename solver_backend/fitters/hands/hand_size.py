@@ -38,9 +38,9 @@ def hand_size(
 ) -> HandSize:
     """Return how many times the skeleton's the bones of located points are.
 
-    ``s² = Σ_b median_f(|d_bf|² - v_bf) / Σ_b L_b²``: noise makes a bone look longer by its variance v, by a quarter
-    for a finger's bone of 25 mm between points that are 10 mm off. How sure that is shows in how well bones agree, and
-    in how much was subtracted.
+    ``s² = Σ_b L_b² median_f(|d_bf|² - v_bf) / Σ_b L_b⁴``, least squares where all squares are as far off: noise
+    makes a bone look longer by its variance v, by a quarter for a finger's bone of 25 mm between points that are 10 mm
+    off. How sure that is shows in how well bones agree, and in how much was subtracted.
 
     Args:
         skeleton: of the size that the body's shape gives it.
@@ -54,11 +54,11 @@ def hand_size(
         return HandSize(1.0, np.inf)
     noise = _sum_at_bones(spread)
     each = np.array([np.median((square - noise)[known[:, b], b]) for b in enough])
-    lost = sum(float(np.median(noise[known[:, b], b])) for b in enough)
-    whole = float(rest[enough].sum())
-    scale = float(np.clip(np.sqrt(max(float(each.sum()), 0.0) / whole), *SIZES))
-    apart = np.sqrt(((each - scale**2 * rest[enough]) ** 2).sum())
-    return HandSize(scale, float(np.hypot(apart, NOISE_OFF * lost)) / (2.0 * scale * whole))
+    lost = np.array([np.median(noise[known[:, b], b]) for b in enough])
+    own = rest[enough] / (rest[enough] ** 2).sum()
+    scale = float(np.clip(np.sqrt(max(float(own @ each), 0.0)), *SIZES))
+    apart = np.linalg.norm(own * (each - scale**2 * rest[enough]))
+    return HandSize(scale, float(np.hypot(apart, NOISE_OFF * (own @ lost))) / (2.0 * scale))
 
 
 def likely_size(hands: Iterable[HandSize]) -> float:

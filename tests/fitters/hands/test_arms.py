@@ -29,12 +29,35 @@ def test_the_wrist_goes_where_its_hand_is(side: int) -> None:
     wrist = body.layout.joints.index(f"{name}_wrist")
     np.testing.assert_allclose(after.joints[:, wrist], before.joints[:, wrist] + shift, atol=1e-3)
     np.testing.assert_allclose(after.G[:, wrist], exp_so3(turn) @ before.G[:, wrist], atol=1e-9)
-    arm = [body.layout.joints.index(f"{name}_{part}") - 1 for part in ("shoulder", "elbow", "wrist")]
+    parts = ("shoulder", "elbow", "wrist", "collar")
+    arm = [body.layout.joints.index(f"{name}_{part}") - 1 for part in parts]
     others = np.delete(np.arange(body.layout.num_solved), arm)
     np.testing.assert_array_equal(moved.local[:, others], frames.local[:, others])
     np.testing.assert_array_equal(moved.local[2], frames.local[2])
     turned = log_so3(np.swapaxes(frames.local[:, arm[:2]], -1, -2) @ moved.local[:, arm[:2]])
     assert np.rad2deg(np.linalg.norm(turned[:, 0], axis=-1)).max() < 25
+
+
+@pytest.mark.parametrize("side", [0, 1])
+@pytest.mark.parametrize("way", [[0.0, 0.6, 0.8], [0.0, 1.0, 0.0]], ids=["up and ahead", "ahead"])
+def test_a_stretched_arm_reaches_further_by_its_collar(side: int, way: list[float]) -> None:
+    body, name = load_body(), ("left", "right")[side]
+    joints = body.layout.joints
+    shoulder, wrist = (joints.index(f"{name}_{part}") for part in ("shoulder", "wrist"))
+    along = body.joints_template[wrist] - body.joints_template[shoulder]
+    axis = np.cross(along / np.linalg.norm(along), way)
+    local = np.tile(np.eye(3), (1, body.layout.num_solved, 1, 1))
+    angle = np.arctan2(np.linalg.norm(axis), along @ way / np.linalg.norm(along))
+    local[0, shoulder - 1] = exp_so3(angle * axis / np.linalg.norm(axis))
+    frames, betas = PosedFrames(np.eye(3)[None], local, np.zeros((1, 3))), np.zeros(10)
+    before = forward_kinematics(body, betas, frames.root, frames.local, frames.transl).joints[0]
+    out = before[wrist] - before[shoulder]
+    shift = 0.015 * out / np.linalg.norm(out)
+    moved = follow_hand(body, betas, frames, side, np.zeros((1, 3)), shift[None])
+    after = forward_kinematics(body, betas, moved.root, moved.local, moved.transl).joints[0]
+    assert np.linalg.norm(after[wrist] - before[wrist] - shift) < 0.004
+    collar = joints.index(f"{name}_collar") - 1
+    assert np.rad2deg(np.linalg.norm(log_so3(moved.local[0, collar]))) < 20
 
 
 @pytest.mark.parametrize("side", [0, 1])

@@ -32,7 +32,7 @@ from tests.support.short_solves import QUICK
 
 FRAMES, FPS = 24, 30.0
 WRISTS = [SMPL.joints.index(f"{side}_wrist") for side in SIDES]
-ARMS = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("shoulder", "elbow", "wrist")]
+ARMS = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("collar", "shoulder", "elbow", "wrist")]
 
 
 @dataclass(frozen=True)

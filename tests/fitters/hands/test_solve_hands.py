@@ -70,7 +70,7 @@ def test_a_body_without_hands_is_solved_as_ever_and_hands_move_arms_alone() -> N
     plain, motion = solved(False), solved(True)
     assert plain.body_layout.joints == SMPL.joints
     assert "hands" not in plain.provenance
-    arms = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("shoulder", "elbow", "wrist")]
+    arms = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("collar", "shoulder", "elbow", "wrist")]
     others = np.delete(np.arange(21), arms)
     before, after = (m.body_pose.reshape(FRAMES, -1, 3)[:, others] for m in (plain, motion))
     np.testing.assert_array_equal(before, after)
