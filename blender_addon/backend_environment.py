@@ -26,9 +26,7 @@ def backend_folder() -> Path:
     for folder in (_ADDON / _BUNDLED, _ADDON.parent):
         if (folder / PACKAGE / "__main__.py").is_file():
             return folder
-    raise BackendMissing(
-        "The solver is not in the add-on's folder.", where=str(_ADDON), hint="Install the add-on anew."
-    )
+    raise BackendMissing("The solver is not in the add-on's folder.", where=str(_ADDON), hint="Reinstall the add-on.")
 
 
 def backend_command(python: Path | None = None) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,8 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list,
 }  # fmt: skip
 """In a job file, by the kind of a setting."""
+EARLIER_KEYS = {"told": "labels"}
+"""Key of jobs up to version 0.1, and its name today; read until the next release."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
@@ -63,6 +65,7 @@ class Job(JobFile):
         Raises:
             JobInvalid: the version is another one, a key is unknown or missing, or a value is of the wrong type.
         """
+        values = {EARLIER_KEYS.get(key, key): value for key, value in values.items()}
         known = {"version", *cls.__dataclass_fields__}
         unknown = sorted(set(values) - known)
         if unknown:
@@ -77,8 +80,10 @@ class Job(JobFile):
             )
         missing = [key for key in ("capture", "out") if not values.get(key)]
         if missing:
-            raise JobInvalid(f"The job lacks {' and '.join(missing)}.", where="job", hint="Both are paths of files.")
-        report, subject, told, start = (_typed(values, key, str) for key in ("report", "subject", "told", "start"))
+            raise JobInvalid(
+                f"The job lacks {' and '.join(missing)}.", where="job", hint="Give both as paths of files."
+            )
+        report, subject, labels, start = (_typed(values, key, str) for key in ("report", "subject", "labels", "start"))
         return cls(
             capture=folder / _typed(values, "capture", str),
             out=folder / _typed(values, "out", str),
@@ -87,15 +92,19 @@ class Job(JobFile):
             strict=bool(_typed(values, "strict", bool)),
             subject=None if subject is None else folder / subject,
             start=None if start is None else folder / start,
-            told=None if told is None else folder / told,
+            labels=None if labels is None else folder / labels,
             settings=settings_of(_typed(values, "settings", dict) or {}, folder),
             resolve=_resolve(_typed(values, "resolve", dict), folder),
             **_reading(values),
         )
 
     @classmethod
-    def read(cls, path: Path | str) -> Job:
+    def read(cls, path: Path | str, renamed: Callable[[str, str], None] | None = None) -> Job:
         """Read a job file; relative paths in it are relative to its folder.
+
+        Args:
+            path: the file.
+            renamed: called with a key's earlier and today's name, for each key that has its earlier one.
 
         Raises:
             FileMissing, FileDamaged: it is not there or is not JSON.
@@ -104,6 +113,8 @@ class Job(JobFile):
         values = read_json(path)
         if not isinstance(values, dict):
             raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
+        for key in EARLIER_KEYS.keys() & values.keys() if renamed else ():
+            renamed(key, EARLIER_KEYS[key])
         return cls.from_dict(values, Path(path).parent)
 
     def reading(self) -> dict[str, Any]:
@@ -152,7 +163,9 @@ def settings_of(values: Mapping[str, Any], folder: Path) -> SolveSettings:
     settings = SolveSettings.from_dict(values)
     given = {name: getattr(settings, name) for name in PATHS}
     if any("\0" in text for text in given.values()):
-        raise JobInvalid("A path of the settings holds the character U+0000, which no path can.", where="settings")
+        raise JobInvalid(
+            "A path of the settings holds the character U+0000, which is not possible in a path.", where="settings"
+        )
     return replace(settings, **{name: str(folder / text) for name, text in given.items() if PATHS[name](text)})
 
 
@@ -167,7 +180,7 @@ def _reading(values: Mapping[str, Any]) -> dict[str, Any]:
 
 def _frames(values: list[Any]) -> tuple[int, int]:
     if len(values) != 2 or not all(isinstance(value, int) and not isinstance(value, bool) for value in values):
-        raise JobInvalid(f"frames is {values!r}; first and last frame are expected.", where="frames")
+        raise JobInvalid(f"'frames' is {values!r}; the first and the last frame are expected.", where="frames")
     return values[0], values[1]
 
 

@@ -10,25 +10,39 @@ import ast
 import re
 import sys
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
 _COPIED = ROOT / "blender_addon" / "_exchange"
 """A copy of the solver's library; its texts stand there."""
+VALUE = "{…}"
+"""Where a message holds a value."""
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 """Two words beside each other: what holds none is a key, a path or a format."""
 
 
-def shown_strings(path: Path) -> Iterator[tuple[int, str]]:
-    """Yield line and text of the strings of a file that hold a blank and are no docstrings."""
+@cache
+def shown_strings(path: Path) -> tuple[tuple[int, str], ...]:
+    """Return line and text of the strings of a file that hold a blank and are no docstrings; values as ``{…}``."""
     tree = ast.parse(path.read_text(encoding="utf-8"))
     statements = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
-        if not isinstance(node, ast.Constant) or id(node) in statements:
-            continue
-        if isinstance(node.value, str) and " " in node.value:
-            yield node.lineno, node.value
+    whole = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
+    values = [part for node in whole for part in node.values]
+    formats = [part.format_spec for part in values if isinstance(part, ast.FormattedValue)]
+    parts = {id(part) for part in [*values, *formats]}
+    skipped = statements | parts
+    found = ((node, _text(node)) for node in ast.walk(tree) if id(node) not in skipped)
+    return tuple((node.lineno, text) for node, text in found if " " in text and isinstance(node, ast.expr))
+
+
+def _text(node: ast.AST) -> str:
+    if isinstance(node, ast.Constant):
+        return node.value if isinstance(node.value, str) else ""
+    if isinstance(node, ast.JoinedStr):
+        return "".join(part.value if isinstance(part, ast.Constant) else VALUE for part in node.values)
+    return ""
 
 
 def texts() -> Iterator[tuple[Path, int, str]]:

@@ -258,7 +258,7 @@ def layout_of(fields: Fields) -> BodyLayout:
         tree = tuple(int(parent) for parent in parents)
         return BodyLayout(fields.text("body_layout", ""), joints, tree, groups or joints, resting)
     except (BodyInvalid, ValueError, OverflowError) as error:
-        raise MotionInvalid(f"The joints are no layout: {error}", where=str(fields.path)) from error
+        raise MotionInvalid(f"The joints do not make a layout: {error}", where=str(fields.path)) from error
 
 
 def _rotations(fields: Fields, layout: BodyLayout) -> np.ndarray:

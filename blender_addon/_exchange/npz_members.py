@@ -87,7 +87,7 @@ def _header(stream: IO[bytes], name: str) -> tuple[tuple[int, ...], np.dtype, bo
     width = _LENGTH_BYTES.get(version, 0)
     length = int.from_bytes(stream.read(width), "little")
     if not width or length > _LONGEST_HEADER:
-        raise ValueError(f"'{name}' is no array of NumPy's format")
+        raise ValueError(f"'{name}' is not an array in NumPy's format")
     text = stream.read(length)
     try:
         header = ast.literal_eval(text.decode("utf-8" if version == 3 else "latin-1").strip())

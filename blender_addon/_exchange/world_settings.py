@@ -26,17 +26,17 @@ class WorldSettings:
     """
 
     stature: float = setting(
-        "number", 0.0, "Stature", "Scale the world so that the person is so tall; 0 keeps the calibration's scale",
+        "number", 0.0, "Stature", "Height of the person, to which the world is scaled; 0 keeps the calibration's scale",
         group=WORLD, low=0, high=2.6, unit="m",
     )  # fmt: skip
     """The person is whoever is solved; in metres, barefoot."""
     scale: float = setting(
-        "number", 1.0, "Scale", "Factor on the lengths of the calibration, where its unit is no known one",
+        "number", 1.0, "Scale", "Factor on the lengths of the calibration, if its unit is not a known one",
         group=WORLD, low=1e-6, high=1e6, soft_high=10,
     )  # fmt: skip
     """Such as the size of a board's square in metres, where the board was calibrated in squares."""
     level: str = setting(
-        "choice", AUTO, "Level", "Whether Z is made to point up and the floor to lie at z = 0",
+        "choice", AUTO, "Level", "Whether the world is levelled: Z up, the floor at z = 0",
         group=WORLD, choices=LEVELS, metavar="NAME",
     )  # fmt: skip
 

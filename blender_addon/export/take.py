@@ -116,7 +116,7 @@ def take_of(
         start, end = action.frame_range
         frames = (start, end) if solved is not None else (math.floor(start + _WHOLE), math.ceil(end - _WHOLE))
     if frames[1] < frames[0]:
-        raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are none.", where=armature.name)
+        raise NothingToExport(f"The frames {frames[0]} to {frames[1]} are not a range.", where=armature.name)
     meshes = (o for o in scene.objects if o.type == "MESH" and o.find_armature() is armature)
     clip = "" if action is None else action.name
     step = 1.0 if same_rate(laid, fps) else laid / fps

@@ -28,7 +28,7 @@ exit codes:
   0    there is a result
   2    the command line, the job file or a setting is wrong
   3    a file is missing, damaged or unusable, or an output exists or cannot be written
-  4    the solver broke, or Blender is missing, cannot render or export here, or broke
+  4    the solver failed, or Blender is missing, cannot render or export here
   130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
 A batch has the code of its worst take.
 

@@ -105,7 +105,7 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
         traceback.print_exc()
         kind = type(error).__name__
         hint = "Please report this with the log above."
-        raise BakeFailed(f"The {options.verb} broke: {kind}: {error}", hint=hint) from error
+        raise BakeFailed(f"The {options.verb} failed: {kind}: {error}", hint=hint) from error
     finally:
         for number, handler in before.items():
             signal.signal(number, handler or signal.SIG_DFL)  # Blender's own handler is unknown to Python
@@ -236,7 +236,7 @@ def _use_certificates(options: argparse.Namespace) -> None:
 def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     _use_certificates(options)
     request = StudioRequest(
-        options.description, options.out, options.plan, tuple(dict.fromkeys(options.judge)), options.places,
+        options.description, options.out, options.plan, tuple(dict.fromkeys(options.benchmark)), options.places,
         options.python, Spread(options.scheduler, options.workers, patience_s=options.patience), options.colour_of,
         options.settings,
     )  # fmt: skip

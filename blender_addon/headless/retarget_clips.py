@@ -81,7 +81,9 @@ def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progr
             clips.append({"clip": name, "frames": actor.num_frames, "notes": notes})
         progress("retargeting", len(actors), len(actors))
         if not clips:
-            raise ActorMissing("No clip could be laid on the rig.", where=str(request.source), hint=_listing(failed))
+            raise ActorMissing(
+                "No clip could be transferred to the rig.", where=str(request.source), hint=_listing(failed)
+            )
         play_action(rig, clips[0]["clip"])
         save_file(temporary[request.out.name])
     notes = [f"{clip['clip']}: {note}" for clip in clips for note in clip["notes"]]

@@ -40,7 +40,7 @@ def run_retarget_targets(
     names = [target.stem for target in targets]
     if len({name.lower() for name in names}) < len(names):
         hint = "Their results would lie in one folder: rename one of the files."
-        raise BatchInvalid(f"Two targets have one name: {', '.join(names)}.", hint=hint)
+        raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
     if request.save_map is not None:
         raise BatchInvalid("One map file cannot hold several rigs' maps.", hint="Leave out --save-map.")
     results: dict[str, dict[str, Any]] = {}
@@ -54,7 +54,9 @@ def run_retarget_targets(
             failed.append({"target": name, "code": error.code, "message": str(error), "exit_code": exit_code(error)})
     if not results:
         listing = " ".join(f"{entry['target']}: {entry['message']}" for entry in failed)
-        raise TargetUnsuitable("The motion could be laid on no target.", where=str(request.source), hint=listing)
+        raise TargetUnsuitable(
+            "The motion could not be transferred to any target.", where=str(request.source), hint=listing
+        )
     notes = [f"{name}: {note}" for name, result in results.items() for note in result["notes"]]
     return {
         "event": "result", "outputs": [path for result in results.values() for path in result["outputs"]],

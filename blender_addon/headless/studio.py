@@ -30,7 +30,7 @@ class StudioRequest:
     """Folder of the data set."""
     plan: bool = False
     """Only check, and report what would be made."""
-    judge: tuple[str, ...] = ()
+    benchmark: tuple[str, ...] = ()
     """Methods to evaluate on it, none for no evaluation."""
     places: bool = False
     """Also map the rigs' errors over the floor."""
@@ -41,14 +41,14 @@ class StudioRequest:
     colour_of: str = ""
     """Only the colour pictures of this shot, which is there already."""
     settings: Path | None = None
-    """JSON file of what ``studio-judge`` solves with."""
+    """JSON file of what ``studio-benchmark`` solves with."""
 
 
 def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     """Make a data set: the backend films truth, infrared, depth and masks, Blender colour; a killed run resumes.
 
     Returns:
-        The ``result`` event: the folder, how many shots, frames and pictures, seconds, and ``studio-judge``'s table.
+        The ``result`` event: the folder, shots, frames, pictures, seconds, and the table of ``studio-benchmark``.
 
     Raises:
         SolverStopped: the backend ended with an error: a description, motion, rig or disk that will not do.
@@ -77,11 +77,11 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     if coloured and not spread:
         made = _in_colour(request, given, made, progress)
     outputs = [str(request.out), *made["card"]]
-    if request.judge or request.places:
-        methods = ["--methods", *(request.judge or ("triangulation",))]
+    if request.benchmark or request.places:
+        methods = ["--methods", *(request.benchmark or ("triangulation",))]
         more = ["--places"] if request.places else []
         more += ["--settings", str(request.settings)] if request.settings else []
-        compared = run_solver("studio-judge", [str(request.out), *methods, *more], progress, python=request.python)
+        compared = run_solver("studio-benchmark", [str(request.out), *methods, *more], progress, python=request.python)
         outputs.append(compared["page"])
         result |= {key: compared[key] for key in ("page", "table", "rows", "places") if key in compared}
     return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}

@@ -53,7 +53,7 @@ VERBS = {
         "retarget motion.npz --target hero.blend --out hero_walks.blend",
     ),
     "motion": BlenderVerb(
-        _CHARACTERS, "python common", "bring a clip of another program onto our body",
+        _CHARACTERS, "python common", "convert a clip of another program to our body",
         "motion clip.fbx --out motion.npz",
     ),
     "add-hands": BlenderVerb(

@@ -43,7 +43,7 @@ def read_actor(armature: bpy.types.Object, scene: bpy.types.Scene) -> tuple[Acto
     """
     if not is_actor(armature):
         hint = "Choose the armature of a solved take as the actor."
-        raise ActorMissing("This is no body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
+        raise ActorMissing("This is not a body with a solved motion.", where=getattr(armature, "name", ""), hint=hint)
     action = current_action(armature)
     if action is None:
         raise ActorMissing("The body plays no action.", where=armature.name, hint="Show one of its takes first.")

@@ -28,15 +28,15 @@ def read_header(path: Path) -> dict[str, Any]:
             if len(start) == 20 and struct.unpack_from("<I", start)[0] == _MAGIC:
                 length, kind = struct.unpack_from("<II", start, 12)
                 if kind != _JSON_CHUNK or length > _MOST_BYTES:
-                    raise ValueError("its first chunk is no header")
+                    raise ValueError("its first chunk is not a header")
                 text = stream.read(length)
             else:
                 text = start + stream.read(_MOST_BYTES)
         header = json.loads(text)
     except (OSError, ValueError, RecursionError) as error:
-        raise FileDamaged(f"This is no glTF file: {error}.", where=str(path)) from error
+        raise FileDamaged(f"This is not a glTF file: {error}.", where=str(path)) from error
     if not isinstance(header, dict):
-        raise FileDamaged("This is no glTF file.", where=str(path))
+        raise FileDamaged("This is not a glTF file.", where=str(path))
     return header
 
 

@@ -54,8 +54,10 @@ def played_bones(
             worlds[f] = shown.matrix_world
             poses[:, f] = [shown.pose.bones[name].matrix for name in names]
     if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
-        hint = "Look for keys that are no numbers in the Graph Editor."
-        raise ActorMissing("The actor's bones are no numbers on some frames.", where=armature.name, hint=hint)
+        hint = "Look for keys that are not numbers in the Graph Editor."
+        raise ActorMissing(
+            "The actor's bones have values that are not numbers on some frames.", where=armature.name, hint=hint
+        )
     scale = np.linalg.norm(worlds[:, :3, :3], axis=1).mean(1)[:, None, None]
     axes = worlds[:, :3, :3] / np.maximum(scale, 1e-12)
     if np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() > _EVEN:

@@ -70,7 +70,7 @@ def read_target(
 def _check_object(armature: bpy.types.Object) -> None:
     if armature is None or armature.type != "ARMATURE":
         hint = "Choose the armature of the character."
-        raise TargetUnsuitable("The target is no armature.", where=getattr(armature, "name", ""), hint=hint)
+        raise TargetUnsuitable("The target is not an armature.", where=getattr(armature, "name", ""), hint=hint)
     if armature.library is not None:
         hint = "Make a library override of it first (Object > Library Override > Make)."
         raise TargetUnsuitable("The target is linked and cannot be keyed.", where=armature.name, hint=hint)

@@ -41,7 +41,7 @@ def resolve_of(frames: SceneRange) -> JobRange:
     motion = take_file(frames.action, "motion_file")
     if not motion.is_file():
         raise TakeMissing(
-            "The motion file of this take is gone.", where=str(motion), hint="Solve the whole capture again."
+            "The motion file of this take no longer exists.", where=str(motion), hint="Solve the whole capture again."
         )
     count = int(frames.action["frames"])
     first, last = (capture_frame(frames.action, frame) for frame in (frames.first, frames.last))

@@ -49,7 +49,7 @@ def read_face_table(path: Path) -> dict[str, str]:
     values = read_json_file(path)
     if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
         raise FileDamaged(
-            "This is no table of a face.", where=str(path),
+            "This is not a table of a face.", where=str(path),
             hint='Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.',
         )  # fmt: skip
     return {channel.lower(): key for channel, key in values.items()}

@@ -101,7 +101,7 @@ class Run:
             "code": "solver_not_understood",
             "message": f"The solver sent a message that is not understood: {wrong}.",
             "where": "",
-            "hint": "Is another version of the solver installed in the chosen Python? The log holds its messages.",
+            "hint": "Check whether the chosen Python has another version of the solver. The log holds its messages.",
         }
         self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(self.error)}")
 

@@ -1,4 +1,4 @@
-"""What the verdicts of ``studio-judge`` state about each rig, in a line."""
+"""What the verdicts of ``studio-benchmark`` state about each rig, in a line."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ def rows_of(verdicts: Sequence[Mapping[str, Any]], rigs: Sequence[str]) -> list[
     """Return each rig with the mean joint error of each method over its shots.
 
     Args:
-        verdicts: rows of the result of ``studio-judge``.
+        verdicts: rows of the result of ``studio-benchmark``.
         rigs: names of the rigs, in their order.
     """
     return [(rig, _line_of([v for v in verdicts if v["rig"] == rig])) for rig in rigs]

@@ -32,14 +32,14 @@ class PlaceMap:
 
 
 def read_places(path: Path) -> list[PlaceMap]:
-    """Read the maps that ``studio-judge`` wrote.
+    """Read the maps that ``studio-benchmark`` wrote.
 
     Raises:
         FileMissing: the file is gone.
         FileDamaged: it is of another format, or its rows do not fit.
     """
     if not path.exists():
-        raise FileMissing("The map is gone.", where=str(path), hint="Run the benchmark again.")
+        raise FileMissing("The map no longer exists.", where=str(path), hint="Run the benchmark again.")
     values = read_json_file(path)
     try:
         if (values["format"], values["version"]) != (FORMAT, VERSION):
@@ -52,7 +52,7 @@ def read_places(path: Path) -> list[PlaceMap]:
             for item in values["places"]
         ]  # fmt: skip
     except (ValueError, KeyError, TypeError, OverflowError) as error:
-        raise FileDamaged(f"This is no map of errors: {error}.", where=str(path)) from error
+        raise FileDamaged(f"This is not a map of errors: {error}.", where=str(path)) from error
     if not maps:
         raise FileDamaged("The map shows no rig.", where=str(path), hint="Run the benchmark again.")
     if any(m.error_mm.shape != (*m.y_m.shape, *m.x_m.shape) or min(m.error_mm.shape, default=0) < 2 for m in maps):

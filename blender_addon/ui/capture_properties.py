@@ -119,8 +119,8 @@ def _show_person(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 class MocapPerson(bpy.types.PropertyGroup):
     """One of several people that a capture shows."""
 
-    name: bpy.props.StringProperty(name="Name", description="What this person is called; double-click to change")
-    key: bpy.props.StringProperty(name="Person", description="What the capture file calls them")
+    name: bpy.props.StringProperty(name="Name", description="Name of this person; double-click to change")
+    key: bpy.props.StringProperty(name="Person", description="Name of this person in the capture file")
     frames: bpy.props.IntProperty(name="Frames", description="Frames in which two or more views see them")
     views: bpy.props.FloatProperty(name="Views", description="How many views see them on average")
     review: bpy.props.PointerProperty(type=MocapReview)
@@ -160,7 +160,7 @@ class MocapCapture(bpy.types.PropertyGroup):
     show_names: bpy.props.BoolProperty(name="Names", description="Show the markers' names beside them in the viewport")
     show_residuals: bpy.props.BoolProperty(
         name="Residuals", default=True, update=_colour_markers,
-        description="Colour markers by their distance from the solved body: green up to 10 mm, orange up to 25, or red",
+        description="Colour markers by their distance from the solved body: green to 10 mm, orange to 25 mm, then red",
     )  # fmt: skip
     cameras: bpy.props.CollectionProperty(type=MocapCamera)
     show_agreement: bpy.props.BoolProperty(

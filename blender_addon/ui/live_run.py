@@ -101,7 +101,7 @@ class CurrentLive:
                 there = (self.character is None or self.character.pose(pose.rotvec, pose.transl)) and there
                 figure.show_doubt(pose.rotvec, pose.transl, pose.sigma_m, unsure=pose.state == "unsure")
             if not there and not run.process.cancelling:
-                self.failure = "The live body or its character was taken away (undone or deleted): the run was stopped."
+                self.failure = "The live body or its character was removed (undone or deleted): the run was stopped."
                 run.stop()
         if run.finished:
             self._ended(run)

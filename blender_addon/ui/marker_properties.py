@@ -10,7 +10,7 @@ from ..conventions.skeleton import JOINTS
 MEANING_ITEMS = (
     ("known", "Known", "A layout knows its label"),
     ("unknown", "Unknown", "No layout knows its label"),
-    ("computed", "Computed", "A program computed it: a joint centre or the axis of a segment, no marker"),
+    ("computed", "Computed", "A program computed it: a joint centre or the axis of a segment, not a marker"),
     ("doubled", "Doubled", "Another marker has its place"),
     ("unlabelled", "Unlabelled", "Nobody named it"),
 )
@@ -28,7 +28,7 @@ BONE_ITEMS = (
 
 
 NAME_ITEMS = (
-    ("NONE", "No Marker", "The point is none of a person's markers"),
+    ("NONE", "No Marker", "The point is not a marker of the person"),
     *((name, name, f"The point is {name}") for name in MARKERS),
 )
 """What a point may be labelled as."""
@@ -39,7 +39,9 @@ class MocapPointLabel(bpy.types.PropertyGroup):
 
     point: bpy.props.IntProperty(name="Track", description="Column of the recording, from 0")
     frame: bpy.props.IntProperty(name="Frame", description="Frame of the recording, from 0")
-    marker: bpy.props.StringProperty(name="Marker", description="What it is; empty for none of a person's markers")
+    marker: bpy.props.StringProperty(
+        name="Marker", description="What it is; empty for a point that is not the person's"
+    )
 
 
 class MocapMarker(bpy.types.PropertyGroup):

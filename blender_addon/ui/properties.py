@@ -73,9 +73,9 @@ _JOINT_SET_ITEMS = (
 
 
 SCENE_SETUP_ITEMS = (
-    ("NEW", "New Scenes Alone", "Set up a scene that is as new; keep what is set in every other"),
+    ("NEW", "New Scenes Alone", "Set up a new scene; keep the settings of any other"),
     ("KEEP", "The Shot's", "Keep frame rate, range, resolution and camera; the recording is laid by time"),
-    ("TAKE", "The Recording's", "Take over the recording's frame rate, length, resolution and first camera"),
+    ("TAKE", "The Recording's", "Set the scene to the recording's frame rate, length, resolution and first camera"),
 )
 
 
@@ -119,7 +119,7 @@ class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
     )  # fmt: skip
     keep_shape: bpy.props.BoolProperty(
         name="Keep Shape",
-        description="Solve with the shape the body's sliders show; without it the shape is estimated anew",
+        description="Solve with the shape that the body's sliders show; otherwise the shape is estimated",
         default=True,
     )
     report: bpy.props.BoolProperty(name="Report", description="Write a page about the solve", default=True)

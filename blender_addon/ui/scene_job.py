@@ -115,7 +115,7 @@ def write_inputs(capture: bpy.types.PropertyGroup, take: TakeFiles) -> tuple[Pat
     Raises:
         OutputNotWritable: see ``write_text``.
     """
-    beside = (take.motion.with_suffix(f".{what}.json") for what in ("layout", "told"))
+    beside = (take.motion.with_suffix(f".{what}.json") for what in ("layout", "labels"))
     return write_layout(capture, next(beside)), write_labels(capture, next(beside))
 
 
@@ -144,7 +144,7 @@ def build_job(
     values = {name: value for name, value in solve.values().items() if name not in more}
     return JobFile(
         capture=files.capture, out=take.motion, report=take.report if solve.report and capture.file else None,
-        person=capture.people[request.person].key if capture.people else None, subject=files.subject, told=labels,
+        person=capture.people[request.person].key if capture.people else None, subject=files.subject, labels=labels,
         settings=values | {name: value for name, value in more.items() if value}, resolve=files.resolve,
     )  # fmt: skip
 
@@ -154,9 +154,9 @@ def portable_job(job: JobFile, folder: Path) -> JobFile:
     resolve = job.resolve and replace(job.resolve, motion=Path(portable_path(job.resolve.motion, folder)))
     report = job.report and Path(portable_path(job.report, folder))
     subject = job.subject and Path(portable_path(job.subject, folder))
-    labels = job.told and Path(portable_path(job.told, folder))
+    labels = job.labels and Path(portable_path(job.labels, folder))
     capture, out = (Path(portable_path(path, folder)) for path in (job.capture, job.out))
-    return replace(job, capture=capture, out=out, report=report, subject=subject, told=labels, resolve=resolve)
+    return replace(job, capture=capture, out=out, report=report, subject=subject, labels=labels, resolve=resolve)
 
 
 def capture_file(capture: bpy.types.PropertyGroup) -> Path:
@@ -167,7 +167,7 @@ def capture_file(capture: bpy.types.PropertyGroup) -> Path:
     """
     path = file_of(capture.measured)
     if not path.is_file():
-        raise TakeMissing("The capture file is gone.", where=str(path), hint="Import the capture again.")
+        raise TakeMissing("The capture file no longer exists.", where=str(path), hint="Import the capture again.")
     return path
 
 
@@ -193,7 +193,7 @@ def write_labels(capture: bpy.types.PropertyGroup, path: Path) -> Path | None:
     points = [{"point": item.point, "frame": item.frame, "marker": item.marker} for item in capture.told]
     if not points:
         return None
-    values = {"format": "manifold_mocap_told_points", "version": 1, "points": points}
+    values = {"format": "manifold_mocap_user_labels", "version": 1, "points": points}
     return write_text(path, json.dumps(values, indent=1) + "\n", overwrite=True)
 
 
@@ -214,7 +214,7 @@ def _file_of(settings: bpy.types.PropertyGroup, name: str, what: str, again: str
     path, label = file_of(getattr(settings, name)), settings.bl_rna.properties[name].name
     if not path.is_file():
         hint = f"{again}, or empty the field {label}."
-        raise TakeMissing(f"The file of {what} is gone.", where=str(path), hint=hint)
+        raise TakeMissing(f"The file of {what} no longer exists.", where=str(path), hint=hint)
     return path
 
 

@@ -99,7 +99,7 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Rate", description="Pictures per second", default=30, min=1, max=1000, update=_forget_plan
     )
     people: bpy.props.IntProperty(
-        name="People", description="How many people are drawn, each filmed alone", default=1, min=1, max=1000,
+        name="People", description="Number of people, each filmed alone", default=1, min=1, max=1000,
         update=_forget_plan,
     )  # fmt: skip
     strange: bpy.props.BoolProperty(
@@ -153,8 +153,10 @@ class MocapStudio(bpy.types.PropertyGroup):
         name="Compare With", description="Other camera layouts to compare with", items=PRESET_RIGS,
         options={"ENUM_FLAG"}, default=set(),
     )  # fmt: skip
-    fewer: bpy.props.BoolProperty(name="One Camera Less", description="Also evaluate the rig without its last camera")
-    rows: bpy.props.CollectionProperty(type=MocapBenchmarkRow, name="Rows", description="What rigs reached")
+    fewer: bpy.props.BoolProperty(name="One Camera Fewer", description="Also evaluate the rig without its last camera")
+    rows: bpy.props.CollectionProperty(
+        type=MocapBenchmarkRow, name="Rows", description="Expected accuracy per camera layout"
+    )
     shown_mm: bpy.props.FloatVectorProperty(
         name="Colours", description="Errors of the first and the last colour of the map that is shown, mm", size=2
     )

@@ -12,9 +12,9 @@ from .setting_properties import make_property
 
 STEPS = {
     "detect": ("Keypoints", "Find the person in every picture"),
-    "sync": ("Sync", "Find by how much cameras are ahead or late"),
-    "calibrate": ("Calibration", "Find where the cameras stand, by the board or the person"),
-    "capture": ("Capture", "Put together what all cameras saw, and check how they fit"),
+    "sync": ("Sync", "Find how far cameras are ahead or late"),
+    "calibrate": ("Calibration", "Find where the cameras stand, from the board or the person"),
+    "capture": ("Capture", "Assemble what all cameras saw, and check the fit"),
 }
 """Name and description of each step, in their order."""
 _DETECTOR_ITEMS = (

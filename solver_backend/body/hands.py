@@ -85,9 +85,7 @@ def with_hand_size(body: Body, size: float) -> Body:
         BodyInvalid: the size is not positive.
     """
     if not size > 0.0:
-        raise BodyInvalid(
-            f"Hands of relative size {size} are impossible; a positive number is expected.", where=body.id
-        )
+        raise BodyInvalid(f"The relative size of hands is {size}; a positive number is expected.", where=body.id)
     directions = hand_size_directions(body.v_template, body.weights, body.joints_template)
     return replace(body, v_template=body.v_template + (size - 1.0) * directions)
 

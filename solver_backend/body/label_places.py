@@ -48,10 +48,10 @@ def read_label_places(path: Path | str) -> dict[str, str]:
     path = Path(path)
     values = read_json_file(path, _LARGEST_BYTES)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
-        raise FileDamaged(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+        raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     places = values.get("places")
     if not isinstance(places, dict) or not all(item is None or isinstance(item, str) for item in places.values()):
-        raise FileDamaged("'places' is to hold a name, an empty text or null for each label.", where=str(path))
+        raise FileDamaged("'places' must give a name, an empty text or null for each label.", where=str(path))
     return {label: _place(label, place, path) for label, place in places.items() if place is not None}
 
 
@@ -67,7 +67,7 @@ def _place(label: str, place: str, path: Path) -> str:
     found = load_layouts().place_of(place)
     if found is None:
         raise MarkersUnknown(
-            f"The place {place!r} of the label {label} is none.", where=str(path),
+            f"The place {place!r} of the label {label} is not known.", where=str(path),
             hint="Write a marker's name such as LASI, a hand's such as L_FT2, @ and a joint such as @left_knee, an "
             "empty text to leave the marker out, or null to let the solve find its bone.",
         )  # fmt: skip

@@ -98,7 +98,7 @@ def load_layouts(path: Path = DEFAULT) -> LayoutFile:
     """
     values = read_json_file(path)
     if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
-        raise BodyInvalid(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+        raise BodyInvalid(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     try:
         return _layouts(values, path)
     except (KeyError, TypeError, ValueError, AttributeError, IndexError, OverflowError, re.error) as error:

@@ -72,7 +72,7 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
     before, after = (view_distances(rig, xy[:, held_out], confidence[:, held_out]) for rig in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
-        raise NoDetections("Nobody is located by two views in the frames that are measured on.", where=capture.name)
+        raise NoDetections("No frame that is measured on shows the person in two views.", where=capture.name)
     turn = log_so3(refined.R @ cameras.R.swapaxes(-1, -2))
     return RefinedCalibration(
         refined, before, after, 1000 * np.linalg.norm(refined.centres - cameras.centres, axis=-1),

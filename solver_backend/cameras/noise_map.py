@@ -99,7 +99,7 @@ def read_noise_map(path: Path | str) -> NoiseMap:
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)
         raise FileDamaged(
-            f"The file is no noise map of a detector: {why}.",
+            f"The file is not a noise map of a detector: {why}.",
             where=str(path),
             hint="Measure one: detector-noise CAPTURE... --out NOISE.json.",
         ) from error
@@ -110,7 +110,7 @@ def _checked(values: dict[str, Any]) -> NoiseMap:
     if confidence.shape != sigma.shape:
         raise ValueError(f"it has {len(confidence)} confidences and {len(sigma)} values of sigma_mm")
     if not 1 <= len(confidence) <= MOST_STEPS:
-        raise ValueError(f"it has {len(confidence)} steps, and 1 to {MOST_STEPS} can be")
+        raise ValueError(f"it has {len(confidence)} steps, and 1 to {MOST_STEPS} are allowed")
     if (np.diff(confidence) < 0).any():
         raise ValueError("its confidences do not ascend")
     if not ((sigma > 0) & (sigma <= LARGEST_MM)).all():
@@ -119,11 +119,11 @@ def _checked(values: dict[str, Any]) -> NoiseMap:
         raise ValueError("its sigma_mm rises with the confidence")
     captures, count = values.get("captures", []), values.get("detections", 0)
     if not isinstance(captures, list) or not all(isinstance(name, str) for name in captures):
-        raise ValueError("captures is no list of names")
+        raise ValueError("captures is not a list of names")
     if isinstance(count, bool) or not isinstance(count, int) or count < 0:
-        raise ValueError("detections is no whole number")
+        raise ValueError("detections is not a whole number")
     if not isinstance(values["detector"], str):
-        raise ValueError("detector is no name")
+        raise ValueError("detector is not a name")
     return NoiseMap(values["detector"], confidence, sigma, tuple(captures), count)
 
 
@@ -132,5 +132,5 @@ def _numbers(values: dict[str, Any], key: str) -> np.ndarray:
     plain = isinstance(given, list) and all(isinstance(v, int | float) and not isinstance(v, bool) for v in given)
     numbers = np.array(given, dtype=np.float64) if plain else np.array([np.nan])
     if not np.isfinite(numbers).all():
-        raise ValueError(f"{key} is no list of finite numbers")
+        raise ValueError(f"{key} is not a list of finite numbers")
     return numbers

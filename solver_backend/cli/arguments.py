@@ -12,7 +12,11 @@ from solver_backend.cli.setting_options import READING_ROWS, add_settings
 from solver_backend.cli.verb_table import TASKS, VERBS, Shared
 from solver_backend.cli.video_arguments import detector_options, footage_options
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.version import VERSION
+
+_EARLIER_VERBS = {"studio-judge": "studio-benchmark"}
+"""Verb of version 0.1, and its name today; known until the next release."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -32,6 +36,9 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         CommandLineInvalid: it makes no sense; the hint is the usage.
     """
+    if argv and argv[0] in _EARLIER_VERBS:
+        note_renamed(argv[0], _EARLIER_VERBS[argv[0]])
+        argv = [_EARLIER_VERBS[argv[0]], *argv[1:]]
     return build_parser().parse_args(_with_signed_axis(argv))
 
 
@@ -103,7 +110,7 @@ def _reading(options: argparse.ArgumentParser) -> None:
 
 
 def _writing(options: argparse.ArgumentParser) -> None:
-    options.add_argument("--overwrite", action="store_true", default=None, help="replace results that are there")
+    options.add_argument("--overwrite", action="store_true", default=None, help="replace existing results")
 
 
 _SHARED: dict[Shared, Callable[[argparse.ArgumentParser], None]] = {

@@ -33,21 +33,25 @@ MOST_CAMERAS = 4
 _SWITCH_S = 5e-4
 """Seconds after which one thread lets another one on."""
 _SOURCE_HELP = (
-    "a video to replay at its rate, webcam:NUMBER or oak:ID, two to four; NAME=SOURCE names the calibration's camera"
+    "two to four of: a video to replay, webcam:NUMBER, oak:ID; NAME=SOURCE gives the camera's name in the calibration"
 )
 
 
 def camera_live_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of camera-live."""
     verb.add_argument("sources", nargs="+", metavar="[NAME=]SOURCE", help=_SOURCE_HELP)
-    verb.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="of the cameras")
+    verb.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="calibration of the cameras")
     verb.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration that points up, if not z")
-    verb.add_argument("--rate", type=float, default=30.0, metavar="HZ", help="most poses a second (default: 30)")
-    verb.add_argument("--repeat", action="store_true", help="replay the videos again and again")
-    verb.add_argument("--seconds", type=float, help="end after so many")
+    verb.add_argument(
+        "--rate", type=float, default=30.0, metavar="HZ", help="largest number of poses per second (default 30)"
+    )
+    verb.add_argument("--repeat", action="store_true", help="replay the videos in a loop")
+    verb.add_argument("--seconds", type=float, help="stop after this many seconds")
     verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
     verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument(
+        "--lines", type=Path, metavar="LINES.jsonl", help="write the lines to this file, not to standard output"
+    )
     verb.add_argument("--with-points", action="store_true", help="each line also holds points and doubt, for a display")
     verb.add_argument(
         "--record", type=Path, metavar="TAKE.npz",

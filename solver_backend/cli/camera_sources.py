@@ -50,7 +50,7 @@ def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     useless = sorted(set(world) - _WORLD_OPTIONS[args.method])
     if useless:
         raise CommandLineInvalid(
-            f"--from {args.method} has no use for --{useless[0]}.",
+            f"--from {args.method} does not use --{useless[0]}.",
             hint="Write the cameras first, then scale and level them by a take: fit-cameras TAKE --out CALIBRATION.",
         )
     found = by[args.method](args, progress)
@@ -96,7 +96,9 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
 
     given = args.board or next((str(p) for p in _boards_given(args.footage or args.source)), None)
     if given is None:
-        raise CommandLineInvalid("Which board was filmed?", hint="Give --board, such as --board charuco:5x7:35mm.")
+        raise CommandLineInvalid(
+            "The board that was filmed is not known.", hint="Give --board, such as --board charuco:5x7:35mm."
+        )
     unknown = [m for m in args.lens or () if m not in LENS_MODELS]
     if unknown:
         raise CommandLineInvalid(f"There is no lens model {unknown[0]}.", hint=f"There are {', '.join(LENS_MODELS)}.")
@@ -200,9 +202,11 @@ def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     from solver_backend.io.calibration import read_calibration
 
     if args.footage is None and args.take is None and args.clicks is None:
-        raise CommandLineInvalid("Together with what?", hint="Give --footage, --take or --clicks, or several of them.")
+        raise CommandLineInvalid(
+            "--from together needs a source.", hint="Give --footage, --take or --clicks, or several of them."
+        )
     if args.hold is not None and not args.hold > 0:
-        raise CommandLineInvalid("--hold is how good the calibration is, more than 0 mm.")
+        raise CommandLineInvalid("--hold, the accuracy of the calibration, must be above 0 mm.")
     start, sources = read_calibration(args.source).cameras, []
     if args.clicks is not None:
         clicks = read_clicks(args.clicks)

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from solver_backend.cli.capture_arguments import CAPTURE_HELP
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid
@@ -14,22 +15,23 @@ from solver_backend.exchange.progress import Progress
 
 METHODS = ("board", "person", "points", "refine", "together", "lenses")
 _BOARD = "KIND:COLUMNSxROWS:SQUARE, such as charuco:5x7:35mm, or a board.toml"
+_SOURCE = "footage of a board, capture, table of clicked points or calibration, as --from needs it"
 
 
 def board_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of board."""
     verb.add_argument("board", metavar="BOARD", help=_BOARD)
-    verb.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg")
+    verb.add_argument("--out", type=Path, required=True, metavar="BOARD.pdf|BOARD.svg", help="file to print")
     verb.add_argument("--paper", default="fit", help="A4, A3, A2, A1, A0, letter, tabloid or fit (default)")
 
 
 def calibrate_cameras_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of calibrate-cameras."""
-    verb.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION")
+    verb.add_argument("source", type=Path, metavar="FOLDER|CAPTURE|CLICKS.csv|CALIBRATION", help=_SOURCE)
     verb.add_argument(
         "--from", dest="method", choices=METHODS, default="board", help="how to find the camera positions"
     )
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
     verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
     verb.add_argument("--board", metavar="BOARD", help=_BOARD)
     verb.add_argument("--lens", action="append", metavar="MODEL", help="lens models to choose from; all if left out")
@@ -37,33 +39,42 @@ def calibrate_cameras_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--keep-lenses", type=Path, metavar="LENSES.json", help="add the lenses found to this library")
     verb.add_argument("--coverage", type=Path, metavar="FOLDER", help="write a picture of where the board was seen")
     verb.add_argument("--origin", type=int, metavar="FRAME", help="frame at which the board lies on the floor")
-    verb.add_argument("--refine-lenses", action="store_true", help="lenses, or focal lengths, change with the poses")
     verb.add_argument(
-        "--length", nargs=3, metavar=("KEYPOINT", "KEYPOINT", "METRES"), help="or two keypoints' distance"
+        "--refine-lenses", action="store_true", help="also refine the lenses; of a person, the focal lengths"
     )
-    together = verb.add_argument_group(
-        "--from together", "a CALIBRATION is the start; every source given here adjusts it"
+    verb.add_argument(
+        "--length",
+        nargs=3,
+        metavar=("KEYPOINT", "KEYPOINT", "METRES"),
+        help="known distance of two keypoints, instead of the stature",
     )
-    together.add_argument("--footage", type=Path, metavar="FOLDER", help="of --board, seen by several cameras at once")
+    together = verb.add_argument_group("--from together", "sources that adjust a CALIBRATION together")
+    together.add_argument(
+        "--footage", type=Path, metavar="FOLDER", help="footage of --board, seen by several cameras at once"
+    )
     together.add_argument("--take", type=Path, metavar="CAPTURE", help="synchronised take of a person")
-    together.add_argument("--clicks", type=Path, metavar="CLICKS.csv", help="points in pictures, some of known places")
-    together.add_argument("--hold", type=float, metavar="MM", help="the calibration counts too, as good as so many mm")
+    together.add_argument(
+        "--clicks", type=Path, metavar="CLICKS.csv", help="points clicked in pictures, some with known places"
+    )
+    together.add_argument(
+        "--hold", type=float, metavar="MM", help="accuracy of the calibration, which then counts as a source"
+    )
 
 
 def check_cameras_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of check-cameras."""
-    verb.add_argument("capture", type=Path, metavar="CAPTURE")
+    verb.add_argument("capture", type=Path, metavar="CAPTURE", help=CAPTURE_HELP)
 
 
 def fit_cameras_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of fit-cameras."""
-    verb.add_argument("capture", type=Path, metavar="CAPTURE")
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
-    verb.add_argument("--format", help="as of calibrate-cameras; by the ending if left out")
+    verb.add_argument("capture", type=Path, metavar="CAPTURE", help=CAPTURE_HELP)
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
+    verb.add_argument("--format", help="formats of calibrate-cameras; chosen by the file's ending if left out")
 
 
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write a board to print, and beside it the file that tells what it is."""
+    """Write a board to print, and beside it the file that describes it."""
     from solver_backend.camera_calibration.boards.board import board_named, board_toml
     from solver_backend.camera_calibration.boards.page import board_page
     from solver_backend.camera_calibration.boards.page_files import pdf, svg
@@ -88,7 +99,7 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
         f"{chosen}\n  page        {width:.0f} x {height:.0f} mm; print at 100 % and measure the line of 100 mm"
         f"\n  written     {args.out}\n  board       {described}"
     )
-    return Outcome(text, {"board": str(args.out), "told": str(described), "page_mm": [width, height]})
+    return Outcome(text, {"board": str(args.out), "description": str(described), "page_mm": [width, height]})
 
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:

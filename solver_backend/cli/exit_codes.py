@@ -17,7 +17,7 @@ class ExitCode(IntEnum):
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
     FAILED = 4
-    """The solver broke."""
+    """The solver failed."""
     CANCELLED = 130
     """The user, or a signal, ended the work; nothing was left half-written."""
 
@@ -35,7 +35,7 @@ EPILOG = """exit codes:
   0    there is a result
   2    the command line, the job file or a setting is wrong
   3    a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings
-  4    the solver broke
+  4    the solver failed
   130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
 
 With --json, standard output carries one JSON object a line: any number of {"event": "progress", ...} and then exactly

@@ -14,19 +14,19 @@ from solver_backend.exchange.progress import Progress
 
 def add_hands_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of add-hands."""
-    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion whose body stays (AMASS too)")
+    verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion to which the hands are added; AMASS too")
     verb.add_argument(
         "gloves", type=Path, nargs="+", metavar="GLOVES",
-        help="recordings of hands: BVH, or CSV of MANUS or Rokoko; one file, or one a hand",
+        help="recordings of hands: BVH, or CSV of MANUS or Rokoko; one file, or one for each hand",
     )  # fmt: skip
     verb.add_argument("--out", type=Path, required=True, metavar="OUT.npz", help="motion file to write")
     verb.add_argument(
         "--offset", type=float, metavar="SECONDS",
-        help="second of the motion at which the gloves begin; found by the turns of the wrists if left out",
+        help="second of the motion at which the gloves begin; estimated from wrist rotation if left out",
     )  # fmt: skip
     verb.add_argument(
         "--side", choices=("left", "right"), default="",
-        help="which hand a file of one hand is of, where names do not show it",
+        help="side of a file with one hand, where its names do not show it",
     )  # fmt: skip
     verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
 

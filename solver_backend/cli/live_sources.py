@@ -50,10 +50,10 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """
     if is_address(args.source):
         if args.repeat or args.fast:
-            raise CommandLineInvalid("--fast and --repeat replay a file, and the source is another program.")
+            raise CommandLineInvalid("--fast and --repeat work with a file; the source is another program.")
         return _face(args) if read_address(args.source, tuple(PORTS)).scheme in FACES else _poses(args)
     if args.source == "-" and args.repeat:
-        raise CommandLineInvalid("--repeat replays a file, and the source is standard input.", where="--repeat")
+        raise CommandLineInvalid("--repeat works with a file; the source is standard input.", where="--repeat")
     if args.source != "-" and (Path(args.source).suffix.lower() in FOREIGN_CLIPS or is_motion(Path(args.source))):
         return _motion(args, progress)
     return _points(args, progress)
@@ -62,7 +62,7 @@ def open_source(args: argparse.Namespace, progress: Progress) -> LiveSource:
 def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
     if args.record is not None or args.subject is not None:
         option = "--record" if args.record is not None else "--subject"
-        raise CommandLineInvalid(f"{option} goes with points, and {args.source} is a motion.", where=option)
+        raise CommandLineInvalid(f"{option} works with points; {args.source} is a motion.", where=option)
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.live.motion_replay import replayed_poses, rest_joints
 
@@ -114,7 +114,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
     """Return the face that a phone sends."""
     if args.send is not None or args.subject is not None:
         option = "--send" if args.send is not None else "--subject"
-        raise CommandLineInvalid(f"{option} goes with poses, and {args.source} is a face.", where=option)
+        raise CommandLineInvalid(f"{option} works with poses; {args.source} is a face.", where=option)
     if args.record is not None and args.record.suffix.lower() != ".csv":
         raise CommandLineInvalid(
             "A face is recorded as a table.", where=str(args.record), hint="Name a file that ends in .csv."
@@ -181,7 +181,7 @@ def _with_points(
             continue
         if keep_up.dropped and not named:
             named = True
-            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind: frames are dropped until they are in time."
+            message = f"Poses fell {1e3 * LATE_S:.0f} ms behind; frames are dropped until they catch up."
             yield {"event": "frames_dropped", "t": line["t"], "message": message}
         line = {**line, "dropped": keep_up.dropped}
         yield with_display(line, session) if shown else line

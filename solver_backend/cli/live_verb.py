@@ -33,9 +33,11 @@ def live_arguments(verb: argparse.ArgumentParser) -> None:
         help="take or motion to replay at its own rate, - for lines on stdin, vmc://:PORT for poses that come there, "
         "livelink:// or ifacialmocap://PHONE for a face",
     )
-    verb.add_argument("--fast", action="store_true", help="as fast as it goes, and no frame dropped")
-    verb.add_argument("--repeat", action="store_true", help="replay a file again and again")
-    verb.add_argument("--lines", type=Path, metavar="POSES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument("--fast", action="store_true", help="run as fast as possible, and drop no frame")
+    verb.add_argument("--repeat", action="store_true", help="replay the file in a loop")
+    verb.add_argument(
+        "--lines", type=Path, metavar="POSES.jsonl", help="write the lines to this file, not to standard output"
+    )
     verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
     verb.add_argument(
         "--record", type=Path, metavar="TAKE.c3d|MOTION.npz|FACE.csv",

@@ -68,9 +68,9 @@ def _run(argv: list[str], teller: ForPeople | ForPrograms, cancellation: Cancell
         if named is not None:
             teller.error(named)
             return ExitCode.of(named)
-        logger.exception("The solver broke.")
+        logger.exception("The solver failed.")
         kind = type(error).__name__
-        failed = SolverFailed(f"The solver broke: {kind}: {error}", hint="Please report this with the log above.")
+        failed = SolverFailed(f"The solver failed: {kind}: {error}", hint="Please report this with the log above.")
         teller.error(failed)
         return ExitCode.FAILED
     teller.result(outcome)

@@ -26,7 +26,7 @@ CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 
 def label_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of label."""
-    verb.add_argument("capture", type=Path, metavar="TAKE")
+    verb.add_argument("capture", type=Path, metavar="TAKE", help="recording of markers")
     verb.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
     add_labels(verb)
@@ -78,7 +78,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise NoDetections("The capture has no markers to label.", where=capture.name, hint="Choose a C3D or TRC.")
     if args.like is not None:
         return _label_like(args, capture, progress)
-    user_labels = {} if args.told is None else read_user_labels(args.told, capture.markers)
+    user_labels = {} if args.labels is None else read_user_labels(args.labels, capture.markers)
     labelled, take = labelled_capture(capture, progress, user_labels=user_labels, always=True)
     assert take is not None and labelled.markers is not None
     if args.report is not None:
@@ -91,7 +91,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
     """Name the points of a take after another take, and write them."""
-    if args.told is not None or args.report is not None:
+    if args.labels is not None or args.report is not None:
         raise CommandLineInvalid("--like cannot be combined with --labels or --report.", where="--like")
     from solver_backend.fitters.label_like import labelled_like
     from solver_backend.io.load import load_capture
@@ -196,7 +196,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     labels = fields.texts("marker_labels")
     if not labels:
         raise MotionInvalid(
-            "The motion was not solved from markers.", where=str(path), hint="Solve a recording of some."
+            "The motion was not solved from markers.", where=str(path), hint="Solve a recording that has markers."
         )
     if key not in fields:
         other = next((name for name, array in CONTENTS.items() if array in fields), None)
@@ -208,5 +208,5 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
     frames = (*fields.array("poses").shape, 0)[0]
     rate = fields.first_number("mocap_framerate", MotionInvalid)
     if not 0.0 < rate < math.inf:
-        raise MotionInvalid(f"A frame rate of {rate:g} is no rate.", where=str(path), hint="Solve the take again.")
+        raise MotionInvalid(f"A frame rate of {rate:g} is not valid.", where=str(path), hint="Solve the take again.")
     return fields.shaped(key, (frames, len(labels), 3), MotionInvalid), labels, rate

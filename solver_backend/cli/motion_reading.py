@@ -38,7 +38,9 @@ def any_motion(path: Path, choice: str, *, keep_shape: bool = True) -> Motion:
     if isinstance(motion, Motion):
         return motion
     if not isinstance(motion, AmassClip):
-        raise MotionInvalid("The file is no motion of a body.", where=str(path), hint="Choose a motion .npz or AMASS.")
+        raise MotionInvalid(
+            "The file is not a motion of a body.", where=str(path), hint="Choose a motion .npz or AMASS."
+        )
     if not keep_shape:
         motion = replace(motion, betas=np.zeros_like(motion.betas))
     body = load_chosen_body(choice)

@@ -20,7 +20,9 @@ def motion_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument(
         "--up-axis", default="", metavar="AXIS", help="axis that points up in the clip; detected if left out"
     )
-    verb.add_argument("--keep-height", action="store_true", help="do not put the lowest soles on the floor")
+    verb.add_argument(
+        "--keep-height", action="store_true", help="keep the clip's height; do not put the soles on the floor"
+    )
     verb.add_argument("--body", default="neutral", metavar="NAME|PATH", help="whose body, see bodies")
 
 

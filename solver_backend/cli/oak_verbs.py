@@ -19,7 +19,9 @@ if TYPE_CHECKING:
 
 def record_oak_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of record-oak."""
-    verb.add_argument("--calibration", type=Path, metavar="FILE", help="else the lenses the devices have themselves")
+    verb.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="lenses; those stored in the devices if left out"
+    )
     add_oak_options(verb)
     _add_recording(verb)
 
@@ -27,26 +29,32 @@ def record_oak_arguments(verb: argparse.ArgumentParser) -> None:
 def record_colour_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of record-colour."""
     _add_recording(verb)
-    verb.add_argument("--fps", type=float, default=60.0)
-    verb.add_argument("--wire", action="store_true", help="a sync wire joins them")
+    verb.add_argument("--fps", type=float, default=60.0, help="frames per second (default 60)")
+    verb.add_argument("--wire", action="store_true", help="the cameras are joined by a sync wire")
 
 
 def _add_recording(verb: argparse.ArgumentParser) -> None:
-    verb.add_argument("folder", type=Path, metavar="FOLDER", help="that is written")
+    verb.add_argument("folder", type=Path, metavar="FOLDER", help="folder to record to")
     verb.add_argument(
-        "--oak", action="append", required=True, metavar="ID[=NAME]", help="a camera; the first gives the pulse"
+        "--oak",
+        action="append",
+        required=True,
+        metavar="ID[=NAME]",
+        help="a camera and its name; the first one sends the pulse",
     )
-    verb.add_argument("--seconds", type=float, default=10.0)
+    verb.add_argument("--seconds", type=float, default=10.0, help="length of the recording (default 10)")
 
 
 def add_oak_options(verb: argparse.ArgumentParser) -> None:
     """Add how infrared and depth are taken."""
-    verb.add_argument("--fps", type=float, default=60.0)
+    verb.add_argument("--fps", type=float, default=60.0, help="frames per second (default 60)")
     verb.add_argument(
         "--sync", choices=("none", "wire", "ptp"), default="none", help="how the cameras are synchronised"
     )
-    verb.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS")
-    verb.add_argument("--flood", type=float, default=1.0, metavar="SHARE", help="of the infrared light, 0 to 1")
+    verb.add_argument("--exposure", type=int, default=800, metavar="MICROSECONDS", help="exposure time (default 800)")
+    verb.add_argument(
+        "--flood", type=float, default=1.0, metavar="SHARE", help="brightness of the infrared light, 0 to 1"
+    )
 
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -54,7 +62,7 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.sensors.devices.oak import listed_oaks
 
     found = listed_oaks()
-    return Outcome("\n".join(found) or "No OAK is plugged in.", {"oaks": found})
+    return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
 
 
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -123,7 +131,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
     given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in given}
     if len(found) < len(given):
-        raise CommandLineInvalid("Two cameras have one name.", hint="Give --oak ID=NAME.")
+        raise CommandLineInvalid("Two cameras have the same name.", hint="Give --oak ID=NAME.")
     if not ((args.seconds is None or 0 < args.seconds <= 3600) and 0 < args.fps <= 120):
         raise CommandLineInvalid("Seconds are 0 to 3600, frames a second 0 to 120.")
     return found

@@ -24,7 +24,7 @@ def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     given = {name: value for name in ("smoothness", "manifold") if (value := getattr(args, name)) is not None}
     for name, value in given.items():
         if not 0 <= value < float("inf"):
-            raise JobInvalid(f"--{name} {value} is no weight; a number from 0 is expected.", where=name)
+            raise JobInvalid(f"--{name} {value} is not valid; a number from 0 is expected.", where=name)
     settings = replace(settings, weights=replace(settings.weights, **given))
     return _made(args, lambda body, prior: denoised_motion(_read(args), body, prior, settings, progress))
 
@@ -45,9 +45,9 @@ def fit_keypoints(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 
     if not 0 < args.noise_px < float("inf"):
-        raise JobInvalid(f"--noise-px {args.noise_px} is no noise; a number above 0 is expected.", where="noise-px")
+        raise JobInvalid(f"--noise-px {args.noise_px} is not valid; a number above 0 is expected.", where="noise-px")
     if not 0 <= args.manifold < float("inf"):
-        raise JobInvalid(f"--manifold {args.manifold} is no weight; a number from 0 is expected.", where="manifold")
+        raise JobInvalid(f"--manifold {args.manifold} is not valid; a number from 0 is expected.", where="manifold")
     capture = load(args.capture, {}, progress)
     settings = KeypointSettings(args.manifold, not args.constant, robust_scale=20.0, iterations=30)
     return _made(args, lambda body, prior: fitted_motion(capture, _read(args), body, prior, args.noise_px, settings))

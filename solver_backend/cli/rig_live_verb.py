@@ -35,18 +35,20 @@ COVERAGE_INTERVAL_S = 0.5
 def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of rig-live."""
     verb.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-    verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, in the place of FOLDER")
+    verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, instead of FOLDER")
     add_oak_options(verb)
-    verb.add_argument("--poses", action="store_true", help="fit a body to the points: the lines are those of live")
+    verb.add_argument("--poses", action="store_true", help="fit a body to the points, and write lines as live does")
     verb.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
     verb.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
     verb.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
     verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    verb.add_argument("--lines", type=Path, metavar="LINES.jsonl", help="write the lines there, not to standard output")
+    verb.add_argument(
+        "--lines", type=Path, metavar="LINES.jsonl", help="write the lines to this file, not to standard output"
+    )
     verb.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
     verb.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
-    verb.add_argument("--repeat", action="store_true", help="replay a folder again and again")
-    verb.add_argument("--seconds", type=float, help="end after so many")
+    verb.add_argument("--repeat", action="store_true", help="replay the folder in a loop")
+    verb.add_argument("--seconds", type=float, help="stop after this many seconds")
     add_chain_options(verb)
 
 
@@ -100,17 +102,17 @@ def _check(args: argparse.Namespace) -> None:
         OutputExists, OutputNotWritable: what would be written.
     """
     if (args.source is None) == (args.oak is None):
-        raise CommandLineInvalid("Sensors are a FOLDER or cameras, --oak ID=NAME: one of both is needed.")
+        raise CommandLineInvalid("Give either a FOLDER or cameras, --oak ID=NAME.")
     if args.subject is not None and not args.poses:
-        raise CommandLineInvalid("--subject names the person of the poses: it goes with --poses.")
+        raise CommandLineInvalid("--subject needs --poses: it names their person.")
     if args.send is not None:
         read_address(args.send)
         if not args.poses:
-            raise CommandLineInvalid("--send sends poses: it goes with --poses.")
+            raise CommandLineInvalid("--send needs --poses.")
     if args.wand and args.poses:
         raise CommandLineInvalid("--wand follows a wand and --poses a person: choose one.")
     if args.solve is not None and args.record is None:
-        raise CommandLineInvalid("--solve solves what was recorded: it goes with --record.")
+        raise CommandLineInvalid("--solve needs --record.")
     for path in (args.lines, args.solve):
         if path is not None:
             check_output(path, overwrite=bool(args.overwrite))
@@ -204,9 +206,10 @@ def _waved(
 
 def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> dict[str, Any]:
     shares = dict(zip(coverage.names, coverage.shares.round(3).tolist(), strict=True))
-    why = f"More than one point shines before {', '.join(several)}." if several else coverage.next_place()
+    why = f"More than one point is lit in front of {', '.join(several)}." if several else coverage.next_place()
     return {
-        "frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving", "why": why or "All is covered.",
+        "frame": number - 1, "t": round(moment.tracked.time, 6), "state": "waving",
+        "why": why or "The whole volume is covered.",
         "coverage": shares, "cloud": moment.tracked.points.round(4).tolist(),
     }  # fmt: skip
 

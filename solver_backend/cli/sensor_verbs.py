@@ -20,13 +20,15 @@ if TYPE_CHECKING:
 
 def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of markers-from-sensors."""
-    verb.add_argument("--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz")
+    verb.add_argument(
+        "--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz", help="file to write"
+    )
     _add_source(verb)
 
 
 def rig_record_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of rig-record."""
-    verb.add_argument("--out", type=Path, required=True, metavar="FOLDER")
+    verb.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder to write")
     _add_source(verb)
 
 
@@ -37,15 +39,17 @@ def _add_source(verb: argparse.ArgumentParser) -> None:
 
 def add_chain_options(verb: argparse.ArgumentParser) -> None:
     """Add how frames are read, joined and kept."""
-    verb.add_argument("--calibration", type=Path, metavar="CALIBRATION.toml", help="in the place of the folder's")
-    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
+    verb.add_argument(
+        "--calibration", type=Path, metavar="CALIBRATION.toml", help="calibration to use instead of the folder's"
+    )
+    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="recording of the empty scene, to mask lights")
     verb.add_argument(
         "--clusters", choices=("test", "radius"), default="test",
-        help="join what covariances allow (default), or all within 1 cm as published",
+        help="join points that their covariances allow (default), or all within 1 cm as published",
     )  # fmt: skip
     verb.add_argument(
         "--pictures", choices=("raw", "png"), default="raw",
-        help="of a recording: raw is fast and takes 1.5 MB a sensor and frame, png two thirds of it and much longer",
+        help="format of recorded pictures: raw takes 1.5 MB per frame; png a third less, but is much slower",
     )  # fmt: skip
 
 

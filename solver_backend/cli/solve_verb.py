@@ -23,6 +23,7 @@ from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
@@ -99,7 +100,7 @@ def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
     from solver_backend.io.native.user_labels_file import read_user_labels
 
     if capture.markers is None:
-        raise CommandLineInvalid("Names of points are for recordings of markers.", where=str(path))
+        raise CommandLineInvalid("User-assigned labels are for recordings of markers.", where=str(path))
     return read_user_labels(path, capture.markers)
 
 
@@ -112,12 +113,12 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.report.diagnose import diagnose
 
     start = time.monotonic()
-    if job.told is not None and job.settings.is_direct:
+    if job.labels is not None and job.settings.is_direct:
         raise CommandLineInvalid(
-            "Names of points are of no use where a network's landmarks are fitted.", where=str(job.told)
+            "User-assigned labels cannot be combined with a network's landmarks.", where=str(job.labels)
         )
-    if job.told is not None:
-        capture, _ = labelled_capture(capture, progress, user_labels=_labels_given(job.told, capture), always=True)
+    if job.labels is not None:
+        capture, _ = labelled_capture(capture, progress, user_labels=_labels_given(job.labels, capture), always=True)
     elif not (job.settings.layout or job.settings.is_direct):
         capture, _ = labelled_capture(capture, progress)
     if job.resolve is None:
@@ -230,20 +231,20 @@ def _prefixed(progress: Progress, prefix: str) -> Progress:
 
 def _jobs(args: argparse.Namespace) -> list[Job]:
     """Return the jobs of the command line: job files, a session's trials, or the options that stand in one job."""
-    files = ("capture", "out", "report", "subject", "start", "told", "overwrite", "strict")
+    files = ("capture", "out", "report", "subject", "start", "labels", "overwrite", "strict")
     settings = given_settings(args)
     given = [name for name in (*files, *READING, "resolve") if getattr(args, name) is not None]
     if args.job is not None:
         if given or settings:
             raise CommandLineInvalid(
-                f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it into the job file."
+                f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it in the job file."
             )
-        return [Job.read(path) for path in args.job]
+        return [Job.read(path, note_renamed) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve
     job = {
-        "report": args.report, "subject": args.subject, "start": args.start, "told": args.told,
+        "report": args.report, "subject": args.subject, "start": args.start, "labels": args.labels,
         "overwrite": bool(args.overwrite), "strict": bool(args.strict), **read,
         "settings": SolveSettings.from_dict(settings), "resolve": _resolve(args),
     }  # fmt: skip

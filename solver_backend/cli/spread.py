@@ -92,7 +92,7 @@ class ClusterStretches:
         try:
             return self._client.submit(_solve, common, rest, VERSION, pure=False, retries=_RETRIES)
         except Exception:
-            logger.exception("A stretch could not be handed over; it is solved here.")
+            logger.exception("A stretch could not be sent; it is solved here.")
             return None
 
     def _result(self, future: Any, stretch: Stretch, alive: Callable[[], None]) -> KeySolution:

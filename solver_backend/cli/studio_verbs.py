@@ -16,36 +16,50 @@ if TYPE_CHECKING:
 
 def studio_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of studio."""
-    verb.add_argument("description", type=Path, metavar="SPEC.json", help="motions x people x rigs x looks")
-    verb.add_argument("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; a run resumes")
+    verb.add_argument(
+        "description", type=Path, metavar="SPEC.json", help="description: motions, people, rigs and looks"
+    )
+    verb.add_argument(
+        "--out", type=Path, required=True, metavar="DIR", help="folder of the data set; an interrupted run resumes"
+    )
     begin = verb.add_mutually_exclusive_group()
     begin.add_argument("--plan", action="store_true", help="check the description and report what would be made")
-    begin.add_argument("--claim", action="store_true", help="the same, and keep the folder for it: see --shot")
+    begin.add_argument("--claim", action="store_true", help="do the same, and reserve the folder for --shot")
     verb.add_argument(
         "--shot", nargs="+", default=[], metavar="NAME",
-        help="make these alone, of a folder that --claim keeps; several processes may do so",
+        help="make only these shots, in a folder reserved with --claim; several processes may share it",
     )  # fmt: skip
 
 
-def studio_judge_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of studio-judge."""
-    verb.add_argument("data_set", type=Path, metavar="DIR", help="folder that studio made")
-    verb.add_argument("--methods", nargs="+", default=["global"], metavar="METHOD", help="of solve, or triangulation")
-    verb.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="what is solved")
+def studio_benchmark_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of studio-benchmark."""
+    verb.add_argument("data_set", type=Path, metavar="DIR", help="folder of the data set")
     verb.add_argument(
-        "--faults", nargs="+", default=["perturbed"], choices=("clean", "perturbed"), help="which captures"
+        "--methods", nargs="+", default=["global"], metavar="METHOD", help="methods of solve, or triangulation"
+    )
+    verb.add_argument("--inputs", nargs="+", default=[], choices=("views", "markers"), help="kinds of capture to solve")
+    verb.add_argument(
+        "--faults",
+        nargs="+",
+        default=["perturbed"],
+        choices=("clean", "perturbed"),
+        help="with errors added, or without",
     )
     verb.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
-    verb.add_argument(
-        "--settings", type=Path, metavar="SETTINGS.json", help="of the solves, as a job file's 'settings' are"
-    )
+    verb.add_argument("--settings", type=Path, metavar="SETTINGS.json", help="settings of the solves, as in a job file")
 
 
 def studio_rigs_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of studio-rigs."""
-    verb.add_argument("description", type=Path, metavar="SPEC.json", help="its rigs and its perturb are taken")
     verb.add_argument(
-        "--faults", nargs="+", default=[], metavar="PRESET", help="compare these, each rig with each, not its perturb"
+        "description", type=Path, metavar="SPEC.json", help="description; only its rigs and perturb are used"
+    )
+    verb.add_argument(
+        "--faults",
+        nargs="+",
+        default=[],
+        metavar="PRESET",
+        help="presets of faults to compare, instead of the description's",
     )
     verb.add_argument("--out", type=Path, required=True, metavar="PAGE.html", help="page to write")
 
@@ -80,20 +94,20 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome(f"{made}\n  written     {args.out}", data | {"card": [str(path) for path in card]})
 
 
-def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
+def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
     from solver_backend.exchange.outputs import write_text
     from solver_backend.fitters.settings import SolveSettings
+    from solver_backend.synthesis.studio.benchmark.page import page_html, table
+    from solver_backend.synthesis.studio.benchmark.place_errors import place_errors, places_text
+    from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
     from solver_backend.synthesis.studio.data_set import read_data_set
-    from solver_backend.synthesis.studio.judge.judge import judge
-    from solver_backend.synthesis.studio.judge.page import page_html, table
-    from solver_backend.synthesis.studio.judge.place_errors import place_errors, places_text
 
     spec, _ = read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
-    verdicts = judge(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
+    verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
     places = [place_errors(rig, spec.perturb, progress=progress) for rig in spec.rigs] if args.places else []
-    page = args.data_set / "judge.html"
+    page = args.data_set / "benchmark.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
     data = {"page": str(page), "table": table(verdicts)}
     if places:
@@ -110,8 +124,8 @@ def studio_judge(args: argparse.Namespace, progress: Progress) -> Outcome:
 def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Map the errors of a description's rigs over the floor."""
     from solver_backend.exchange.outputs import check_output, write_text
-    from solver_backend.synthesis.studio.judge.page import page_html
-    from solver_backend.synthesis.studio.judge.place_errors import place_errors
+    from solver_backend.synthesis.studio.benchmark.page import page_html
+    from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
     from solver_backend.synthesis.studio.perturbation import read_faults
     from solver_backend.synthesis.studio.spec import read_spec
 

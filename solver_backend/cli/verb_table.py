@@ -99,7 +99,7 @@ TASKS: dict[str, tuple[Verb, ...]] = {
     "Cameras": (
         Verb("check-cameras", "check that a capture's calibration fits its detections", "check-cameras trial",
              "camera_verbs", camera_verbs.check_cameras_arguments, ("reading",)),
-        Verb("fit-cameras", "write a capture's calibration as it is meant: corrected, scaled and levelled",
+        Verb("fit-cameras", "write a capture's calibration corrected, scaled and levelled",
              "fit-cameras trial --stature 1.78 --out calibration.toml",
              "camera_verbs", camera_verbs.fit_cameras_arguments, ("reading", "writing")),
         Verb("refine-cameras", "correct a calibration from the people in the capture",
@@ -139,7 +139,7 @@ TASKS: dict[str, tuple[Verb, ...]] = {
              "camera_live_verb", camera_live_verb.camera_live_arguments, ("detector", "writing")),
     ),
     "Clean up and make motions": (
-        Verb("motion", "bring a motion of another program onto our body", "motion clip.bvh --out motion.npz",
+        Verb("motion", "convert a motion of another program to our body", "motion clip.bvh --out motion.npz",
              "motion_verbs", motion_verbs.motion_arguments, ("writing",)),
         Verb("add-hands", "add the fingers of gloves, or of another program, to a motion",
              "add-hands motion.npz gloves.bvh --out hands.npz", "glove_verbs", glove_verbs.add_hands_arguments,
@@ -152,7 +152,7 @@ TASKS: dict[str, tuple[Verb, ...]] = {
         Verb("interpolate", "generate the transition between two frames with Pose-NDF",
              "interpolate motion.npz filled.npz --frames 10 40 --count 30",
              "pose_verbs", pose_arguments.interpolate_arguments, ("prior", "writing")),
-        Verb("fit-keypoints", "fit a motion anew to a capture's keypoints with Pose-NDF",
+        Verb("fit-keypoints", "refit a motion to a capture's keypoints with Pose-NDF",
              "fit-keypoints trial motion.npz fitted.npz",
              "pose_verbs", pose_arguments.fit_keypoints_arguments, ("prior", "writing")),
         Verb("sample", "draw random plausible poses with Pose-NDF", "sample poses.npz --count 100",
@@ -161,8 +161,8 @@ TASKS: dict[str, tuple[Verb, ...]] = {
     "Make data sets": (
         Verb("studio", "render synthetic captures with ground truth", "studio spec.json --out set",
              "studio_verbs", studio_verbs.studio_arguments),
-        Verb("studio-judge", "solve a data set and compare with its ground truth", "studio-judge set",
-             "studio_verbs", studio_verbs.studio_judge_arguments),
+        Verb("studio-benchmark", "solve a data set and compare with its ground truth", "studio-benchmark set",
+             "studio_verbs", studio_verbs.studio_benchmark_arguments),
         Verb("studio-rigs", "map the expected error of camera layouts over the floor",
              "studio-rigs spec.json --out rigs.html", "studio_verbs", studio_verbs.studio_rigs_arguments, ("writing",)),
     ),

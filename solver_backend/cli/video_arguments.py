@@ -12,25 +12,38 @@ from solver_backend.exchange.video_settings import ROWS as VIDEO_ROWS
 
 def detect_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of detect."""
-    verb.add_argument("videos", nargs="+", type=Path, metavar="VIDEO", help="one a camera, or a folder of them")
-    verb.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
-    verb.add_argument("--calibration", type=Path, metavar="FILE", help="cameras; without, the capture has none yet")
-    verb.add_argument("--work", type=Path, metavar="DIR", help="where each video's detections are kept; beside --out")
+    verb.add_argument(
+        "videos", nargs="+", type=Path, metavar="VIDEO", help="one video for each camera, or a folder of them"
+    )
+    verb.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="capture to write")
+    verb.add_argument(
+        "--calibration", type=Path, metavar="FILE", help="calibration of the cameras; the capture has none if left out"
+    )
+    verb.add_argument(
+        "--work", type=Path, metavar="DIR", help="folder that keeps each video's detections; beside --out if left out"
+    )
     add_settings(verb, WORLD_ROWS)
-    verb.add_argument("--preview", type=Path, metavar="DIR", help="also draw what was found over the videos")
+    verb.add_argument(
+        "--preview", type=Path, metavar="DIR", help="also write videos with the keypoints drawn over them"
+    )
 
 
 def from_videos_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of from-videos."""
     verb.add_argument(
         "folder", type=Path, metavar="FOLDER|VIDEO",
-        help="takes in 'videos', boards in 'calibration'; or one camera's video",
+        help="folder with takes in 'videos' and boards in 'calibration', or one video",
     )  # fmt: skip
-    verb.add_argument("--out", type=Path, metavar="DIR", help="results; FOLDER/mocap or VIDEO_mocap if left out")
+    verb.add_argument(
+        "--out", type=Path, metavar="DIR", help="folder of the results; FOLDER/mocap or VIDEO_mocap if left out"
+    )
     verb.add_argument("--take", metavar="NAME", help="only this take")
     verb.add_argument("--dry-run", action="store_true", help="report what would be done, and do nothing")
     verb.add_argument(
-        "--until", choices=("detect", "sync", "calibrate", "capture", "solve"), default="solve", help="last step"
+        "--until",
+        choices=("detect", "sync", "calibrate", "capture", "solve"),
+        default="solve",
+        help="step after which to stop",
     )
     verb.add_argument(
         "--redo", action="append", default=[], choices=("detect", "sync", "calibrate", "capture", "solve"),
@@ -53,16 +66,20 @@ def from_videos_arguments(verb: argparse.ArgumentParser) -> None:
 def detector_noise_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of detector-noise."""
     verb.add_argument("captures", nargs="+", type=Path, metavar="CAPTURE", help="captures of known cameras")
-    verb.add_argument("--detector-name", metavar="NAME", help="what it is for; read from the captures if left out")
-    verb.add_argument("--out", type=Path, required=True, metavar="NOISE.json")
+    verb.add_argument(
+        "--detector-name", metavar="NAME", help="name of the detector; read from the captures if left out"
+    )
+    verb.add_argument("--out", type=Path, required=True, metavar="NOISE.json", help="noise map to write")
 
 
 def find_hands_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of find-hands."""
-    verb.add_argument("capture", type=Path, metavar="CAPTURE", help="calibrated, with keypoints and footage")
-    verb.add_argument("--model", type=Path, required=True, metavar="MODEL.tflite", help="hand_landmark_full.tflite")
+    verb.add_argument("capture", type=Path, metavar="CAPTURE", help="calibrated capture with keypoints and footage")
+    verb.add_argument(
+        "--model", type=Path, required=True, metavar="MODEL.tflite", help="MediaPipe's hand_landmark_full.tflite"
+    )
     verb.add_argument("--python", type=Path, metavar="PATH", help="Python that has ai-edge-litert")
-    verb.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz")
+    verb.add_argument("--out", type=Path, required=True, metavar="CAPTURE.npz", help="capture to write")
 
 
 def detector_options(options: argparse.ArgumentParser) -> None:
@@ -75,7 +92,7 @@ def detector_options(options: argparse.ArgumentParser) -> None:
         "--detector-worker",
         type=Path,
         metavar="WORKER",
-        help="program of a detector of your own, run in --python instead",
+        help="your own detector: a program that runs in --python",
     )
     options.add_argument("--python", type=Path, metavar="PATH", help="Python to run the detector in")
     options.add_argument(
@@ -87,7 +104,13 @@ def footage_options(options: argparse.ArgumentParser) -> None:
     """Add how recorded videos are read and detected."""
     options.add_argument("--fps", type=float, metavar="X", help="rate of folders of pictures (default: 30)")
     options.add_argument("--hands", action="store_true", help="find hands too, and keep them with the detections")
-    options.add_argument("--jobs", type=int, default=0, metavar="N", help="detectors at a time; one a core if left out")
+    options.add_argument(
+        "--jobs",
+        type=int,
+        default=0,
+        metavar="N",
+        help="detectors that run at the same time; one for each core if left out",
+    )
     _add_choice(options, "--sync", "clocks")
 
 

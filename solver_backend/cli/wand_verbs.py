@@ -14,28 +14,41 @@ from solver_backend.exchange.progress import Progress
 
 def calibrate_wand_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of calibrate-wand."""
-    verb.add_argument("folder", type=Path, metavar="FOLDER", help="a table a sensor, or a recording of sensors")
-    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml")
+    verb.add_argument(
+        "folder", type=Path, metavar="FOLDER", help="one table for each sensor, or a recording of sensors"
+    )
+    verb.add_argument("--out", type=Path, required=True, metavar="CALIBRATION.toml", help="file to write")
     verb.add_argument("--format", help="pose2sim (default), anipose, freemocap, caliscope, qualisys, opencv or colmap")
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the calibration")
     verb.add_argument("--lenses", type=Path, metavar="FILE", help="a calibration or a lens library that has the lenses")
     verb.add_argument(
         "--wand", nargs=2, type=float, metavar=("FIRST", "SECOND"),
-        help="metres from light to light of a wand with three; a marker with depth if left out",
+        help="metres from light to light of a wand with three lights; leave out for a marker with depth",
     )  # fmt: skip
-    verb.add_argument("--trigger", action="store_true", help="one wire triggers all sensors: their clocks agree")
+    verb.add_argument("--trigger", action="store_true", help="all sensors share a trigger wire, so their clocks agree")
     verb.add_argument(
         "--interleave", type=float, default=0.0, metavar="MICROSECONDS",
-        help="by how much each exposes later than the one before; 160 of time-of-flight sensors",
+        help="delay of each sensor's exposure after the one before; 160 for time-of-flight sensors",
     )  # fmt: skip
-    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="a recording of the scene with nobody there")
-    verb.add_argument("--every-sensor", action="store_true", help="only moments at which all sensors see the wand")
-    verb.add_argument("--gamma", type=Path, metavar="FOLDER", help="the same sensors before the Γ on the floor")
+    verb.add_argument("--empty", type=Path, metavar="FOLDER", help="recording of the empty scene, to mask lights")
+    verb.add_argument("--every-sensor", action="store_true", help="use only moments at which all sensors see the wand")
     verb.add_argument(
-        "--gamma-lengths", nargs=2, type=float, default=(0.6, 0.4), metavar=("LONG", "SHORT"), help="its edges, metres"
+        "--gamma", type=Path, metavar="FOLDER", help="recording of the Γ on the floor by the same sensors"
     )
     verb.add_argument(
-        "--gamma-height", type=float, default=0.007, metavar="METRES", help="of its markers' middles above the floor"
+        "--gamma-lengths",
+        nargs=2,
+        type=float,
+        default=(0.6, 0.4),
+        metavar=("LONG", "SHORT"),
+        help="edges of the Γ in metres",
+    )
+    verb.add_argument(
+        "--gamma-height",
+        type=float,
+        default=0.007,
+        metavar="METRES",
+        help="height of the Γ's marker centres above the floor",
     )
 
 

@@ -35,12 +35,12 @@ class BodyLayout:
         count = len(self.joints)
         if not count == len(self.parents) == len(self.groups) or len(set(self.joints)) < count:
             raise BodyInvalid(
-                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups are no layout.",
+                f"{count} joints with {len(self.parents)} parents and {len(self.groups)} groups do not make a layout.",
                 where=self.name, hint="Every joint has a name of its own, a parent and a group.",
             )  # fmt: skip
         if any(not -1 <= p < j for j, p in enumerate(self.parents)) or self.parents.count(-1) != 1:
             raise BodyInvalid(
-                f"Parents {self.parents} are no tree; one root (-1) and parents before their children are expected.",
+                f"Parents {self.parents} are not a tree; one root (-1) and parents before their children are expected.",
                 where=self.name,
             )
 

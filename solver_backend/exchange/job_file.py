@@ -83,7 +83,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
     """Subject file of the person whose markers are solved, None to calibrate on the take itself."""
     start: Path | None = None
     """Earlier motion of these frames at which several cameras start, such as that of one of them."""
-    told: Path | None = None
+    labels: Path | None = None
     """File of user-assigned labels of points of a recording of markers; the solver never overrides them."""
     settings: Any = field(default_factory=dict)
     """How to solve: settings by name, those left out are the solver's own defaults."""
@@ -95,9 +95,11 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         TimeSettings.__post_init__(self)
         WorldSettings.__post_init__(self)
         earlier = None if self.resolve is None else self.resolve.motion
-        files = (self.capture, self.out, self.report, self.subject, self.start, self.told, earlier)
+        files = (self.capture, self.out, self.report, self.subject, self.start, self.labels, earlier)
         if any("\0" in str(path) for path in files if path is not None):
-            raise JobInvalid("A path of the job holds the character U+0000, which no path can.", where="job")
+            raise JobInvalid(
+                "A path of the job holds the character U+0000, which is not possible in a path.", where="job"
+            )
         if self.out.suffix.lower() != MOTION_SUFFIX:
             raise JobInvalid(
                 f"A motion file ends in {MOTION_SUFFIX}.",
@@ -119,7 +121,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
         given["report"] = self.report and str(self.report)
         given["subject"] = self.subject and str(self.subject)
         given["start"] = self.start and str(self.start)
-        given["told"] = self.told and str(self.told)
+        given["labels"] = self.labels and str(self.labels)
         given["resolve"] = self.resolve and self.resolve.as_dict()
         values = {"version": VERSION, "capture": str(self.capture), "out": str(self.out)}
         chosen = {name: value for name, value in given.items() if value}

@@ -30,7 +30,7 @@ def read_json_file(path: Path | str, largest: int = LARGEST) -> Any:
         raise FileDamaged(f"The file cannot be read as text: {error}.", where=str(path)) from error
     if len(data) > largest:
         raise FileDamaged(
-            f"The file has more than {largest / 1e6:g} MB.", where=str(path), hint="Check that it is the right file."
+            f"The file is larger than {largest / 1e6:g} MB.", where=str(path), hint="Check that it is the right file."
         )
     return parse_json(text, path)
 

@@ -41,7 +41,7 @@ def require_within(name: str, values: np.ndarray, most: float, error: type[Mocap
     if not np.isfinite(largest):
         raise error(f"{name} holds NaN or infinite values.", where=where)
     if largest > most:
-        raise error(f"{name} holds {largest:.3g}; at most {most:g} can be.", where=where)
+        raise error(f"{name} holds {largest:.3g}; at most {most:g} is possible.", where=where)
 
 
 def require_motion(

@@ -58,7 +58,7 @@ def _opened(path: Path | str) -> tuple[int, int]:
     try:
         status = os.fstat(handle)
         if not stat.S_ISREG(status.st_mode):
-            raise OSError(errno.EINVAL, "it is no ordinary file")
+            raise OSError(errno.EINVAL, "it is not a regular file")
         if not status.st_size:
             _require_no_waiting(handle)
     except BaseException:

@@ -72,13 +72,13 @@ def read_skeleton(path: Path) -> SkeletonFile:
         if not np.isfinite(value).all():
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
     if not len(joints) or any(not -1 <= parent < j for j, parent in enumerate(parents)):
-        raise MotionInvalid("The skeleton has no frames, or its parents are no tree.", where=str(path))
+        raise MotionInvalid("The skeleton has no frames, or its parents are not a tree.", where=str(path))
     fps = fields.number("fps")
     if not 0 < fps < np.inf:
         raise NonFiniteData(f"The frame rate must be a positive number, not {fps}.", where=str(path))
     try:
         roles = json.loads(fields.text("roles", "{}"))
     except ValueError as error:
-        raise FileDamaged("The roles are no JSON.", where=str(path)) from error
+        raise FileDamaged("The roles are not JSON.", where=str(path)) from error
     roles = {str(role): str(name) for role, name in roles.items() if name in names} if isinstance(roles, dict) else {}
     return SkeletonFile(fields.text("name", path.stem), names, parents, rest, joints, turns, fps, roles)

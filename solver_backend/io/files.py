@@ -37,9 +37,9 @@ def read_bytes(path: Path | str, largest: int = LARGEST_TAKE) -> bytes:
         raise FileDamaged(f"The file cannot be read: {error.strerror or error}.", where=str(path)) from error
     if max(size, len(data)) > largest:
         raise FileDamaged(
-            f"The file has {max(size, len(data)) / 1e6:,.1f} MB; one of this kind has at most {largest / 1e6:g} MB.",
+            f"The file has {max(size, len(data)) / 1e6:,.1f} MB; a file of this kind has at most {largest / 1e6:g} MB.",
             where=str(path),
-            hint="Check that it is the right file, or move it away.",
+            hint="Check that it is the right file, or remove it.",
         )
     return data
 

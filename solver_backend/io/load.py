@@ -60,8 +60,8 @@ def load_capture(path: Path | str, *, readers: Sequence[Reader[Capture]] = CAPTU
         capture = cut_frames(capture, *chosen.frames)
     if capture.cameras is None and chosen.changes_world:
         raise JobInvalid(
-            "Stature, scale and level are of the cameras' world, and the capture has no cameras.",
-            where=str(path), hint="A recording of markers is scaled by its unit: --unit.",
+            "Stature, scale and level are for captures with cameras; this one has none.",
+            where=str(path), hint="Scale a recording of markers by its unit: --unit.",
         )  # fmt: skip
     if chosen.person is not None:
         capture = capture.of_person(chosen.person)
@@ -91,7 +91,7 @@ def load_motion(
     reader = _reader_of(path, readers)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in readers)
-        raise MotionInvalid("The path is not a motion we can read.", where=str(path), hint=f"Motions are {kinds}.")
+        raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")
     motion = reader.read(path, chosen)
     checked_motion(motion, str(path))
     return motion
@@ -107,7 +107,7 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
         if path.is_file() and (known := name_unsupported_file(path)) is not None:
             what, how = known
             return CaptureNotRecognised(f"The file is {what}", where=str(path), hint=how)
-        what = "is not a capture we can read" if path.exists() else "does not exist"
+        what = "is not a readable capture" if path.exists() else "does not exist"
         return CaptureNotRecognised(f"The path {what}.", where=str(path), hint=hint)
     if (path / SENSOR_RECORDING).is_file():
         return CaptureNotRecognised(

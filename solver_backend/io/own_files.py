@@ -66,8 +66,8 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 
-CAPTURE = Reader("our own capture .npz", _is_npz, _read_capture)
-MOTION = Reader("our own motion .npz", _is_npz, lambda path, options: read_motion(path))
+CAPTURE = Reader("capture .npz of this program", _is_npz, _read_capture)
+MOTION = Reader("motion .npz of this program", _is_npz, lambda path, options: read_motion(path))
 
 
 def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:

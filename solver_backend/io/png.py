@@ -54,7 +54,7 @@ def read_png(path: Path) -> np.ndarray:
     try:
         return _decoded(data)
     except (ValueError, KeyError, struct.error, zlib.error, IndexError) as error:
-        raise FileDamaged("The picture is not a PNG of a kind we read.", where=str(path), hint=str(error)) from error
+        raise FileDamaged("The picture is not a PNG of a known kind.", where=str(path), hint=str(error)) from error
 
 
 def _decoded(data: bytes) -> np.ndarray:

@@ -87,7 +87,7 @@ def decode_live_link(packet: bytes) -> FacePacket:
     if count < len(BLEND_SHAPES):
         raise FacePacketInvalid(f"it has {count} values, and a face has {len(BLEND_SHAPES)}")
     if not all(abs(value) < _LARGEST for value in values[: len(BLEND_SHAPES)]):  # NaN is not
-        raise FacePacketInvalid("a value is none")
+        raise FacePacketInvalid("a value is not valid")
     return FacePacket(dict(zip(BLEND_SHAPES, values, strict=False)), seconds)
 
 
@@ -95,20 +95,20 @@ def decode_ifacialmocap(packet: bytes) -> FacePacket:
     """Return what a packet of iFacialMocap holds.
 
     Raises:
-        FacePacketInvalid: it is no text of its form.
+        FacePacketInvalid: it is not text of its form.
     """
     try:
         text = packet.decode("utf-8")
     except UnicodeDecodeError as error:
-        raise FacePacketInvalid("it is no text") from error
+        raise FacePacketInvalid("it is not text") from error
     face = text.partition("=head#")[0].partition("=")[0]
     pairs = [pair for pair in face.split("|") if pair]
     found = [_PAIR.fullmatch(pair) for pair in pairs]
     if not pairs or len(pairs) > _MOST_CHANNELS or None in found:
-        raise FacePacketInvalid("it is no list of names and values")
+        raise FacePacketInvalid("it is not a list of names and values")
     channels = {_with_side(match[1]): float(match[2]) / 100.0 for match in found if match is not None}
     if not all(abs(value) < _LARGEST for value in channels.values()):
-        raise FacePacketInvalid("a value is none")
+        raise FacePacketInvalid("a value is not valid")
     return FacePacket({name: value for name, value in channels.items() if name not in _NOT_CHANNELS})
 
 

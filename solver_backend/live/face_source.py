@@ -60,11 +60,11 @@ class FaceAssembly(NamedOnce):
             arrived: ``time.perf_counter()``.
         """
         if sender != self._sender and arrived - self._heard < SENDER_GONE_S:
-            return self.name_once("second_sender", "Another phone is not heard as long as the first one sends.")
+            return self.name_once("second_sender", "Another phone is ignored while the first one sends.")
         try:
             found = self._decode(packet)
         except FacePacketInvalid as error:
-            return self.name_once("packet_invalid", f"A packet is none of this app's: {plain(str(error))}.")
+            return self.name_once("packet_invalid", f"A packet is not one of this app's: {plain(str(error))}.")
         if sender != self._sender:
             self._sender, self._packets, self._clock, self._before = sender, [], None, None
         self._heard = arrived

@@ -100,10 +100,10 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
         # Not np.array of texts: each would take as much memory as the longest.
         numbers = np.array([float(word) for word in text.replace(",", " ").replace(";", " ").split()])
         if len(numbers) % 3 != 1:
-            raise ValueError(f"{len(numbers)} numbers are no time and points of three each")
+            raise ValueError(f"{len(numbers)} numbers are not a time and points of three each")
         at, points = float(numbers[0]), numbers[1:].reshape(-1, 3)
     if not math.isfinite(at):
-        raise ValueError("the time is no number")
+        raise ValueError("the time is not a number")
     points = measured(points)
     if len(points) > MOST_POINTS:
         raise ValueError(f"{len(points)} points in one frame; at most {MOST_POINTS} are read")
@@ -111,4 +111,4 @@ def _parsed(text: str, clock: float) -> tuple[float, np.ndarray]:
 
 
 def _message(error: Exception) -> str:
-    return f"the line is none of ours ({str(error)[:80]})"
+    return f"the line is not in our format ({str(error)[:80]})"

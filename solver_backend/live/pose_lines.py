@@ -14,7 +14,7 @@ from solver_backend.geometry.rotations import log_so3
 NEVER = 1.0 / 120.0
 """Seconds that are taken for those since the last frame where there is none."""
 LOST_S = 0.4
-"""Time without a good pose, or without a frame, after which the next one starts anew."""
+"""Time without a good pose, or without a frame, after which the next one starts again."""
 _LONGEST_S, _SHORTEST_S = 0.1, 1e-3
 
 

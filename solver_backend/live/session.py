@@ -77,7 +77,7 @@ class LiveSession:
                 yield from self.step(frame)
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
-                yield event("restarted", f"The frame could not be fitted ({error}); starting anew.", frame.time)
+                yield event("restarted", f"The frame could not be fitted ({error}); starting again.", frame.time)
 
     @property
     def to_metres(self) -> np.ndarray | None:
@@ -93,7 +93,7 @@ class LiveSession:
         if broken:
             self._reset()
         if broken == "ran_back":
-            yield event("time_ran_back", "Time ran backwards: tracks and pose start anew.", frame.time)
+            yield event("time_ran_back", "Time ran backwards: tracks and pose start again.", frame.time)
         points = frame.points
         if len(points) < FEWEST:
             yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
@@ -102,10 +102,10 @@ class LiveSession:
             if (message := self._found_world(points)) is not None:
                 yield event("world", message, frame.time)
             if self._turn is None:
-                yield self._nothing(frame, "looking for unit and up-axis", "waiting")
+                yield self._nothing(frame, "estimating unit and up axis", "waiting")
                 return
         if self._stands_still(points, dt):
-            yield self._nothing(frame, "the stream is frozen: the same points again and again", "frozen")
+            yield self._nothing(frame, "the stream is frozen: the same points repeat", "frozen")
             return
         yield self._fitted(frame, points @ self._turn.T, dt)
         if not self._shape_sent and (shape := self.fit.known_shape) is not None:

@@ -113,7 +113,7 @@ class ViewsSession:
                 yield from self.step(moment)
             except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
                 self._reset()
-                message = f"The moment could not be fitted ({error}); starting anew."
+                message = f"The moment could not be fitted ({error}); starting again."
                 yield event("restarted", message, moment.time)
 
     def step(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
@@ -122,7 +122,7 @@ class ViewsSession:
         if broken:
             self._reset()
         if broken == "ran_back":
-            yield event("time_ran_back", "Time ran backwards: the pose starts anew.", moment.time)
+            yield event("time_ran_back", "Time ran backwards: the pose starts again.", moment.time)
         xy, confidence = self._person(moment)
         self.chosen = xy, confidence
         located = self.fit.locate(xy, confidence)
@@ -143,7 +143,7 @@ class ViewsSession:
         if not self._world_known:
             self._first.append((xy, confidence))
             if len(self._first) < WORLD_MOMENTS:
-                yield self._nothing(moment, "looking for floor and up-axis", "waiting")
+                yield self._nothing(moment, "estimating floor and up axis", "waiting")
                 return
             yield from self._enter_world(moment)
             located = self.fit.locate(xy, confidence)
@@ -162,7 +162,7 @@ class ViewsSession:
             # What is lifted from one moment may have an arm elsewhere, where a fit stays for a second; another has not.
             self._may_start_anew = False
             self.fit.restart()
-            return self._nothing(moment, f"starting anew: {doubts}", "waiting")
+            return self._nothing(moment, f"starting again: {doubts}", "waiting")
         if off_m < BAD_M:
             self._good = moment.time
         elif moment.time - self._good > LOST_S:

@@ -82,11 +82,11 @@ class FrameAssembly(NamedOnce):
             arrived: ``time.perf_counter()``.
         """
         if sender != self._sender and arrived - self._heard < SENDER_GONE_S:  # at once: it may send without end
-            return self.name_once("second_sender", "Another sender is not heard as long as the first one sends.")
+            return self.name_once("second_sender", "Another sender is ignored while the first one sends.")
         try:
             messages = decode_packet(packet)
         except PacketInvalid as error:
-            return self.name_once("packet_invalid", f"A packet is no Open Sound Control: {error}.")
+            return self.name_once("packet_invalid", f"A packet is not Open Sound Control: {error}.")
         if not self._is_ours(messages, sender, arrived) or not self._is_next(messages, packet):
             return
         for message in messages:
@@ -132,7 +132,7 @@ class FrameAssembly(NamedOnce):
     def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
         name = message.values[0] if message.values else None
         if not isinstance(name, str) or name not in JOINT_OF:
-            return self.name_once("bone_unknown", f"A bone is none of Unity's: {_shown(name)}.")
+            return self.name_once("bone_unknown", f"A bone is not one of Unity's: {_shown(name)}.")
         numbers = self._numbers(message)
         return None if numbers is None else (name, *numbers)
 
@@ -143,7 +143,9 @@ class FrameAssembly(NamedOnce):
         good = bool(np.isfinite(numbers).all()) and bool((np.abs(numbers) < FARTHEST_M).all())
         length = float(np.linalg.norm(numbers[3:])) if good else 0.0
         if not 0.5 < length < 2.0:
-            return self.name_once("numbers_impossible", f"The numbers of {_shown(message.values[:1])} cannot be.")
+            return self.name_once(
+                "numbers_impossible", f"The numbers of {_shown(message.values[:1])} are not possible."
+            )
         return numbers[[6, 3, 4, 5]] / length, numbers[:3]
 
     def _add(self, bone: tuple[str, np.ndarray, np.ndarray], arrived: float) -> None:

@@ -105,13 +105,13 @@ def _received(
         except OSError as error:
             if not broken:
                 broken = True
-                yield _event("port_broken", f"Nothing can be received ({error.strerror or error}); trying on.")
+                yield _event("port_broken", f"Nothing can be received ({error.strerror or error}); trying again.")
             time.sleep(_LOOK_S)
             continue
         heard, broken = time.perf_counter(), False
         if silent:
             silent = False
-            yield _event("sender_back", "Packets come again.")
+            yield _event("sender_back", "Packets arrive again.")
         yield from assembly.take(packet, sender, heard)
         while assembly.news:
             yield _event(*assembly.news.pop(0))
@@ -173,7 +173,7 @@ class BonesOnBody:
         if not self._fingers and has_fingers(frame):
             self._fingers, self.body = True, with_fingers(self.body)
             self._humanoid = Humanoid(*self.proportions())
-            self.news.append(_event("fingers", "The sender moves fingers: the body has them, too."))
+            self.news.append(_event("fingers", "The sender moves fingers, so the body has them too."))
         humanoid = self._humanoid
         assert humanoid is not None
         quat = np.tile([1.0, 0.0, 0.0, 0.0], (len(humanoid.bones), 1))

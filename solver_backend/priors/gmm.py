@@ -136,7 +136,7 @@ def load_gmm(path: Path | str = ASSETS / "gmm.npz") -> GaussianMixture:
     weights = stored.array("weights", (None,))
     count = len(weights)
     if count == 0 or (weights <= 0).any() or abs(weights.sum() - 1.0) > 1e-3:
-        raise WeightsInvalid("The weights of the mixture are no distribution: positive numbers that add up to one.")
+        raise WeightsInvalid("The weights of the mixture are not a distribution: positive numbers that add up to one.")
     means, factors = stored.array("means", (count, _DIM)), stored.array("factors", (count, _DIM, _DIM))
     lower = np.tril(factors)
     if (np.diagonal(lower, axis1=-2, axis2=-1) <= 0).any():

@@ -137,6 +137,6 @@ def _check(prior: AutoencodingPrior, layout: BodyLayout) -> None:
     mean, length = float(code.mean()), float((code * code).sum())
     if abs(mean) > 1e-3 or abs(length - 1.0) > 1e-3:
         raise PriorInvalid(
-            f"Codes of the prior {prior.name} are no unit vectors of zero mean.", where=prior.name,
+            f"Codes of the prior {prior.name} are not unit vectors of zero mean.", where=prior.name,
             hint="Key poses move on that sphere (thesis 6.2.2).",
         )  # fmt: skip

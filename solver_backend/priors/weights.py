@@ -84,7 +84,7 @@ def read_weights(path: Path, prior: str) -> PriorWeights:
         arrays = read_npz(path)
         header = json.loads(str(arrays.pop("header")))
     except (FileDamaged, KeyError, ValueError, RecursionError) as error:
-        raise WeightsInvalid("The file is no weight file of a prior.", where=path.name, hint=str(error)) from error
+        raise WeightsInvalid("The file is not a weight file of a prior.", where=path.name, hint=str(error)) from error
     _check_header(header, prior, path.name)
     if arrays_hash(arrays) != header.get("sha256"):
         raise WeightsInvalid("The weights are damaged: their hash differs.", where=path.name, hint="Reinstall them.")
@@ -120,7 +120,7 @@ def arrays_hash(arrays: dict[str, np.ndarray]) -> str:
 
 def _check_header(header: Any, prior: str, where: str) -> None:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise WeightsInvalid("The file is no weight file of a prior.", where=where)
+        raise WeightsInvalid("The file is not a weight file of a prior.", where=where)
     if header.get("version") != VERSION:
         raise WeightsInvalid(f"The weights have version {header.get('version')}, this reads {VERSION}.", where=where)
     if header.get("prior") != prior:

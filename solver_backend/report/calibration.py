@@ -59,9 +59,9 @@ def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
         ("the person's up against the world's", f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"),
     ])  # fmt: skip
     lead = (
-        f"Whether the cameras fit what they saw in this take: {text(fit.verdict)}. <i>At best</i> is after the poses "
-        "were adjusted to the take: a camera far above it was moved. A rim far above the middle is a lens of another "
-        "zoom; an epipolar distance that grows is a camera that was touched, or a clock that runs at another rate."
+        f"How well the cameras fit this take: {text(fit.verdict)}. <i>At best</i> is after the poses "
+        "were adjusted to the take: a camera far above it was moved. A rim far above the middle points at a lens of "
+        "another zoom. An epipolar distance that grows points at a camera that was touched, or a clock of another rate."
     )
     body = (
         f'<ul class="findings">{items}</ul><h3>Reprojection error by part of the picture, px</h3>{table}'

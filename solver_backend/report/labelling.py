@@ -22,7 +22,7 @@ def labelling_html(name: str, take: LabelledTake, fps: float) -> str:
     headline = tiles(
         [
             Tile("named", number(100 * float(named.mean())), "%", f"{len(set(labels[named].tolist()))} markers"),
-            Tile("none of a person's", number(100 * float((labels == GHOST).mean())), "%"),
+            Tile("not the person's", number(100 * float((labels == GHOST).mean())), "%"),
             Tile(
                 "unknown", number(100 * float((labels < 0).mean())), "%", level="look" if (labels < 0).any() else "good"
             ),
@@ -79,4 +79,4 @@ def _stretches(take: LabelledTake, fps: float) -> str:
 
 
 def _name(label: int) -> str:
-    return "unknown" if label < 0 else "none of a person's" if label == GHOST else MARKERS[label]
+    return "unknown" if label < 0 else "not the person's" if label == GHOST else MARKERS[label]

@@ -54,10 +54,10 @@ def marker_section(motion: Motion) -> str:
 
 
 def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
-    """Return (M, n) percentages of the frames in which each marker is seen, filled, exchanged and thrown out."""
+    """Return (M, n) percentages of the frames in which each marker is seen, filled, exchanged and rejected."""
     if motion.marker_flags is None:
         return seen[:, None], ["seen"]
-    bits = {"filled": MARKER_FILLED, "exchanged": MARKER_SWAPPED, "thrown out": MARKER_GHOST}
+    bits = {"filled": MARKER_FILLED, "exchanged": MARKER_SWAPPED, "rejected": MARKER_GHOST}
     parts = [100 * ((motion.marker_flags & bit) > 0).mean(axis=0) for bit in bits.values()]
     return np.stack([seen, *parts], axis=1), ["seen", *bits]
 

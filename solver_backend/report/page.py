@@ -132,7 +132,7 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
                 "View agreement",
                 number(agreement, 0),
                 "%",
-                "of the detections are no outliers",
+                "of the detections are not outliers",
                 _level(agreement, 90, 75),
             )
         )

@@ -214,7 +214,7 @@ def uncertainty_section(motion: Motion) -> str:
         lead += f" Without joints at rest, which nothing measured informs{f': {names}' if names else ''}."
         sigma = np.where(motion.resting, np.nan, sigma)[:, ~always]
     lines = [
-        PlotCurve(np.nanmax(sigma, axis=1), "least sure joint", "quiet"),
+        PlotCurve(np.nanmax(sigma, axis=1), "least certain joint", "quiet"),
         PlotCurve(np.nanmedian(sigma, axis=1), "median"),
     ]
     plot = time_plot(lines, motion.fps, "mm", shades=shades_of(motion), from_zero=True)
@@ -229,7 +229,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
         ("shape (betas)", ", ".join(f"{b:+.2f}" for b in motion.betas)),
         ("height of the highest joint", f"{motion.joints[..., 2].max():.2f} m"),
         ("height of the lowest joint", f"{100 * motion.joints[..., 2].min():.1f} cm"),
-        ("way of the pelvis", f"{way:.2f} m over the floor"),
+        ("path of the pelvis", f"{way:.2f} m over the floor"),
     ]
     if capture.cameras is not None:
         height = ", ".join(
@@ -237,7 +237,7 @@ def scene_section(capture: Capture, motion: Motion) -> str:
         )
         rows.append(("height of the cameras", height))
     wedges = "" if capture.cameras is None else "; wedges are the cameras' views"
-    lead = f"From above, world Y up. Green is the start of the pelvis' way, red its end{wedges}."
+    lead = f"From above, world Y up. Green is the start of the pelvis' path, red its end{wedges}."
     return section(
         "Scene", f'<div class="pair">{plan(capture.cameras, motion.joints[:, 0, :2])}{facts(rows)}</div>', lead, "scene"
     )

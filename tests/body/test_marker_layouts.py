@@ -57,7 +57,7 @@ def test_a_name_of_two_places_is_refused(tmp_path):
     with pytest.raises(BodyInvalid, match="The name LASIS means both L... and L..."):
         load_layouts(path)
     path.write_text('{"format": "other"}', encoding="utf-8")
-    with pytest.raises(BodyInvalid, match="is no manifold_mocap_marker_layouts of version 1"):
+    with pytest.raises(BodyInvalid, match="is not a manifold_mocap_marker_layouts of version 1"):
         load_layouts(path)
 
 

@@ -120,7 +120,7 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
     kept = read_calibration(pictures / "Calib.qca.txt").cameras
     assert abs(lens.K[0, 0] / kept.K[1, 0, 0] - 1) < 0.01
     (tmp_path / "other.json").write_text("{}")
-    with pytest.raises(FileDamaged, match="no library"):
+    with pytest.raises(FileDamaged, match="not a library"):
         read_lenses(tmp_path / "other.json")
 
 

@@ -271,6 +271,6 @@ def test_an_axis_with_a_sign_is_no_option() -> None:
 def test_an_options_earlier_name_works_with_a_note(verb, tmp_path, capsys):
     file = tmp_path / "labels.json"
     for option, note in (("--labels", ""), ("--told", "note: --told is now called --labels; ")):
-        assert parse([verb, "take.c3d", "--out", "out.c3d", option, str(file)]).told == file
+        assert parse([verb, "take.c3d", "--out", "out.c3d", option, str(file)]).labels == file
         shown = capsys.readouterr()
         assert shown.err.startswith(note) and bool(shown.err) == bool(note) and not shown.out

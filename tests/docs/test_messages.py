@@ -11,11 +11,14 @@ from supply.texts import shown_strings, texts
 
 ROOT = Path(__file__).resolve().parents[2]
 WORDS = re.compile(
-    r"\b(tells?|told|says?|said|judged|errs|whom|put right|put back|takes? back|by the clock|the way between"
-    r"|processor time)\b",
+    r"\b(tells?|told|says?|said|judge[sd]?|errs?|whom|put right|put back|takes? back|by the clock|the way between"
+    r"|processor time|broke|anew|of no use|no use for|goes? with|is to be (?:a|an|the)|is to hold|are to lie)\b"
+    r"|(?<!there )\b(?:is|are) (?:no|none of) |what is no |can be\\.$",
     flags=re.IGNORECASE,
 )
-"""Left column of the style's table: the program reports, estimates, corrects."""
+"""Left column of the style's table, and what else was met: the program reports, estimates, corrects; X is not a Y."""
+TEMPLATES = re.compile(r"<(?:!doctype|svg|figure|section|table|div|rect|circle|line|path|polygon)\b")
+"""Markup, of which no word is shown as such."""
 
 
 @pytest.mark.parametrize(("package", "least"), [("solver_backend", 1000), ("blender_addon", 1000), ("dev.py", 20)])
@@ -32,3 +35,35 @@ def test_the_list_of_texts_has_each_once_and_leaves_no_package_out() -> None:
     assert len(found) > 3000 and len(shown) == len(set(shown))
     assert {path.parts[0] for path, _, _ in found} == {"solver_backend", "blender_addon", "dev.py"}
     assert any("Pose limbs from their ends (IK)" in text for text in shown)
+
+
+def test_every_argument_of_a_verb_has_a_line_of_help() -> None:
+    page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
+    rows = [line for line in page.splitlines() if line.startswith("| `")]
+    assert len(rows) > 200
+    assert not [line for line in rows if re.search(r"\| (?:–|\(required\)) \|$", line)]
+
+
+PAGES = sorted([*(ROOT / "docs" / "how-to").glob("*.md"), *(ROOT / "docs" / "tutorials").glob("*.md")])
+OTHERS_WORDS = ("No space left on device",)
+"""Of the system."""
+_VALUES = re.compile(r"…|\{…\}|[\d.,]*\d ?%?|\b[A-Z]\b(?:, [A-Z]\b)*|\b(?:left|right) \w+\b")
+"""What stands in a quoted message for a value."""
+
+
+def quoted(page: Path) -> list[str]:
+    """Return the messages that a page quotes: in italics in the first cell of a row, or bold and in quotation marks."""
+    text = page.read_text(encoding="utf-8")
+    cells = re.findall(r"^\|([^|]+)\|", text, flags=re.MULTILINE)
+    found = [part for cell in cells for part in re.findall(r"(?<!\*)\*([^*▸]+)\*(?!\*)", cell)]
+    return found + re.findall(r"\*\*\"([^\"*\n]+)\"\*\*", text)
+
+
+def test_messages_that_a_page_quotes_are_those_of_the_program() -> None:
+    shown = "\n".join(text.replace("{…}", "\n") for _, _, text in texts()).lower()
+    parts = [
+        (page.name, part.strip(" ,.:;")) for page in PAGES for whole in quoted(page) for part in _VALUES.split(whole)
+    ]
+    parts = [(page, part) for page, part in parts if part.count(" ") > 1 and part not in OTHERS_WORDS]
+    assert len(parts) > 20
+    assert not [(page, part) for page, part in parts if part.lower() not in shown]

@@ -50,9 +50,9 @@ def test_a_body_without_an_arm_keeps_the_rest_of_the_tree():
     ("change", "message"),
     [
         ({"parents": (-1, 0)}, "2 parents"),
-        ({"joints": ("a", "b", "a")}, "no layout"),
-        ({"parents": (-1, 2, 0)}, "no tree"),
-        ({"parents": (-1, -1, 0)}, "no tree"),
+        ({"joints": ("a", "b", "a")}, "do not make a layout"),
+        ({"parents": (-1, 2, 0)}, "not a tree"),
+        ({"parents": (-1, -1, 0)}, "not a tree"),
     ],
 )
 def test_what_is_no_tree_of_named_joints_is_refused(change, message):

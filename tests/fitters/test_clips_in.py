@@ -61,7 +61,7 @@ def test_a_suits_recording_comes_back(tmp_path: Path, body: Body, known: KnownMo
         ({"normal": "other"}, MotionInvalid, "no recorded frames"),
         ({'label="LeftToe"': 'label="Sword"'}, FileDamaged, "Unknown segments: Sword"),
         ({'frameRate="30"': ""}, FileDamaged, "no frame rate"),
-        ({"<frames>": "<frames>&"}, FileDamaged, "no XML"),
+        ({"<frames>": "<frames>&"}, FileDamaged, "not XML"),
         ({"<orientation>1.000000": "<orientation>nan"}, NonFiniteData, "'orientation' holds NaN"),
         ({"<orientation>1.000000": "<orientation>"}, FileDamaged, "instead of 88"),
     ],
@@ -86,7 +86,7 @@ def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMoti
     cases = [
         (replace(whole, joints=joints), NonFiniteData, "'joints' holds NaN"),
         (replace(whole, joints=whole.joints[:0], turns=whole.turns[:0]), MotionInvalid, "no frames"),
-        (replace(whole, parents=(1, *whole.parents[1:])), MotionInvalid, "no tree"),
+        (replace(whole, parents=(1, *whole.parents[1:])), MotionInvalid, "not a tree"),
         (replace(whole, fps=0.0), NonFiniteData, "frame rate"),
     ]
     for k, (skeleton, error, text) in enumerate(cases):
@@ -120,7 +120,7 @@ def test_a_rest_pose_that_is_a_frame_of_a_clip_is_reported(tmp_path: Path, known
             main(["motion", str(tmp_path / f"{name}.npz"), "--out", str(tmp_path / f"{name}_out.npz"), "--json"]) == 0
         )
         problems = json.loads(capsys.readouterr().out.splitlines()[-1])["problems"]
-        assert sum("no T- or A-pose: the left shin" in problem for problem in problems) == count
+        assert sum("not a T- or A-pose: the left shin" in problem for problem in problems) == count
 
 
 def test_a_shape_of_ours_is_found_exactly_and_other_lengths_are_drawn_to_the_mean(body: Body) -> None:

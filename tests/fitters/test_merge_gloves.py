@@ -135,7 +135,7 @@ def test_bends_that_nobody_has_are_named(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("name", "text", "match"),
     [
-        ("a.csv", "Frame,X\n0,1\n1,2\n", "none of gloves that is known"),
+        ("a.csv", "Frame,X\n0,1\n1,2\n", "not one of known gloves"),
         ("a.trc", "x", "Not supported: .trc"),
         ("a.fbx", "x", "read through Blender"),
         ("a.csv", "Timestamp,LeftDigit2Metacarpophalangeal_flexion\n0,1\n0,2\n", "do not rise"),

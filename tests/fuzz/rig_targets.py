@@ -127,7 +127,7 @@ _LABELS = {
     "places": {"LFHD": "LFHD", "x": "@left_knee", "y": "", "z": None, "C7": "c7"},
 }  # fmt: skip
 _TOLD = {
-    "format": "manifold_mocap_told_points", "version": 1,
+    "format": "manifold_mocap_user_labels", "version": 1,
     "points": [{"point": 0, "frame": 1, "marker": MARKERS[0]}, {"point": 0, "frame": 0, "marker": ""}],
 }  # fmt: skip
 _CHARUCO = """[charuco]

@@ -271,7 +271,7 @@ def test_up_axes_turn_the_world(tmp_path: Path, cameras: Cameras, axis: str) -> 
 
 
 def test_unknown_up_axis(tmp_path: Path, cameras: Cameras) -> None:
-    with pytest.raises(JobInvalid, match="Unknown up-axis 'w'; known are z, -z"):
+    with pytest.raises(JobInvalid, match="Unknown up axis 'w'; known are z, -z"):
         with_up_axis(cameras, "w")
 
 

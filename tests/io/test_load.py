@@ -87,7 +87,9 @@ def test_cameras_are_in_natural_order_and_extra_calibrations_are_named(trial: Pa
     seven = ring_of_cameras(7)
     wrong = renamed(cameras, ("c1", "c2", "c9", "c10"))
     (trial / "calibration" / "all.toml").write_text(toml_text(wrong))
-    assert "agree on the person. Is this the recording's calibration" in "\n".join(words(load_capture(trial).problems))
+    assert "agree on the person. Check that the calibration is the recording's" in "\n".join(
+        words(load_capture(trial).problems)
+    )
     order = [2, 1, 3, 0]
     good = renamed(cameras.subset(order), ("camera 1", "camera 2", "camera 9", "camera 10"))
     (trial / "calibration" / "all.toml").write_text(

@@ -41,10 +41,12 @@ def trial(tmp_path: Path) -> Path:
 
 
 def test_what_is_no_capture_is_told_what_is(tmp_path: Path) -> None:
-    with pytest.raises(CaptureNotRecognised, match=r"does not exist.*nowhere.*our own capture \.npz; a Pose2Sim trial"):
+    with pytest.raises(
+        CaptureNotRecognised, match=r"does not exist.*nowhere.*capture \.npz of this program; a Pose2Sim trial"
+    ):
         load_capture(tmp_path / "nowhere")
     (tmp_path / "x.docx").write_text("x")
-    with pytest.raises(CaptureNotRecognised, match=r"is not a capture we can read.*x\.docx"):
+    with pytest.raises(CaptureNotRecognised, match=r"is not a readable capture.*x\.docx"):
         load_capture(tmp_path / "x.docx")
     (tmp_path / "empty").mkdir()
     with pytest.raises(CaptureNotRecognised, match="holds no detections that are read: "):
@@ -227,7 +229,7 @@ def test_impossible_frame_rates_and_axes(trial: Path) -> None:
     for fps in (0.0, -1.0, float("nan")):
         with pytest.raises(JobInvalid, match="frame rate must be a positive number"):
             load_capture(trial, fps=fps)
-    with pytest.raises(JobInvalid, match="Unknown up-axis"):
+    with pytest.raises(JobInvalid, match="Unknown up axis"):
         load_capture(trial, up_axis="q")
 
 
@@ -244,7 +246,7 @@ def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     path = trial / "calibration" / "Calib.toml"
     named = renamed(cameras, CALIBRATED)
     path.write_text(toml_text(named, scale=100.0))
-    assert "Is the unit right?" in "\n".join(words(load_capture(trial, unit="m").problems))
+    assert "Check the calibration's unit." in "\n".join(words(load_capture(trial, unit="m").problems))
     assert words(load_capture(trial, unit="cm").problems) == ()
     turn = np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]])
     lying = renamed(cameras, CALIBRATED)

@@ -95,7 +95,7 @@ ODD = [
     (with_keypoints(xy=spread(0.0) * 4), "% of the detections lie far outside their pictures"),
     (with_keypoints(xy=spread(100.0)), "The views disagree by 9"),
     (with_keypoints(xy=spread(1.0, others=1000.0)), "The views disagree by 4"),
-    (with_keypoints(xy=np.random.default_rng(0).uniform(0, 1900, (4, 20, 17, 2))), "No keypoint can be located"),
+    (with_keypoints(xy=np.random.default_rng(0).uniform(0, 1900, (4, 20, 17, 2))), "The views locate no keypoint"),
     (with_keypoints(confidence=np.full((4, 20, 17), 85.0)), "The confidences are per cent (up to 85)"),
     (with_keypoints(confidence=np.full((4, 20, 17), 255.0)), "The confidences reach 255, neither 0..1 nor per cent"),
 ]

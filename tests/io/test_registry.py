@@ -58,7 +58,7 @@ def test_a_toy_reader_is_passed(tmp_path: Path) -> None:
     assert load_capture(own, readers=readers).num_frames == 4
     with pytest.raises(CaptureNotRecognised, match="does not exist") as error:
         load_capture(tmp_path / "a.none", readers=readers)
-    assert error.value.hint.startswith("Captures are a toy .toy; our own capture .npz; a Pose2Sim trial folder")
+    assert error.value.hint.startswith("Captures are a toy .toy; capture .npz of this program; a Pose2Sim trial folder")
 
 
 def test_motions_are_told_apart(tmp_path: Path) -> None:
@@ -72,5 +72,5 @@ def test_motions_are_told_apart(tmp_path: Path) -> None:
     assert isinstance(amass, AmassClip)
     assert amass.fps == 60.0
     assert isinstance(load_motion(write_motion(tmp_path / "c.npz", small_motion(3))), Motion)
-    with pytest.raises(MotionInvalid, match="not a motion we can read"):
+    with pytest.raises(MotionInvalid, match="not a readable motion"):
         load_motion(tmp_path)

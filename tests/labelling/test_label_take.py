@@ -133,11 +133,11 @@ def test_labels_of_part_of_a_body_are_not_made_up(demo):
 def test_the_verb_writes_labels_and_a_page(tmp_path: Path, demo, capsys):
     source, out, page = tmp_path / "bare.c3d", tmp_path / "out" / "labelled.c3d", tmp_path / "page.html"
     write_c3d(source, MarkerCloud(demo.positions, demo.fps))
-    told = tmp_path / "told.json"
-    told.write_text(json.dumps({
-        "format": "manifold_mocap_told_points", "version": 1, "points": [{"point": 0, "frame": 0, "marker": "ARIEL"}],
+    labels = tmp_path / "labels.json"
+    labels.write_text(json.dumps({
+        "format": "manifold_mocap_user_labels", "version": 1, "points": [{"point": 0, "frame": 0, "marker": "ARIEL"}],
     }))  # fmt: skip
-    command = ["label", str(source), "--out", str(out), "--report", str(page), "--told", str(told), "--json"]
+    command = ["label", str(source), "--out", str(out), "--report", str(page), "--labels", str(labels), "--json"]
     assert main(command) == 0
     result = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert result["named_percent"] + result["none_percent"] + result["unknown_percent"] == pytest.approx(100, abs=0.05)
@@ -174,11 +174,19 @@ def test_labels_in_a_capture_keep_covariances(tmp_path: Path, demo):
         ("C7", FileDamaged),
     ],
 )
-def test_a_told_file_that_makes_no_sense_is_refused(tmp_path, demo, item, error):
-    path = tmp_path / "told.json"
-    path.write_text(json.dumps({"format": "manifold_mocap_told_points", "version": 1, "points": [item]}))
+def test_a_file_of_labels_that_makes_no_sense_is_refused(tmp_path, demo, item, error):
+    path = tmp_path / "labels.json"
+    path.write_text(json.dumps({"format": "manifold_mocap_user_labels", "version": 1, "points": [item]}))
     with pytest.raises(error):
         read_user_labels(path, demo)
+
+
+@pytest.mark.parametrize("name", ["manifold_mocap_user_labels", "manifold_mocap_told_points"])
+def test_a_file_of_labels_is_read_by_its_earlier_name_too(tmp_path, demo, name):
+    path = tmp_path / "labels.json"
+    item = {"point": 0, "frame": int(np.isfinite(demo.positions[:, 0, 0]).argmax()), "marker": "C7"}
+    path.write_text(json.dumps({"format": name, "version": 1, "points": [item]}))
+    assert list(read_user_labels(path, demo).values()) == ["C7"]
 
 
 def test_a_points_residual_goes_with_its_label(demo):

@@ -188,7 +188,7 @@ def test_views_of_another_calibration_are_a_problem() -> None:
     detections, _ = scene.detections()
     detections.xy[2:, ..., 1] += np.array([250, -250], np.float32)[:, None, None, None]
     found = select_person(cameras, detections, 30.0)
-    assert "Of 4.0 views that see somebody only 2.0 agree on the person. Is this the" in words(found.problems)[0]
+    assert "Of 4.0 views that see somebody only 2.0 agree on the person. Check that the" in words(found.problems)[0]
 
 
 def test_all_zero_confidences_and_single_views_are_errors() -> None:

@@ -127,7 +127,7 @@ def test_bad_weights_are_named(tmp_path: Path) -> None:
         ({"body_joints": ["tail"]}, "another body"),
         ({"activation": "sine"}, "Unknown activation 'sine'"),
         ({"decoder_hidden": [7, 7]}, "decoder_w0.*shape"),
-        ({"format": "other"}, "no weight file"),
+        ({"format": "other"}, "not a weight file"),
     ):
         with pytest.raises(WeightsInvalid, match=text):
             load_sposer(rewritten(path, change))
@@ -142,7 +142,7 @@ def test_bad_weights_are_named(tmp_path: Path) -> None:
 def test_damaged_weights_are_named(tmp_path: Path) -> None:
     path = tmp_path / "sposer.npz"
     path.write_bytes(DEFAULT_WEIGHTS.read_bytes()[:5000])
-    with pytest.raises(WeightsInvalid, match="no weight file"):
+    with pytest.raises(WeightsInvalid, match="not a weight file"):
         load_sposer(path)
     with np.load(DEFAULT_WEIGHTS, allow_pickle=False) as data:
         arrays = {key: data[key] for key in data.files}

@@ -122,7 +122,7 @@ def test_the_solvers_own_uncertainty_is_shown():
     assert "Uncertainty" not in report_html(capture, motion)
     sure = replace(motion, joint_sigma=np.full((FRAMES, 24), 0.012))
     parsed = Strict(report_html(capture, sure))
-    plot = next(json.loads(a["data-plot"]) for _, a in parsed.seen if "least sure joint" in str(a.get("data-plot")))
+    plot = next(json.loads(a["data-plot"]) for _, a in parsed.seen if "least certain joint" in str(a.get("data-plot")))
     assert {value for _, values in plot["lines"] for value in values} == {12.0}
 
 

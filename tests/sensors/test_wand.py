@@ -199,7 +199,7 @@ def test_two_wands_of_lights_are_named() -> None:
     rng = np.random.default_rng(0)
     mixed = views[0].px.copy()
     mixed[:, 1] = rng.uniform(50, 500, mixed[:, 1].shape)
-    with pytest.raises(WandAmbiguous, match="are no wand"):
+    with pytest.raises(WandAmbiguous, match="do not make a wand"):
         calibrate_by_wand([replace(views[0], px=mixed), views[1]], WandOptions(WAND))
 
 

@@ -142,7 +142,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "fit-keypoints": ("fit-keypoints", "capture.npz", "motion.npz", "out.npz"),
     "sample": ("sample", "out.npz", "--count", "100"),
     "studio": ("studio", "spec.json", "--out", "out"),
-    "studio-judge": ("studio-judge", "set"),
+    "studio-benchmark": ("studio-benchmark", "set"),
     "studio-rigs": ("studio-rigs", "floor.json", "--out", "out.html"),
     "train": ("train", "rvposer", "--data", "data", "--out", "out"),
     "export-network": ("export-network", "--out", "out.onnx"),

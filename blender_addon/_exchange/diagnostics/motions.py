@@ -15,13 +15,13 @@ _SKELETONS: dict[str, DiagnosticEntry] = {
         "Joints can be seen as a person's in several ways that are nearly as good.",
     ),
     "motion_rest_bent": warning(
-        "The rest pose is no T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are counted from it "
+        "The rest pose is not a T- or A-pose: the {part} is bent by {angle:.0f}°. Trunk and twists are counted from it "
         "and may be off",
         "The file keeps no rest pose, and the importer took the pose of a frame for it.",
         "Export the clip with its skin, or from a T-pose.",
     ),
     "motion_lengths_strange": warning(
-        "The lengths are hardly a person's: shape {size:.1f}",
+        "The lengths are unusual for a person: shape {size:.1f} deviations from the mean",
         "The skeleton is a cartoon's or lacks a bone, such as that of the upper chest.",
         "Compare the motion with the clip.",
     ),
@@ -49,7 +49,7 @@ _CLIPS: dict[str, DiagnosticEntry] = {
     ),
     "motion_first_frame_apart": warning(
         "The first frame is apart from the second by {angle:.0f}°",
-        "The file begins with a T-pose that is no part of the motion.",
+        "The file begins with a T-pose that is not part of the motion.",
         "Cut the first frame before smoothing or retargeting.",
     ),
     "motion_one_frame": note(

@@ -17,7 +17,7 @@ RANGES: dict[str, DiagnosticEntry] = {
         _CHECK,
     ),
     "focal_length_impossible": error(*_FOCAL_LENGTHS, _CHECK),
-    "focal_length_odd": warning(*_FOCAL_LENGTHS, "Is the intrinsic matrix in pixels, and for this size?"),
+    "focal_length_odd": warning(*_FOCAL_LENGTHS, "Check that the intrinsic matrix is in pixels, and for this size."),
     "centre_outside": warning(
         "The principal point of {camera}, ({x:.5g}, {y:.5g}), lies outside its picture of {width} x {height}",
         "The intrinsic matrix is of pictures of another size, or of a part of them.",
@@ -26,7 +26,7 @@ RANGES: dict[str, DiagnosticEntry] = {
     "distortion_folds": warning(
         "The distortion of {camera} folds inside its picture, {size:.0f} pixels from its centre",
         "The board was never seen near the edges, or the coefficients are in another order.",
-        "Are the coefficients right, and in the right order?",
+        "Check the coefficients and their order.",
     ),
     "camera_place_impossible": error(
         "The camera {camera} would stand {size:.3g} km from the origin",
@@ -36,12 +36,12 @@ RANGES: dict[str, DiagnosticEntry] = {
     "cameras_far": warning(
         "Cameras stand more than {most:g} m from the others: {places}",
         "The calibration has another unit.",
-        "Is the unit right?",
+        "Check the calibration's unit.",
     ),
     "cameras_coincide": warning(
         "The cameras {camera} and {other_camera} stand {size:.1f} mm apart",
         "A camera was copied in the calibration.",
-        "Is one the copy of the other?",
+        "Check whether one is a copy of the other.",
     ),
     "rate_impossible": error(
         "The frame rate must be {least:g} to {most:g}, not {rate:g}",
@@ -61,7 +61,7 @@ RANGES: dict[str, DiagnosticEntry] = {
     "detections_outside": warning(
         "{percent:.0f} % of the detections lie far outside their pictures",
         "The pictures were calibrated in another size than they were detected in.",
-        "Are they in pixels of the calibration's pictures?",
+        "Check that they are in pixels of the calibration's pictures.",
     ),
     "capture_empty": error(
         "The capture holds no keypoints, and no frame of its markers",

@@ -13,7 +13,7 @@ _LENSES: dict[str, DiagnosticEntry] = {
     "board_parts_bare": warning(
         "{camera}: the board was hardly ever at the picture's {parts}",
         "The board was carried through the middle of the picture alone.",
-        "Carry it there.",
+        "Carry the board there.",
     ),
     "board_tilts_few": warning(
         "{camera}: the board was tilted in {count} pictures",
@@ -112,7 +112,7 @@ _PERSONS: dict[str, DiagnosticEntry] = {
     "rig_keypoints_left": warning(
         "{percent:.0f} % of the keypoints fit no cameras",
         "Views show different people, or are not synchronous.",
-        "Is it one person, are views synchronous?",
+        "Check that all views show one person and are synchronised.",
     ),
     "rig_keypoints_off": note(
         "Keypoints of {count} frames are off by {size:.1f} px per axis",
@@ -123,7 +123,7 @@ _PERSONS: dict[str, DiagnosticEntry] = {
         "The calibration is as good as the take can show.",
     ),
     "rig_refined": note(
-        "The take's keypoints are {after:.1f} px from where the cameras agree; as calibrated, {before:.1f} px",
+        "The take's keypoints are {after:.1f} px from where the cameras agree, and {before:.1f} px as calibrated",
         "Cameras were refined by a person.",
     ),
     "camera_moved": warning(
@@ -156,7 +156,7 @@ _TOGETHER: dict[str, DiagnosticEntry] = {
     "camera_off_held": warning(
         "{camera} stands {size:.0f} mm from where it was calibrated; it was moved, or was calibrated badly",
         "The sources contradict the calibration that is held.",
-        "Calibrate the camera anew, or hold the calibration less.",
+        "Calibrate the camera again, or give a larger --hold.",
     ),
     "world_by_places": note(
         "Origin, axes and floor are those of the known places",
@@ -198,7 +198,7 @@ _CHECKS: dict[str, DiagnosticEntry] = {
     "scale_doubted": warning(
         "The person would be {stature:.2f} m tall: the board's squares do not have the stated size",
         "The printer scaled the board, or its squares were measured badly.",
-        "Measure one, or give the stature.",
+        "Measure one square, or give the stature.",
     ),
     "tilt_doubted": warning(
         "The person stands {angle:.0f} degrees from the world's up: the board lay on no level floor, or another axis "

@@ -31,7 +31,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     "camera_moves": warning(
         "Camera {camera}: its background moves by {moved:.0f} pixels, and turns leave {left:.1f} of them",
         "The camera was carried or zoomed, or something large moves behind the person.",
-        "Film from one place: the person's way over the floor is not known otherwise.",
+        "Film from one place; otherwise the person's path over the floor is not known.",
     ),
     "videos_searched": note(
         "{count} pictures by {detector}",
@@ -39,8 +39,8 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     ),
     "person_seldom_found": warning(
         "{file}: nobody is found in {share:.0f} % of the pictures",
-        "The person is out of sight, far away or dark in this video, or the detector is of another kind of picture.",
-        "Watch the video with its keypoints, and leave the camera out if they are of little use.",
+        "The person is out of sight, far away or dark in this video, or the detector does not suit such pictures.",
+        "Watch the video with its keypoints, and leave the camera out if they are poor.",
     ),
     "picture_rate_assumed": warning(
         "Pictures are taken to be filmed at {rate:g} a second",
@@ -49,7 +49,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     ),
     "calibration_kept": note(
         "Calibration: {file}, {count} cameras",
-        "The take has a calibration of its own, or one was made before.",
+        "The take has its own calibration, or one was made before.",
     ),
     "cameras_calibrated": note(
         "{count} cameras by the {method}, {size:.1f} px",
@@ -68,7 +68,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "A single camera without a calibration has its focal length from its video's file, or a guess.",
         "Give the lens with --lenses or --focal.",
     ),
-    "capture_written": note("Capture: {file}", "The capture was put together, or is as it was before."),
+    "capture_written": note("Capture: {file}", "The capture was assembled, or is unchanged."),
     "cameras_fit_take": note(
         "The cameras fit the person to {size:.1f} px, {best:.1f} px at best",
         "Keypoints are compared with where the other cameras have them, before and after the poses are adjusted.",
@@ -90,7 +90,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Crops of hands are placed by wrists that two cameras or more show.",
         "Film with two cameras, or let MediaPipe find hands: --hands.",
     ),
-    "motion_written": note("Motion: {file}", "The capture was solved, or the motion is as it was before."),
+    "motion_written": note("Motion: {file}", "The capture was solved, or the motion is unchanged."),
     "clocks_as_filmed": note(
         "The cameras are taken as filmed: their clocks are not compared",
         "The user states that the cameras were started together, or nothing shows how their clocks differ.",
@@ -116,7 +116,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     "clocks_assumed": warning(
         "The clocks are taken to agree: {reason}",
         "Neither the person's movement nor the sound shows when the recordings started.",
-        "Let the person clap in sight of all cameras, or choose another way with --sync.",
+        "Let the person clap in sight of all cameras, or choose another method with --sync.",
     ),
     "wand_clocks_assumed": note(
         "The clocks are taken to agree at first: {reason}",
@@ -129,14 +129,14 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Use cameras with a common trigger where fast movement must be exact.",
     ),
     "clocks_disagree": warning(
-        "{camera} and {other_camera} do not agree by {method}; the others decide",
+        "{camera} and {other_camera} do not agree by {method}; the other cameras decide",
         "The lag between these two contradicts what all other pairs measure, and is left out.",
-        "Look at the picture of the clocks.",
+        "Check the picture of the clocks.",
     ),
     "clocks_contradict": warning(
         "The lags of the cameras by {method} contradict each other by {off_ms:.0f} ms",
         "Pairs of cameras measure lags that no set of clocks explains, and too few pairs are left to leave one out.",
-        "Try another way with --sync, or give the offsets.",
+        "Try another method with --sync, or give the offsets.",
     ),
     "claps_ambiguous": warning(
         "The claps that {camera} saw fit {off_ms:+.0f} ms from there nearly as well",
@@ -178,7 +178,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "The capture was recorded while it was solved live.",
     ),
     "sensor_missing": warning(
-        "Sensor {camera} is in the calibration and not in the folder",
+        "Sensor {camera} is in the calibration but not in the folder",
         "The sensor was not recorded, or its folder has another name.",
         "Check the folder if the sensor should be there.",
     ),
@@ -208,9 +208,9 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Until then the points are of the other sensors alone.",
     ),
     "sensor_clock_jumped": warning(
-        "Sensor {camera}: its clock jumped by {step:.3f} s; the host's goes on{when}",
+        "Sensor {camera}: its clock jumped by {step:.3f} s; the computer's clock is used{when}",
         "The sensor's clock was set, or it restarted.",
-        "Times about there are less exact.",
+        "Times around the jump are less exact.",
     ),
     "sensor_time_missing": warning(
         "Sensor {camera}: a frame without a time is left out{when}",
@@ -220,7 +220,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
     "sensor_sunlight": warning(
         "Sensor {camera}: too much of the picture is bright{when}",
         "Sunlight, a window or a lamp shines at the sensor. Its markers are not found there.",
-        "Take the light out of its sight, or record the empty scene for a mask.",
+        "Remove the light, or record the empty scene for a mask.",
     ),
     "synthetic": note(
         "Synthetic capture: {origin}; the truth is known",

@@ -24,14 +24,14 @@ WAND: dict[str, DiagnosticEntry] = {
         "Turn the Γ over if the sensors do not all stand above the floor.",
     ),
     "wand_times_back": warning(
-        "{camera}: {lost} rows go back in time, the first after {after:.3f} s; left out",
+        "{camera}: {lost} rows go backwards in time, the first after {after:.3f} s; left out",
         "The sensor sent frames late, or two recordings are in one file.",
         "Put each recording into a file of its own.",
     ),
     "wand_crowded": warning(
-        "{camera}: in {lost} of {of} frames more than the wand shone; they were left out",
+        "{camera}: in {lost} of {of} frames more than the wand was lit; they were left out",
         "Another marker, a lamp or a reflection was in sight.",
-        "Take it away, or record the empty scene for a mask.",
+        "Remove it, or record the empty scene for a mask.",
     ),
     "sensor_off_wand": warning(
         "{camera} is off by {size:.1f} px",

@@ -58,7 +58,7 @@ def recognise(skeleton: Skeleton) -> StructureGuess:
         return StructureGuess({}, ())
     best = ranked[0]
     if _is_quadruped(skeleton, best):
-        return StructureGuess({}, ("Its four limbs stand on the floor: this is no person.",))
+        return StructureGuess({}, ("Its four limbs stand on the floor: this is not a person.",))
     up = _middle(skeleton, best.arms, 0) - _middle(skeleton, best.legs, 0)
     left, doubts = _left_first(skeleton, best, up / np.linalg.norm(up))
     if doubts:

@@ -68,7 +68,7 @@ def map_of(values: Any, where: str) -> RigMap:
     """
     if not isinstance(values, dict) or values.get("format") != FORMAT or values.get("version") != VERSION:
         hint = f'It must be an object with "format": "{FORMAT}" and "version": {VERSION}.'
-        raise MapInvalid("This is no map of a rig.", where=where, hint=hint)
+        raise MapInvalid("This is not a map of a rig.", where=where, hint=hint)
     if unknown := sorted(set(values) - _KEYS):
         hint = f"There are: {', '.join(sorted(_KEYS))}."
         raise MapInvalid(f"The map has unknown entries: {', '.join(unknown)}.", where=where, hint=hint)
@@ -131,5 +131,5 @@ def _quaternion(turn: list[float]) -> tuple[float, float, float, float]:
     w, x, y, z = (float(value) for value in turn)
     length = (w * w + x * x + y * y + z * z) ** 0.5
     if not 0.5 < length < 2.0:
-        raise ValueError(f"{turn} is no quaternion")
+        raise ValueError(f"{turn} is not a quaternion")
     return w / length, x / length, y / length, z / length

@@ -39,7 +39,7 @@ class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.use_range"
     bl_label = "Use Range Again"
-    bl_description = "Let the camera count again in these frames"
+    bl_description = "Use the camera in these frames again"
 
     index: bpy.props.IntProperty(options={"HIDDEN"})
 

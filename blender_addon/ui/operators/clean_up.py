@@ -53,7 +53,7 @@ class MOCAP_OT_lock_feet(NeedsTake, bpy.types.Operator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """Needs a take that no solve of a capture can hold anew."""
         if context.scene.mocap.capture.file:
-            cls.poll_message_set("Choose more Foot Lock and press Solve Anew: this take is solved from a capture")
+            cls.poll_message_set("Choose more Foot Lock and press Solve Again: this take is solved from a capture")
             return False
         return super().poll(context)
 
@@ -106,7 +106,7 @@ class MOCAP_OT_clear_marks(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.clear_marks"
     bl_label = "Clear Gap Markers"
-    bl_description = "Take the markers of gaps off the timeline; your own stay"
+    bl_description = "Remove the markers of gaps from the timeline; your own stay"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Take them off."""

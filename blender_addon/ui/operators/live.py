@@ -30,7 +30,7 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.live_start"
     bl_label = "Start Live"
-    bl_description = "Let a body move as markers or poses come: from a recording at its own rate, or another program"
+    bl_description = "Move a body live, as markers or poses arrive from a recording or another program"
 
     @classmethod
     def poll(cls, context: bpy.types.Context) -> bool:

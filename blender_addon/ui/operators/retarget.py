@@ -123,7 +123,7 @@ class MOCAP_OT_retarget(NeedsActor, bpy.types.Operator):
     bl_idname = "mocap.retarget"
     bl_label = "Retarget"
     bl_description = (
-        "Lay the motion that the actor plays on the target as a new action; what the target played waits on a muted "
+        "Transfer the actor's motion to the target as a new action; the target's former action is kept on a muted "
         "NLA track"
     )
 

@@ -134,7 +134,7 @@ class MOCAP_OT_open_report(NeedsTake, bpy.types.Operator):
         motion = take_file(context.scene.mocap.review.take, "motion_file")
         if not is_report(path, motion.parent):
             raise FileDamaged(
-                "This is no report that a solve wrote beside the take, and is not opened.",
+                "This is not a report that a solve wrote beside the take, so it is not opened.",
                 where=str(path),
                 hint="Solve again with Report switched on, or open it yourself if you trust it.",
             )

@@ -37,7 +37,7 @@ class CurrentSending:
         message = self.sender.send(scene)
         if message is None:
             self.stop()
-            self.message = "The body was taken away: nothing is sent any more."
+            self.message = "The body was removed: sending has stopped."
         elif message:
             self.message = message
 

@@ -95,7 +95,7 @@ class SolverOperator(MocapOperator):
     def poll(cls, context: bpy.types.Context) -> bool:
         """One run at a time."""
         if current.busy:
-            cls.poll_message_set("The solver is at work; wait or cancel first")
+            cls.poll_message_set("The solver is running; wait or cancel first")
             return False
         return True
 

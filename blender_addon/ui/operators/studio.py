@@ -35,7 +35,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
     bl_idname = "mocap.benchmark"
     bl_label = "Benchmark"
     bl_description = (
-        "What would these cameras reach? Film somebody with known truth, add a detector's errors, and solve"
+        "Film a synthetic person with these cameras, add a detector's errors, solve, and compare with the truth"
     )
 
     def work(self, context: bpy.types.Context) -> set[str]:
@@ -47,7 +47,7 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         path = write_description(description, folder.with_suffix(".json"))
         methods = sorted(context.scene.mocap.studio.methods)
         self._faults = context.scene.mocap.studio.faults
-        return self.film(context, path, folder, ["--judge", *methods, "--places"])
+        return self.film(context, path, folder, ["--benchmark", *methods, "--places"])
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
         """Add a row a rig and show the first rig's map on the floor."""
@@ -157,7 +157,7 @@ class MOCAP_OT_open_benchmark(MocapOperator, bpy.types.Operator):
         """Open it in the system's browser."""
         page = _row(context, self.index)[0]
         if not page.is_file():
-            raise FileMissing("The page is gone.", where=str(page), hint="Run the benchmark again.")
+            raise FileMissing("The page no longer exists.", where=str(page), hint="Run the benchmark again.")
         return bpy.ops.wm.path_open(filepath=str(page))
 
 
@@ -166,7 +166,7 @@ class MOCAP_OT_clear_benchmarks(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.clear_benchmarks"
     bl_label = "Clear"
-    bl_description = "Empty the table and take the map off the floor; files stay"
+    bl_description = "Empty the table and remove the map from the floor; files stay"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Empty it."""

@@ -107,7 +107,7 @@ class MOCAP_OT_thin_take(NeedsTake, bpy.types.Operator):
         default=10.0, min=0.5, max=500.0,
     )  # fmt: skip
     keys_per_second: bpy.props.FloatProperty(
-        name="Keys a Second", description="How many keys are left, on average", default=2.0, min=0.1, max=30.0
+        name="Keys a Second", description="Average number of keys that are kept", default=2.0, min=0.1, max=30.0
     )
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -178,7 +178,7 @@ class MOCAP_OT_follow_rate(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.follow_rate"
     bl_label = "Follow Frame Rate"
-    bl_description = "Lay takes, detections, footage, confidence and pins by time at the scene's frame rate"
+    bl_description = "Resample takes, detections, footage, confidence and pins to the scene's frame rate"
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Lay them."""

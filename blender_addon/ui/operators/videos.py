@@ -58,7 +58,7 @@ class VideosOperator(SolverOperator):
         read = [take for take in takes if take["read"] is not None]
         names = [self._staged(context, take["read"], Path(take["source"])) for take in read]
         failed = [f"{name}: {sentence(error)}" for name, error in result.get("failed", {}).items()]
-        found = f"Captures from videos: {', '.join(names)}" if names else "The step is done; see the panel"
+        found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished; see the panel"
         self.report({"WARNING"} if failed else {"INFO"}, ". ".join([found, *failed]))
         return {"FINISHED"}
 
@@ -147,8 +147,8 @@ class MOCAP_OT_video_step(VideosOperator, bpy.types.Operator):
     """Does one step from videos, again where it was done."""
 
     bl_idname = "mocap.video_step"
-    bl_label = "Do This Step"
-    bl_description = "Do this step, again where it was done, with the settings as they are, and what follows from it"
+    bl_label = "Run This Step"
+    bl_description = "Run this step with the current settings, again if it was done, and the steps that follow"
 
     step: bpy.props.EnumProperty(
         name="Step", items=[(name, *texts) for name, texts in STEPS.items()], options={"SKIP_SAVE"}
@@ -182,7 +182,7 @@ class MOCAP_OT_open_video_picture(MocapOperator, bpy.types.Operator):
         """Hand it to the system; only a picture that a step of this scene drew."""
         drawn = {picture.name for step in context.scene.mocap.videos.steps for picture in step.pictures}
         if self.filepath not in drawn or not Path(self.filepath).is_file():
-            raise TakeMissing("The picture is gone.", where=self.filepath, hint="Do the step again.")
+            raise TakeMissing("The picture no longer exists.", where=self.filepath, hint="Run the step again.")
         return bpy.ops.wm.path_open(filepath=self.filepath)
 
 

@@ -56,7 +56,7 @@ class MOCAP_OT_show_capture(MocapOperator, bpy.types.Operator):
 
     bl_idname = "mocap.show_capture"
     bl_label = "Show Capture"
-    bl_description = "Let the panels be about this capture; making one of its objects active does the same"
+    bl_description = "Show this capture in the panels; making one of its objects active does the same"
 
     index: bpy.props.IntProperty(options={"HIDDEN"})
 

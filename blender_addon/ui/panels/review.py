@@ -97,7 +97,7 @@ class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
             column.enabled = not current.busy
             column.prop(settings.solve, "smoothing")
             column.prop(settings.solve, "foot_lock")
-            column.operator(MOCAP_OT_solve.bl_idname, text="Solve Anew", icon="FILE_REFRESH")
+            column.operator(MOCAP_OT_solve.bl_idname, text="Solve Again", icon="FILE_REFRESH")
         else:
             layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")
         column = layout.column(align=True)

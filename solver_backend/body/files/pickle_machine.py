@@ -186,7 +186,7 @@ class Machine:
     def _stack_global(self) -> None:
         name, module = self._pop(), self._pop()
         if not isinstance(name, str) or not isinstance(module, str):
-            raise Damage("the name of a class is no text")
+            raise Damage("the name of a class is not text")
         self._name(module, name)
 
     def _name(self, module: str, name: str) -> None:
@@ -204,7 +204,7 @@ class Machine:
     def _call(self, *, only_classes: bool) -> None:
         arguments, called = self._pop(), self._pop()
         if not isinstance(called, PickledName) or not isinstance(arguments, tuple):
-            raise Damage("something is called that is no function")
+            raise Damage("something is called that is not a function")
         call = CALLS.get(called.dotted)
         if called.dotted in self._classes and not arguments:
             self._stack.append(StandIn(called.dotted))

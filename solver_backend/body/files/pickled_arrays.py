@@ -70,7 +70,7 @@ def finished(value: Any) -> Any:
 def array_of(shape: Any, dtype: Any, by_columns: Any, data: Any) -> np.ndarray:
     """Return an array of plain numbers from its pickled state, after checking that the parts agree."""
     if not isinstance(dtype, NamedDtype) or not isinstance(shape, tuple) or len(shape) > MAX_DIMENSIONS:
-        raise Damage("an array's state is none")
+        raise Damage("an array's state is not valid")
     if not all(isinstance(size, int) and 0 <= size < 2**40 for size in shape):
         raise Damage(f"an array has the shape {shape}")
     plain, content = dtype.dtype(), _bytes(data)
@@ -85,7 +85,7 @@ def _bytes(data: Any) -> bytes:
     if isinstance(data, str):
         return data.encode("latin1")
     if not isinstance(data, bytes | bytearray):
-        raise Damage("an array's values are no bytes")
+        raise Damage("an array's values are not bytes")
     return bytes(data)
 
 
@@ -97,7 +97,7 @@ def _empty_array(kind: Any = None, *_: Any) -> UnbuiltArray:
 
 def _dtype(spec: Any = None, *_: Any) -> NamedDtype:
     if not isinstance(spec, str):
-        raise Damage("an array's type is no text")
+        raise Damage("an array's type is not text")
     return NamedDtype(spec)
 
 

@@ -45,13 +45,13 @@ class Board:
     def __post_init__(self) -> None:
         if self.kind not in KINDS:
             raise JobInvalid(
-                f"There is no board '{self.kind}'; there are {', '.join(KINDS)}.", hint=f"Write {EXAMPLE}."
+                f"There is no board '{self.kind}'; known are {', '.join(KINDS)}.", hint=f"Write {EXAMPLE}."
             )
         if not all(isinstance(count, int) and 3 <= count <= 50 for count in (self.columns, self.rows)):
             raise JobInvalid(f"A board has 3 to 50 columns and rows, not {self.columns} x {self.rows}.")
         if not 0.001 <= self.square_m <= 2.0:
             raise JobInvalid(
-                f"A square of {self.square_m * 1000:g} mm is impossible; it is the side of one square, 1 mm to 2 m."
+                f"A square of {self.square_m * 1000:g} mm is impossible; the side of one square is 1 mm to 2 m."
             )
         if self.kind == "charuco" and not 0.3 * self.square_m <= self.marker_m < self.square_m:
             raise JobInvalid(
@@ -113,7 +113,7 @@ def board_named(text: str) -> Board:
         elif field.lower() == "inverted":
             other["inverted"] = True
         else:
-            raise JobInvalid(f"'{field}' is no property of a board.", where=text, hint=f"Write {EXAMPLE}.")
+            raise JobInvalid(f"'{field}' is not a property of a board.", where=text, hint=f"Write {EXAMPLE}.")
     if counts is None or not lengths:
         raise JobInvalid("A board needs columns x rows and the side of a square.", where=text, hint=f"Write {EXAMPLE}.")
     marker = lengths[1] if len(lengths) > 1 else round(MARKER_SHARE * lengths[0], 9)

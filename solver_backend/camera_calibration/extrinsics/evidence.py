@@ -63,7 +63,7 @@ def board_evidence(
     poses = [poses_seen(board, seen, lens_of(cameras, c)) for c, seen in enumerate(sightings)]
     moments = tuple(sorted(set().union(*(p.keys() for p in poses))))
     if not moments:
-        raise NoDetections(f"No camera sees the {board}.", hint="Is it the board that --board names?")
+        raise NoDetections(f"No camera sees the {board}.", hint="Check that --board names the board that was filmed.")
     stands = list(zip(cameras.R, cameras.t, strict=True))
     bodies, seen = placed_boards(board, sightings, poses, stands, moments, fps)
     return Evidence("board", bodies, seen, metric=True, moments=moments)
@@ -77,7 +77,9 @@ def person_evidence(cameras: Cameras, keypoints: Keypoints2D) -> Evidence:
     """
     useful = np.flatnonzero(((keypoints.confidence >= LEAST_CONFIDENCE).sum(2) > 3).sum(0) >= 2)
     if not len(useful):
-        raise NoDetections("No two cameras see the person at the same moment.", hint="Are the views synchronous?")
+        raise NoDetections(
+            "No two cameras see the person at the same moment.", hint="Check that the views are synchronised."
+        )
     frames = useful[np.unique(np.linspace(0, len(useful) - 1, min(PERSON_FRAMES, len(useful))).astype(int))]
     confidence = keypoints.confidence[:, frames].reshape(len(cameras), -1)
     xy = keypoints.xy[:, frames].reshape(len(cameras), -1, 2)

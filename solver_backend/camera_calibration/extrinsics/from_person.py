@@ -139,7 +139,9 @@ class _FlatViews:
         seen = (keypoints.confidence >= LEAST_CONFIDENCE).sum(2)
         useful = np.flatnonzero((seen > 3).sum(0) >= 2)
         if not len(useful):
-            raise NoDetections("No two cameras see the person at the same moment.", hint="Are the videos synchronous?")
+            raise NoDetections(
+                "No two cameras see the person at the same moment.", hint="Check that the videos are synchronised."
+            )
         if len(useful) < LEAST_MOMENTS:
             raise NoDetections(
                 f"Two cameras see the person together in {len(useful)} pictures; {LEAST_MOMENTS} are needed.",
@@ -210,7 +212,7 @@ class _FlatViews:
             raise CalibrationInvalid(
                 f"Only {share:.0%} of what the camera sees fits the other cameras.",
                 where=f"camera {name}",
-                hint="Is it synchronous, of another zoom, mirrored, or does it see somebody else?",
+                hint="Check its synchronisation, zoom and mirroring, and that it sees the same person.",
             )
         poses = np.concatenate([found.cameras.R, R[None]]), np.concatenate([found.cameras.t, t[None]])
         return [*joined, c], poses

@@ -52,7 +52,7 @@ def read_clicks(path: Path) -> Clicks:
     try:
         rows = list(csv.reader(read_text(path).splitlines()))
     except csv.Error as error:
-        raise FileDamaged(f"The file is no table of points ({error}).", where=str(path)) from error
+        raise FileDamaged(f"The file is not a table of points ({error}).", where=str(path)) from error
     for number, row in enumerate(rows, start=1):
         fields = [field.strip() for field in row]
         if not any(fields) or fields[0].startswith("#") or fields[:2] == ["point", "camera"]:

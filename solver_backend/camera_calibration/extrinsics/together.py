@@ -55,11 +55,11 @@ def calibrate_together(
     Reference: Triggs et al. 2000; Foerstner 1979 (variance components).
     """
     if not sources:
-        raise CalibrationInvalid("There is nothing to calibrate by.", hint="Name a board, a take or clicked points.")
+        raise CalibrationInvalid("There is nothing to calibrate from.", hint="Give a board, a take or clicked points.")
     unseen = set(range(len(start))) - set(np.concatenate([e.seen.camera for e in sources]).tolist())
     if unseen and hold_m is None:
         names = ", ".join(start.names[c] for c in sorted(unseen))
-        raise CalibrationInvalid(f"Nothing was seen by {names}.", hint="Film a board or a person before it too.")
+        raise CalibrationInvalid(f"Nothing was seen by {names}.", hint="Film a board or a person in front of it too.")
     unknowns = _unknowns(start, sources, hold_m)
     alone = [_by_camera(_adjusted(start, [e], unknowns), [e])[0] for e in sources] if len(sources) > 1 else []
     first = _adjusted(start, sources, unknowns)

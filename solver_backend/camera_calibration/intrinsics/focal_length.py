@@ -64,14 +64,14 @@ def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) ->
 def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
     match = _FOCAL.fullmatch(text)
     if match is None:
-        raise CommandLineInvalid(f"'{text}' is no focal length.", hint=f"Give it as {EXAMPLE}.")
+        raise CommandLineInvalid(f"'{text}' is not a focal length.", hint=f"Give it as {EXAMPLE}.")
     value, unit = float(match[1]), match[2]
     px = value if unit == "px" else _of_equivalent(value, image_size)
     low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
     if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
         raise CommandLineInvalid(
             f"A focal length of {text.strip()} is {px:.0f} px in pictures of {image_size[0]} x {image_size[1]}; "
-            f"{low:.0f} to {high:.0f} px can be.", hint=f"Give it as {EXAMPLE}.",
+            f"{low:.0f} to {high:.0f} px are possible.", hint=f"Give it as {EXAMPLE}.",
         )  # fmt: skip
     return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
 

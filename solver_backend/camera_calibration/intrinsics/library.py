@@ -26,10 +26,10 @@ def read_lenses(path: Path) -> dict[str, Lens]:
         return {}
     table = read_json(path)
     if not isinstance(table, dict) or table.get("format") != FORMAT or table.get("version") != VERSION:
-        raise FileDamaged("The file is no library of lenses.", where=str(path))
+        raise FileDamaged("The file is not a library of lenses.", where=str(path))
     lenses = table.get("lenses", {})
     if not isinstance(lenses, dict):
-        raise FileDamaged("'lenses' is to hold a lens for each name.", where=str(path))
+        raise FileDamaged("'lenses' must hold a lens for each name.", where=str(path))
     return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
 
 
@@ -66,7 +66,7 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
         raise CalibrationInvalid(
             f"The lens was found in pictures of {lens.image_size[0]} x {lens.image_size[1]}; these have "
-            f"{image_size[0]} x {image_size[1]}, another shape, so another part of the sensor.",
+            f"{image_size[0]} x {image_size[1]}, of another shape, which is another part of the sensor.",
             where=where,
             hint="Film the board in the mode that the takes are filmed in.",
         )

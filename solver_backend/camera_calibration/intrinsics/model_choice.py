@@ -64,7 +64,10 @@ def chosen_lens(
     held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
     finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
     if not finite:
-        raise CalibrationInvalid("No lens model explains the pictures.", hint="Is it one camera, one zoom, this board?")
+        raise CalibrationInvalid(
+            "No lens model explains the pictures.",
+            hint="Check that it is one camera at one zoom, and that --board names the board.",
+        )
     best = models[0]
     for name in models:
         if name in finite and (best not in finite or finite[name] < (1 - GAIN) * finite[best]):

@@ -59,7 +59,7 @@ def without_views(capture: Capture, texts: Sequence[str]) -> Capture:
     out = left_out_views(texts, cameras.names, keypoints.num_frames)
     confidence = np.where(out[..., None], 0.0, keypoints.confidence)
     if not (confidence > 0).any():
-        raise TooFewViews("No camera with detections is left.", where=capture.name, hint="Leave fewer cameras out.")
+        raise TooFewViews("No camera with detections is left.", where=capture.name, hint="Keep more cameras.")
     return replace(capture, keypoints=replace(keypoints, confidence=confidence))
 
 

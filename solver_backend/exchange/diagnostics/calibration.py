@@ -92,8 +92,8 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "Record all cameras at one frame rate to see their videos.",
     ),
     "frame_rate_ambiguous": warning(
-        "Cameras have several frame rates, none of them that of most: {rate:.4g} a second is taken as that of "
-        "{cameras}, the fastest",
+        "Cameras have several frame rates, and no majority shares one: {cameras}, the fastest, are taken to run at "
+        "{rate:.4g} a second",
         "The views show how the rates are related, not which of them is stated. If the stated one is that of the "
         "others, the movement is solved too slow.",
         "Give the fastest cameras' frames a second with --fps.",

@@ -13,7 +13,7 @@ _TIMES: dict[str, DiagnosticEntry] = {
     "start_ambiguous": warning(
         "The cameras may have started apart, but agree alike at several offsets, as in movement that repeats: {camera} "
         "by {one:+.0f} or {other:+.0f} frames against {other_camera}",
-        "Walking or another movement that repeats fits itself again after a period.",
+        "Walking or another movement that repeats looks the same again after a period.",
         "None is moved: give --offset CAMERA=FRAMES, or --sync off if they started together.",
     ),
     "starts_apart": warning(
@@ -62,7 +62,7 @@ _RATES: dict[str, DiagnosticEntry] = {
     "video_rates_differ": warning(
         "The videos have different frame rates: {rates} fps",
         "The cameras were set to different rates, or phones vary theirs.",
-        "Is every video of this recording?",
+        "Check that every video is of this recording.",
     ),
 }
 """Frames a second."""
@@ -95,7 +95,7 @@ _VIDEOS: dict[str, DiagnosticEntry] = {
     "video_lengths_differ": warning(
         "The videos have {lengths} frames, the detections {count}",
         "The detector skipped frames, or the videos are of another take.",
-        "Are these the videos that the detections were made of?",
+        "Check that the detections were made from these videos.",
     ),
     "video_size_differs": warning(
         "The video of {camera} is {video_width} x {video_height} pixels, its calibration is for {width} x {height}; "
@@ -142,7 +142,7 @@ _PEOPLE: dict[str, DiagnosticEntry] = {
     "few_views_agree": warning(
         "Of {views:.1f} views that see somebody only {agreeing:.1f} agree on the person",
         "The calibration is of other cameras or another day, or the cameras are not synchronised.",
-        "Is this the recording's calibration, are the cameras synchronised?",
+        "Check that the calibration is the recording's and that the cameras are synchronised.",
     ),
     "camera_sees_elsewhere": warning(
         "Camera {camera} sees one person, but never where the other cameras do",

@@ -79,7 +79,7 @@ DETECTIONS: dict[str, DiagnosticEntry] = {
     "confidence_per_cent": warning(
         "The confidences are per cent (up to {largest:.3g}); they are divided by 100",
         "The detector, or an export, writes confidences from 0 to 100.",
-        "Write confidences from 0 to 1, if these are none.",
+        "Write confidences from 0 to 1, if these are not confidences.",
     ),
     "confidence_beyond": warning(
         "The confidences reach {largest:.3g}, neither 0..1 nor per cent; those above 1 are taken as 1",

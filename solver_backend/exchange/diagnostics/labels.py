@@ -84,12 +84,12 @@ _READ: dict[str, DiagnosticEntry] = {
 _NAMED: dict[str, DiagnosticEntry] = {
     "points_named": note(
         "The points had no names: a network named {named:.1f} % of them, as {count} markers; "
-        "{nobody:.1f} % are none of a person's, {unknown:.1f} % stay unknown",
+        "{nobody:.1f} % are not on a person, {unknown:.1f} % stay unknown",
         "Takes without labels are labelled before they are solved.",
     ),
     "labels_named": note(
         "The labels of the markers name no places: a network named {named:.1f} % of them, as {count} markers; "
-        "{nobody:.1f} % are none of a person's, {unknown:.1f} % stay unknown",
+        "{nobody:.1f} % are not on a person, {unknown:.1f} % stay unknown",
         "Labels such as numbers name no place on a body.",
     ),
     "points_named_after": note(

@@ -28,19 +28,19 @@ _UNIT_AND_AXIS: dict[str, DiagnosticEntry] = {
         _UNIT_ADVICE,
     ),
     "marker_spread_unlikely": warning(
-        "The markers spread over {spread:.4g} m: no person",
+        "The markers spread over {spread:.4g} m, which is not a person's size",
         "The unit is another than the file states, or the markers are on no person.",
         _UNIT_ADVICE,
     ),
     "markers_look_like_unit": warning(
-        "The markers spread over {spread:.3g} m, which is no person: they look like {unit}",
+        "The markers spread over {spread:.3g} m, which is not a person's size: they look like {unit}",
         "The capture's markers were written in another unit than metres.",
         "Write them in metres.",
     ),
     "markers_not_in_metres": warning(
-        "The markers spread over {spread:.3g} m, which is no person",
+        "The markers spread over {spread:.3g} m, which is not a person's size",
         "The capture's markers were written in another unit than metres, or are on no person.",
-        "Are the capture's markers in metres?",
+        "Check that the capture's markers are in metres.",
     ),
     "marker_axis_given": note("{axis} points up (as given)", "The axis was given."),
     "marker_axis_stated": note("{axis} points up (as the file states)", "The file states its axis."),
@@ -77,7 +77,7 @@ _UNIT_AND_AXIS: dict[str, DiagnosticEntry] = {
     "markers_along_axis": warning(
         "The markers' body stands along {along}, not along Z",
         "The capture's markers were written in a world whose Z does not point up.",
-        "Is Z up in the capture?",
+        "Check that Z points up in the capture.",
     ),
 }
 
@@ -154,7 +154,7 @@ _POINTS: dict[str, DiagnosticEntry] = {
         "The positions are read as seen.",
     ),
     "model_outputs_left_out": note(
-        "{count} points that are no positions (angles, forces, moments, powers) are left out",
+        "{count} points that are not positions (angles, forces, moments, powers) are left out",
         "Programs keep what their models compute as points.",
     ),
     "analog_channels_left_out": note(

@@ -28,7 +28,7 @@ WORLD_CHECK: dict[str, DiagnosticEntry] = {
     "views_disagree": warning(
         "The views disagree by {size:.0f} px (median)",
         "The calibration is of other cameras or another day, or the cameras are not synchronised.",
-        "Is this the recording's calibration, are the cameras synchronised?",
+        "Check that the calibration is the recording's and that the cameras are synchronised.",
     ),
     "cameras_shifted": warning(
         "Against the other cameras some see everything shifted: {shifts}",
@@ -36,14 +36,14 @@ WORLD_CHECK: dict[str, DiagnosticEntry] = {
         "Their calibration is a little off; refine it.",
     ),
     "cameras_elsewhere": warning(
-        "Cameras see everything somewhere else than the others: {shifts}",
-        "Their calibration is of another place or is written otherwise, or they are late or named like another.",
+        "Cameras see everything in other places than the others do: {shifts}",
+        "Their calibration is of another place or in another convention, or they are late, or named like another.",
         "Check their names, their start, and whether they were moved after the calibration.",
     ),
     "nothing_located": warning(
-        "No keypoint can be located from the views",
+        "The views locate no keypoint",
         "The calibration is of other cameras, or belongs to other names.",
-        "Is this the recording's calibration?",
+        "Check that the calibration is the recording's.",
     ),
 }
 """What the person shows of the world; a world that is changed is checked anew."""
@@ -53,7 +53,7 @@ WORLD: dict[str, DiagnosticEntry] = {
     "unit_by_person": warning(
         "The calibration's lengths are read as {unit}: the person is {stature:.2f} m tall with that, and {read:.3g} m "
         "as {guessed}",
-        "Files of calibrations state no unit; the person shows which is meant.",
+        "Files of calibrations state no unit; the person shows which one is meant.",
         "To keep them: --unit {guessed}.",
     ),
     "scale_as_asked": note(
@@ -79,7 +79,7 @@ WORLD: dict[str, DiagnosticEntry] = {
     "world_levelled_as_asked": note(
         "The world is levelled by {tilt:.1f}° (± {sigma:.1f}°), and its floor, at z = {floor:+.3f} m, is laid at 0, as "
         "asked for",
-        "The world was to be levelled by the person.",
+        "Levelling by the person was asked for.",
     ),
     "floor_by_feet": warning(
         "The feet stand {depth:.2f} m below z = 0, so the floor is laid there",
@@ -88,7 +88,7 @@ WORLD: dict[str, DiagnosticEntry] = {
     ),
     "one_camera_placed": note(
         "Up and floor are the person's: the camera is {height:.2f} m high and looks {angle:.0f}° {way}",
-        "A single camera was to be levelled by the person, or has no world of its own.",
+        "Levelling by the person was asked for, or the single camera has no world of its own.",
     ),
     "one_camera_up_by_person": warning(
         "The person stands {angle:.0f}° off the calibration's up: up and floor are taken from the person",

@@ -58,7 +58,7 @@ def read_address(text: str, schemes: tuple[str, ...] = (VMC,)) -> VmcAddress:
     if found is None or scheme not in schemes or not 0 < port < 65536:
         forms = ", ".join(f"{name}://HOST:PORT" for name in schemes)
         raise CommandLineInvalid(
-            "This is no address of the VMC protocol." if schemes == (VMC,) else "This is no address of a sender.",
+            "This is not a VMC address." if schemes == (VMC,) else "This is not an address of a sender.",
             where=text[:80], hint=f"Write {forms} with a port of 1 to 65535; {SCHEME} alone is {VmcAddress()}.",
         )  # fmt: skip
     return VmcAddress(found["host"].strip("[]") or LOOPBACK, port, scheme)

@@ -37,7 +37,7 @@ class Humanoid:
         unnamed = [self.layout.joints[p] for p in self._parents if self.layout.joints[p] not in BONE_OF]
         if self.layout.joints[0] not in BONE_OF or unnamed:
             raise MotionInvalid(
-                f"The layout {self.layout.name} has joints that are no bone of a humanoid: "
+                f"The layout {self.layout.name} has joints that are not bones of a humanoid: "
                 f"{', '.join(unnamed or self.layout.joints[:1])}.",
                 hint="Send a motion of a body of the SMPL family.",
             )

@@ -74,7 +74,7 @@ class FrameRange:
         """
         if not 0 <= self.first < self.last < num_frames:
             raise JobInvalid(
-                f"Frames {self.first} to {self.last} are no stretch of a take of {num_frames} frames.",
+                f"Frames {self.first} to {self.last} are not a range of the take of {num_frames} frames.",
                 where="resolve", hint=f"0 <= first < last <= {num_frames - 1}.",
             )  # fmt: skip
         for pin in self.pins:

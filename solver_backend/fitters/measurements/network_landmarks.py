@@ -70,7 +70,7 @@ def measure_directly(
         )  # fmt: skip
     if person is not None:
         raise SubjectInvalid(
-            "A person who is known by labelled markers is of no use where a network's landmarks are fitted.",
+            "A calibrated person cannot be combined with a network's landmarks.",
             where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.",
         )  # fmt: skip
     joints = settings.landmarks == LANDMARKS_JOINTS

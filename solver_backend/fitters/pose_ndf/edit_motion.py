@@ -80,11 +80,11 @@ def interpolated_motion(
     frames = frames_of(motion, body)
     if not (0 <= first < motion.num_frames and 0 <= last < motion.num_frames) or first == last:
         raise JobInvalid(
-            f"Frames {first} and {last} are no two frames of the motion.", where="frames",
+            f"Frames {first} and {last} are not two frames of the motion.", where="frames",
             hint=f"It has the frames 0 to {motion.num_frames - 1}.",
         )  # fmt: skip
     if count < 1:
-        raise JobInvalid(f"{count} frames are to lie between; at least 1 is expected.", where="count")
+        raise JobInvalid(f"{count} frames were asked for; at least 1 is expected.", where="count")
     ends = [first, last]
     between = interpolate_poses(prior, frames.local[ends[:1]], frames.local[ends[1:]], count, progress=progress)[0]
     local = np.concatenate([frames.local[ends[:1]], between, frames.local[ends[1:]]])

@@ -65,7 +65,7 @@ class PersonFollower:
         return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
 
     def restart(self) -> None:
-        """Forget the pose: the next frame starts anew."""
+        """Forget the pose: the next frame starts again."""
         self.pose = None
 
     @property

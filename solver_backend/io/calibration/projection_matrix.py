@@ -26,7 +26,7 @@ def split_projection(P: np.ndarray, place: str) -> tuple[np.ndarray, np.ndarray,
         CalibrationInvalid: it is no projection of a camera.
     """
     if P.shape != (3, 4) or not np.isfinite(P).all() or not _is_regular(P[:, :3]):
-        raise CalibrationInvalid("The projection matrix is none of a camera.", where=place)
+        raise CalibrationInvalid("The projection matrix is not that of a camera.", where=place)
     M = P[:, :3]
     if np.linalg.det(M) < 0:
         P, M = -P, -M

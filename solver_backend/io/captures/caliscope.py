@@ -105,7 +105,9 @@ def _rows(path: Path) -> tuple[np.ndarray, np.ndarray]:
     try:
         values = np.array([[row[i] or "nan" for i in order] for row in table if row], dtype=np.float64)
     except (ValueError, IndexError, csv.Error) as error:
-        raise FileDamaged(f"A row is cut off or holds what is no number ({error}).", where=str(path)) from error
+        raise FileDamaged(
+            f"A row is cut off or holds something that is not a number ({error}).", where=str(path)
+        ) from error
     if not len(values):
         raise NoDetections("The table holds no points.", where=str(path))
     whole = values[:, :3]

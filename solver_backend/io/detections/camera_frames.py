@@ -47,7 +47,7 @@ class CameraFrames:
         if spans_too_much(numbers):
             raise FileDamaged(
                 f"The numbers of the {len(numbers)} frames run from {numbers[0]} to {numbers[-1]}; frames are counted.",
-                where=str(path), hint="Number the frames 0, 1, 2 ... of each camera.",
+                where=str(path), hint="Number the frames of each camera 0, 1, 2 ...",
             )  # fmt: skip
         return cls(np.array(numbers, np.int64), lambda row: frames[numbers[row]], lambda _: str(path), keypoints)
 
@@ -98,7 +98,7 @@ def objects(values: list[Any], where: str) -> np.ndarray:
         ]
         return np.array(points, dtype=np.float64).reshape(-1, 3)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("A point in the file lacks x or y, or they are no numbers.", where=where) from error
+        raise FileDamaged("A point in the file lacks x or y, or they are not numbers.", where=where) from error
 
 
 def names_of_objects(values: list[Any]) -> tuple[str, ...]:

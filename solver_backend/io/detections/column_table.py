@@ -61,7 +61,9 @@ def read_table(path: Path) -> CameraFrames:
         numbers = [row if frame is None else int(float(cells[frame])) for row, cells in enumerate(rows)]
         values = _values(rows, [points[name].get(coord) for name in names for coord in _COORDS])
     except (ValueError, IndexError, OverflowError) as error:
-        raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+        raise FileDamaged(
+            f"A row is short or holds something that is not a number ({error}).", where=str(path)
+        ) from error
     values = values.reshape(len(rows), len(names), len(_COORDS))
     values[..., 2] = np.where(np.isfinite(values[..., :2]).all(-1), values[..., 2], 0.0)
     frames: dict[int, People] = {number: [] for number in numbers}

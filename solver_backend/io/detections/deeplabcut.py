@@ -63,7 +63,9 @@ def read_table(path: Path) -> CameraFrames:
         values = np.array([[cell or "nan" for cell in row[1 : len(parts) + 1]] for row in rows], dtype=np.float64)
         numbers = _frame_numbers([row[0] for row in rows], path)
     except ValueError as error:
-        raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+        raise FileDamaged(
+            f"A row is short or holds something that is not a number ({error}).", where=str(path)
+        ) from error
     if rows and values.shape[1] < len(parts):
         raise FileDamaged(f"The rows have {values.shape[1]} values, the headings {len(parts)}.", where=str(path))
     return frames_of_columns(numbers, values, people, parts, coords, path)

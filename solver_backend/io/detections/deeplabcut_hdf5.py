@@ -55,9 +55,9 @@ def _texts_in(pickled: Any) -> list[Any]:
     try:
         found = _PlainUnpickler(io.BytesIO(bytes(pickled))).load()
     except (pickle.UnpicklingError, EOFError, MemoryError) as error:
-        raise ValueError(f"its column names are no list of texts: {error}") from error
+        raise ValueError(f"its column names are not a list of texts: {error}") from error
     if not isinstance(found, list) or not all(isinstance(c, tuple) and all(map(_is_text, c)) for c in found):
-        raise ValueError("its column names are no list of texts")
+        raise ValueError("its column names are not a list of texts")
     return found
 
 

@@ -36,7 +36,7 @@ def opened(path: Path, program: str) -> Iterator[Any]:
     try:
         file = h5py.File(path, "r")
     except OSError as error:
-        raise FileDamaged(f"The file is no HDF5 file, or is truncated ({error}).", where=str(path)) from error
+        raise FileDamaged(f"The file is not an HDF5 file, or is truncated ({error}).", where=str(path)) from error
     with file:
         try:
             yield file

@@ -88,7 +88,7 @@ def _array(person: Person, names: Sequence[str], where: str) -> np.ndarray:
     try:
         return np.array([_point(person.get(name)) for name in names], np.float64).reshape(-1, 3)
     except (TypeError, ValueError, OverflowError) as error:
-        raise FileDamaged("A point in the file holds what is no number.", where=where) from error
+        raise FileDamaged("A point in the file holds something that is not a number.", where=where) from error
 
 
 def _point(value: Any) -> tuple[Any, Any, Any]:

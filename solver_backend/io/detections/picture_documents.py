@@ -146,7 +146,7 @@ def instance(entry: Any, where: str) -> Any:
         FileDamaged, KeypointCountMismatch: it is none.
     """
     if not isinstance(entry, dict):
-        raise FileDamaged("An instance in the file is no object.", where=where)
+        raise FileDamaged("An instance in the file is not an object.", where=where)
     points = _points_of(entry)
     if isinstance(points, list) and not points:
         return np.zeros((0, 3))

@@ -46,10 +46,10 @@ def _array(path: Path) -> np.ndarray:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
     except (OSError, ValueError, EOFError, SyntaxError, TokenError, OverflowError, MemoryError) as error:
-        raise FileDamaged(f"The file is no NumPy array ({error}).", where=str(path)) from error
+        raise FileDamaged(f"The file is not a NumPy array ({error}).", where=str(path)) from error
     counts = {count for s in JointSet for count in s.num_written}
     if array.ndim not in (3, 4) or array.shape[-1] not in (2, 3) or array.shape[-2] not in counts or not array.size:
         raise FileDamaged(f"The array has the shape {array.shape}; (frames, points, 3) is expected.", where=str(path))
     if array.dtype.kind not in "fiu":
-        raise FileDamaged(f"The array holds {array.dtype}, no numbers.", where=str(path))
+        raise FileDamaged(f"The array holds {array.dtype}, not numbers.", where=str(path))
     return array

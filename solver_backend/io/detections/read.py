@@ -92,7 +92,7 @@ def read_detections(
     written = _keypoint_count(pictures)
     if written == 0:
         raise NoDetections(
-            "The files hold nobody: every list of people is empty.",
+            "Nobody was detected: every list of people in the files is empty.",
             where=where,
             hint=f"Run the detector again. {HANDS_ALONE}",
         )

@@ -64,7 +64,9 @@ def _people(path: Path) -> People:
         lines = [np.array(line.split(), dtype=np.float64) for line in read_text(path).splitlines() if line.strip()]
         return [_points(line) for line in lines]
     except ValueError as error:
-        raise FileDamaged(f"A line holds what is no number or no whole points ({error}).", where=str(path)) from error
+        raise FileDamaged(
+            f"A line holds something that is not a number, or incomplete points ({error}).", where=str(path)
+        ) from error
 
 
 def _points(line: np.ndarray) -> np.ndarray:

@@ -26,7 +26,7 @@ from solver_backend.io.markers.take import MarkerEvent, MarkerTake
 from solver_backend.io.recognition.marker_labels import is_model_output
 
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
-"""Lists of points that are no positions: programs keep what their models compute (joint angles) as points."""
+"""Lists of points that are not positions: programs keep what their models compute (joint angles) as points."""
 
 MOST = 65535
 """Largest count in the header."""

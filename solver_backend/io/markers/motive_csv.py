@@ -63,7 +63,7 @@ def read_motive_csv(
     at = next((i for i, line in enumerate(lines[:30]) if _AXES.search(line)), None)
     if not begins_as_motive("\n".join(lines[:30])):
         raise FileDamaged(
-            "The file is no CSV of Motive: 'Format Version' is expected at its start.",
+            "The file is not a CSV of Motive: 'Format Version' is expected at its start.",
             where=str(path),
             hint="Export it again with its header.",
         )

@@ -147,7 +147,7 @@ def _starts(lines: Sequence[str], name: str) -> list[int]:
 def _no_trajectories(sections: dict[str, int], path: Path) -> Exception:
     if not sections:
         return FileDamaged(
-            f"The file is none of Nexus: one of {listing(SECTIONS)} is expected on a line of its own.",
+            f"The file is not one of Nexus: one of {listing(SECTIONS)} is expected on a line of its own.",
             where=str(path),
             hint="Export it again.",
         )

@@ -173,7 +173,7 @@ def _from_long(
         if (key_of_row := (int(frame[i]), names[i])) in seen:
             raise FileDamaged(
                 f"'{names[i]}' stands twice in one frame.", where=f"{path}, line {first + 1 + i}",
-                hint="Several people, or cameras? Write a table for each.",
+                hint="Write one table for each person, or camera, if there are several.",
             )  # fmt: skip
         seen.add(key_of_row)
     positions[frame[named], [column[names[i]] for i in named]] = values[np.ix_(named, axes)]

@@ -86,7 +86,7 @@ def _record(path: Path) -> Any:
     found = [value for name, value in content.items() if not name.startswith("__") and hasattr(value, "Trajectories")]
     if not found:
         raise CaptureNotRecognised(
-            "The MATLAB file is none of Qualisys Track Manager: 'Trajectories' is expected.", where=str(path),
+            "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected.", where=str(path),
             hint="Export C3D or TSV from the program that recorded it.",
         )  # fmt: skip
     return found[0]

@@ -53,7 +53,7 @@ def read_qualisys_tsv(
     path = Path(path)
     lines = read_text(path).splitlines()
     if not lines or not lines[0].strip().upper().startswith(FIRST_LINE):
-        raise FileDamaged(f"The file is none of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
+        raise FileDamaged(f"The file is not one of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
     first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
     header, events = _header(lines[:first])
     included = " ".join(header.get("DATA_INCLUDED", ["3D"]))

@@ -91,6 +91,6 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
     if reader is None:
         kinds = "; ".join(reader.kind for reader in readers)
         raise CaptureNotRecognised(
-            "The file is no recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
+            "The file is not a recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
         )
     return reader.read(path, chosen)

@@ -63,7 +63,7 @@ class MarkerSource:
 
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
-    """Return a diagnostic of points that are no positions, if there are any."""
+    """Return a diagnostic of points that are not positions, if there are any."""
     return (diagnostic("model_outputs_left_out", count=outputs),) if outputs else ()
 
 

@@ -82,7 +82,7 @@ def _number(cell: str, line: int, path: Path, comma: bool) -> float:
         return float(text.replace(",", "") if _GROUPED.fullmatch(text) else text)
     except ValueError as error:
         raise FileDamaged(
-            f"'{text[:40]}' is no number.", where=f"{path}, line {line}", hint="Export the file again."
+            f"'{text[:40]}' is not a number.", where=f"{path}, line {line}", hint="Export the file again."
         ) from error
 
 

@@ -184,8 +184,7 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
         raise FileDamaged(f"MOTION states {str(frames)[:20]} frames of {frame_time:g} s.", where=str(path))
     if not channels or frames * len(skeleton.names) > _MOST_POSES:
         raise FileDamaged(
-            f"{frames} frames of {len(skeleton.names)} joints with {channels} channels are none, or more than can be "
-            "read at once.",
+            f"{frames} frames of {len(skeleton.names)} joints with {channels} channels cannot be read at once.",
             where=str(path),
             hint="Cut the take.",
         )

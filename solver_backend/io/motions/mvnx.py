@@ -49,13 +49,13 @@ def read_mvnx(path: Path) -> tuple[SkeletonMotion, dict[str, str]]:
     try:
         root = ElementTree.fromstring(read_bytes(path, _LARGEST))
     except (ElementTree.ParseError, LookupError, ValueError, RecursionError) as error:
-        raise FileDamaged(f"This is no XML: {error}.", where=where) from error
+        raise FileDamaged(f"This is not XML: {error}.", where=where) from error
     for node in root.iter():
         node.tag = str(node.tag).rpartition("}")[2]
     subject = root.find("subject")
     segments = [] if subject is None else [str(node.get("label", "")) for node in subject.findall("segments/segment")]
     if subject is None or len(segments) < 2:
-        raise FileDamaged("The file names no segments: this is no MVNX.", where=where)
+        raise FileDamaged("The file names no segments: this is not MVNX.", where=where)
     if unknown := sorted(set(segments) - _ROLES.keys()):
         hint = "Segments are those of MVN's body: Pelvis, L5, … LeftToe; leave props out of the export."
         raise FileDamaged(f"Unknown segments: {', '.join(unknown)}.", where=where, hint=hint)
@@ -91,7 +91,7 @@ def _numbers(frames: list[ElementTree.Element], tag: str, count: int, where: str
         try:
             values = np.array((frame.findtext(tag) or "").split(), np.float64)
         except ValueError as error:
-            raise NonFiniteData(f"'{tag}' holds what is no number.", where=where) from error
+            raise NonFiniteData(f"'{tag}' holds something that is not a number.", where=where) from error
         if len(values) != count:
             place = f"{where}, frame {frame.get('index') or frame.get('type')}"
             raise FileDamaged(f"'{tag}' has {len(values)} numbers instead of {count}.", where=place)

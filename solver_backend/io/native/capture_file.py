@@ -265,7 +265,7 @@ def _covariance(fields: Fields, positions: np.ndarray) -> np.ndarray:
     if len(wrong):
         frame, marker = wrong[0]
         raise NonFiniteData(
-            "A marker's covariance is none: it is not finite, or negative in some direction.",
+            "A marker's covariance is not valid: it is not finite, or negative in some direction.",
             where=f"{fields.path}, frame {frame}, marker {marker}",
             hint="Six numbers in m² are expected, xx, xy, xz, yy, yz, zz; NaN where it is not known.",
         )

@@ -61,7 +61,7 @@ def read_motion(path: Path | str) -> Motion:
     fields = read_fields(path, STORED)
     if "format" not in fields and "poses" in fields:
         raise FileDamaged(
-            "The file is AMASS, not one of our motion files: it has no joint positions.",
+            "The file is AMASS, not a motion file of this program: it has no joint positions.",
             where=str(path),
             hint="Convert it first.",
         )

@@ -40,7 +40,7 @@ def read_provenance(fields: Fields) -> dict[str, Any]:
         items = entry if isinstance(entry, list) and key in _ITEMS else []
         if not (entry is None or isinstance(entry, types)) or not all(isinstance(item, _ITEMS[key]) for item in items):
             raise FileDamaged(
-                f"The provenance's '{key}' is of another type than our files have.", where=where,
+                f"The provenance's '{key}' has an unexpected type.", where=where,
                 hint="Solve the take again, or copy the file again.",
             )  # fmt: skip
     return value

@@ -12,7 +12,9 @@ from solver_backend.io.files import read_json
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.types import MarkerCloud
 
-FORMAT, VERSION = "manifold_mocap_told_points", 1
+FORMAT, VERSION = "manifold_mocap_user_labels", 1
+_EARLIER_FORMAT = "manifold_mocap_told_points"
+"""Name of the same format up to version 0.1; read until the next release."""
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
@@ -25,16 +27,17 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
         MarkersUnknown: a marker is none of the superset's.
     """
     values: Any = read_json(path)
-    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
-        raise FileDamaged(f"The file is no {FORMAT} of version {VERSION}.", where=str(path))
+    kinds = ((FORMAT, VERSION), (_EARLIER_FORMAT, VERSION))
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) not in kinds:
+        raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     items = values.get("points")
     if not isinstance(items, list):
-        raise FileDamaged("'points' is to be a list.", where=str(path))
+        raise FileDamaged("'points' must be a list.", where=str(path))
     labels: dict[tuple[int, int], str] = {}
     for number, item in enumerate(items):
         where = f"{path}: points[{number}]"
         if not isinstance(item, dict) or type(item.get("point")) is not int or type(item.get("frame")) is not int:
-            raise FileDamaged("An item is to hold 'point', 'frame' and 'marker'.", where=where)
+            raise FileDamaged("An item must hold 'point', 'frame' and 'marker'.", where=where)
         marker = item.get("marker")
         if marker != "" and marker not in MARKERS:
             raise MarkersUnknown(

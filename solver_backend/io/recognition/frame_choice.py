@@ -24,7 +24,7 @@ def cut_frames(capture: Capture, first: int, last: int) -> Capture:
     count = capture.num_frames
     if not 0 <= first <= last < count:
         raise JobInvalid(
-            f"Frames {first} to {last} are no range of a take of {count} frames.", where="frames",
+            f"Frames {first} to {last} are not a range of the take of {count} frames.", where="frames",
             hint=f"0 <= first <= last <= {count - 1}.",
         )  # fmt: skip
     stop = last + 1

@@ -62,7 +62,7 @@ def require_known_count(num_keypoints: int, given: JointSet | None, *, where: st
                 hint=HANDS_ALONE,
             )
         raise KeypointCountMismatch(
-            f"No joint set we know has {num_keypoints} keypoints.", where=where, hint=_fitting_hint(num_keypoints)
+            f"No known joint set has {num_keypoints} keypoints.", where=where, hint=_fitting_hint(num_keypoints)
         )
 
 

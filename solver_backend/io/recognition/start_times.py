@@ -192,7 +192,7 @@ def _aligned(
     lengths = np.array(detections.lengths or [detections.num_frames] * len(offsets))
     first, stop = common_rows(offsets, lengths, every=options.trim)
     if stop <= first:
-        raise different_frames(_spans(detections), "At their offsets no two recorded at the same time.")
+        raise different_frames(_spans(detections), "With these offsets no two cameras recorded at the same time.")
     rows = tuple(int(first + offset) for offset in offsets)
     starts = [f"{row} of {name}" for name, row in zip(detections.cameras, rows, strict=True)]
     kept = diagnostic("take_in_common", cameras=detections.cameras, count=stop - first, starts=starts, rows=rows)
@@ -209,7 +209,7 @@ def _given_offsets(cameras: Sequence[str], texts: Sequence[str]) -> np.ndarray |
         same = [c for c, camera in enumerate(cameras) if camera == name or keys[c] == name_key(name)]
         if len(same) != 1:
             raise JobInvalid(
-                f"The offset of '{name}' is of no camera.", where="offset", hint=f"Cameras are {listing(cameras)}."
+                f"The offset of '{name}' belongs to no camera.", where="offset", hint=f"Cameras are {listing(cameras)}."
             )
         late[same[0]] = frames
     return late if given else None

@@ -28,5 +28,5 @@ def rotation_to_z_up(up_axis: str) -> np.ndarray:
     """
     axis = up_axis.lower().lstrip("+")
     if axis not in UP_AXES:
-        raise JobInvalid(f"Unknown up-axis '{up_axis}'; known are {', '.join(UP_AXES)}.", where="up_axis")
+        raise JobInvalid(f"Unknown up axis '{up_axis}'; known are {', '.join(UP_AXES)}.", where="up_axis")
     return np.array(UP_AXES[axis], dtype=np.float64)

@@ -30,7 +30,7 @@ def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
     """
     if not 0.0 <= interleave_s <= LARGEST_INTERLEAVE_S:
         raise CommandLineInvalid(
-            f"An interleave of {1e6 * interleave_s:.0f} microseconds is none.",
+            f"An interleave of {1e6 * interleave_s:.0f} microseconds is not possible.",
             hint=f"160 for time-of-flight sensors, 0 for others; at most {1e6 * LARGEST_INTERLEAVE_S:.0f}.",
         )
     late = interleave_s * np.arange(len(names))

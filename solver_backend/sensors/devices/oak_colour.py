@@ -116,7 +116,7 @@ class OakColour(OpenedDevice):
             try:
                 found = self._queue.tryGet()
             except Exception as error:  # depthai's own types
-                raise SensorFailed(f"The device went away: {error}.", where=f"sensor {self.name}") from error
+                raise SensorFailed(f"The device was lost: {error}.", where=f"sensor {self.name}") from error
             yield found and ColourPicture(bytes(found.getData()), found.getTimestamp(middle).total_seconds())
 
     def close(self) -> None:
@@ -166,7 +166,7 @@ class ColourFile:
         except OSError as error:
             raise OutputNotWritable(
                 f"The video cannot be written on: {error.strerror}.", where=str(self.path),
-                hint="Is the disk full? What was recorded before can be read.",
+                hint="Check the free space on the disk. What was recorded before can be read.",
             ) from error  # fmt: skip
         self._last = at
         self.first_s = picture.time_s if self.count == 0 else self.first_s

@@ -36,12 +36,12 @@ class OakSettings:
     def __post_init__(self) -> None:
         if self.sync not in SYNCS:
             raise CommandLineInvalid(
-                f"'{self.sync}' is no way to keep OAKs in step.", hint=f"One of {', '.join(SYNCS)}."
+                f"'{self.sync}' is not a way to synchronise OAKs.", hint=f"One of {', '.join(SYNCS)}."
             )
         if tuple(self.size) not in SIZES:
             message = ", ".join(f"{w} x {h}" for w, h in SIZES)
             raise CommandLineInvalid(
-                f"Pictures of {self.size} are none of an OAK's mono cameras.", hint=f"One of {message}."
+                f"Pictures of {self.size} are not possible with an OAK's mono cameras.", hint=f"One of {message}."
             )
         if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
             raise CommandLineInvalid(

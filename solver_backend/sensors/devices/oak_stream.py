@@ -75,7 +75,7 @@ class PairStream:
                 if now_s - heard_s > self.silent_s:
                     raise SensorFailed(
                         f"No frame came for {self.silent_s:g} s.", where=f"sensor {self.name}",
-                        hint="Is the cable in, and does it carry USB 3 or PoE? A slave waits for its master's pulse.",
+                        hint="Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse.",
                     )  # fmt: skip
                 time.sleep(WAIT_S)
                 continue
@@ -84,7 +84,7 @@ class PairStream:
             if np.isfinite(last_s) and not 0.0 < frame.device_s - last_s < LARGEST_JUMP_S:
                 raise SensorFailed(
                     f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s.",
-                    where=f"sensor {self.name}", hint="It was started again: open it again.",
+                    where=f"sensor {self.name}", hint="The device restarted; open it again.",
                 )  # fmt: skip
             last_s = frame.device_s
             yield frame
@@ -125,5 +125,5 @@ class PairStream:
             if not self.running():
                 return None
             raise SensorFailed(
-                f"The device went away: {error}.", where=f"sensor {self.name}", hint="Plug it in and open it again."
+                f"The device was lost: {error}.", where=f"sensor {self.name}", hint="Plug it in and open it again."
             ) from error

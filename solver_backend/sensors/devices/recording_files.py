@@ -106,7 +106,7 @@ def read_about(folder: Path) -> RecordingAbout:
             raise ValueError("no sensors, two of one name, or no frame rate")
     except (KeyError, TypeError, ValueError, IndexError, OverflowError) as error:
         raise RecordingInvalid(
-            f"{ABOUT} is none of ours, or of a newer version: {error}.", where=str(path), hint="Record again."
+            f"{ABOUT} is not in our format, or of a newer version: {error}.", where=str(path), hint="Record again."
         ) from error
     return about
 
@@ -117,7 +117,7 @@ def _sensor(item: Any) -> SensorFiles:
     if not (0 < width <= 8192 and 0 < height <= 8192) or infrared not in ("uint8", "uint16"):
         raise ValueError(f"sensor {name}: {width} x {height} {infrared}")
     if not name or name.startswith(".") or any(c in name for c in "/\\:\0"):
-        raise ValueError(f"{name!r} is no name of a sensor")
+        raise ValueError(f"{name!r} is not a sensor's name")
     return SensorFiles(name, width, height, infrared, bool(item["depth"]))
 
 
@@ -132,10 +132,12 @@ def read_index(path: Path) -> np.ndarray:
         whole = [line for line in lines[1:] if line.endswith("\n") and line.strip()]
         rows = np.array([[float(part) for part in line.split(",")] for line in whole]).reshape(-1, 3)
         if not lines or lines[0] != HEADER or not np.isfinite(rows).all():
-            raise ValueError("another header, or times that are no numbers")
+            raise ValueError("another header, or times that are not numbers")
         if (beyond := np.flatnonzero(np.abs(rows).max(axis=1, initial=0.0) > LARGEST_NUMBER)).size:
             row = int(beyond[0])
-            raise ValueError(f"line {row + 2} holds {np.abs(rows[row]).max():.3g}, which is no time or frame number")
+            raise ValueError(
+                f"line {row + 2} holds {np.abs(rows[row]).max():.3g}, which is not a time or a frame number"
+            )
     except (FileDamaged, FileMissing, ValueError) as error:
         raise RecordingInvalid(f"The index cannot be read: {error}.", where=str(path), hint="Record again.") from error
     return rows

@@ -53,7 +53,8 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     if len(shots) == 1:
         return _shot(shots[0], calibration)
     raise RecordingInvalid(
-        f"The folder is no recording of sensors{f', but holds {len(shots)} shots' if shots else ''}.", where=str(path),
+        f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}.",
+        where=str(path),
         hint="Name a folder that rig-record wrote, or the folder of one shot of the studio.",
     )  # fmt: skip
 

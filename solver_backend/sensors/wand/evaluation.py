@@ -44,7 +44,7 @@ def require_fit(found: Adjusted) -> None:
         raise WandInvalid(
             f"What the sensors saw does not fit together: {usual:.0f} px off at the middle.",
             where=", ".join(found.cameras.names),
-            hint="Do their clocks agree (--trigger), are lenses of this mode, and was there one wand alone?",
+            hint="Check that clocks agree (--trigger), lenses are of this mode, and only one wand was in sight.",
         )  # fmt: skip
 
 

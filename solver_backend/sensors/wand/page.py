@@ -35,7 +35,9 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     words = [*map(sentence, rig.findings), *([place] if (place := found.coverage.next_place()) else [])]
     body = [
         tiles(head),
-        section("What to look at", "".join(f"<p>{text(word)}</p>" for word in words) or "<p>Nothing was odd.</p>"),
+        section(
+            "What to look at", "".join(f"<p>{text(word)}</p>" for word in words) or "<p>Nothing unusual was found.</p>"
+        ),
         section("Sensors", facts(_sensors(found)), "Places and deviations, about the whole rig."),
         section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
         section("Seen together", _together(found), "Moments at which two sensors saw the wand."),

@@ -96,14 +96,14 @@ def _require_seen(views: Sequence[WandView]) -> None:
         seen = np.isfinite(view.px).all((1, 2))
         if view.crowded > MOST_CROWDED * max(len(view), 1):
             raise WandAmbiguous(
-                f"In {view.crowded} of {len(view)} frames more than one wand, or something else, shone.",
+                f"In {view.crowded} of {len(view)} frames more than one wand, or something else, was lit.",
                 where=f"sensor {view.name}",
-                hint="Take the second wand, lamps and mirrors out of sight; wear no markers.",
+                hint="Remove the second wand, lamps, mirrors and worn markers.",
             )  # fmt: skip
         if seen.sum() < LEAST_TOGETHER:
             raise WandNotSeen(
                 f"The wand is seen in {int(seen.sum())} of {len(view)} frames.", where=f"sensor {view.name}",
-                hint="Is its infrared on, its exposure fixed, the marker before it?",
+                hint="Check that its infrared is on, its exposure fixed, and the marker in sight.",
             )  # fmt: skip
     if len({view.lens.distortion_model for view in views}) > 1:
         raise CalibrationInvalid(
@@ -124,9 +124,9 @@ def _with_lights(view: WandView, wand: Wand) -> WandView:
     seen = np.isfinite(view.px).all((1, 2))
     if sure.sum() < (1.0 - MOST_CROWDED) * seen.sum():
         raise WandAmbiguous(
-            f"In {int((seen & ~sure).sum())} of {int(seen.sum())} frames three lights are no wand of "
+            f"In {int((seen & ~sure).sum())} of {int(seen.sum())} frames three lights do not make a wand of "
             f"{wand.first_m:.3f} and {wand.second_m:.3f} m.", where=f"sensor {view.name}",
-            hint="Is a second wand or a lamp in sight, or does the wand point at the sensor?",
+            hint="Check that no second wand or lamp is in sight, and that the wand does not point at the sensor.",
         )  # fmt: skip
     return replace(view, px=in_order(view.px, order, sure))
 

@@ -74,8 +74,9 @@ def with_growing_times(view: WandView) -> WandView:
     if not good.any() or lost > LARGEST_LEFT_OUT * len(times):
         first = float(times[int(np.argmin(good))]) if len(times) else float("nan")
         raise TimesInvalid(
-            f"{lost} of {len(times)} rows go back in time, the first at {first:.3f} s.", where=f"sensor {view.name}",
-            hint="Was the sensor started again? Put each recording into a file of its own.",
+            f"{lost} of {len(times)} rows go backwards in time, the first at {first:.3f} s.",
+            where=f"sensor {view.name}",
+            hint="If the sensor was started again, put each recording into its own file.",
         )  # fmt: skip
     if not lost:
         return view

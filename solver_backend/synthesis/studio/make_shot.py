@@ -81,7 +81,9 @@ def read_shot(folder: Path) -> dict[str, Any]:
     """
     record = read_json(folder / DONE)
     if not isinstance(record, dict):
-        raise FileDamaged("The shot's record is no object.", where=str(folder / DONE), hint="Remove the shot's folder.")
+        raise FileDamaged(
+            "The shot's record is not an object.", where=str(folder / DONE), hint="Remove the shot's folder."
+        )
     return record
 
 

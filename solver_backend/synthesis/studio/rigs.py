@@ -175,7 +175,9 @@ def _written_out(values: CheckedValues, folder: Path) -> Cameras:
             flat = {key: np.ravel(np.asarray(camera.raw(key, ()), dtype=np.float64)) for key in ("K", "R", "t")}
             coefficients = np.ravel(np.asarray(camera.raw("distortion", []), dtype=np.float64))[:8]
         except (TypeError, ValueError, OverflowError) as error:
-            raise StudioInvalid(f"A camera holds what is no number ({error}).", where=camera.where) from error
+            raise StudioInvalid(
+                f"A camera holds something that is not a number ({error}).", where=camera.where
+            ) from error
         if [v.size for v in flat.values()] != [9, 9, 3]:
             raise StudioInvalid("A camera needs K (3 x 3), R (3 x 3) and t (3).", where=camera.where)
         lens = np.zeros(8)

@@ -125,7 +125,7 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
         raise StudioInvalid("motions must be a list of files, folders or 'choreography'.", where="description: motions")
     for what, names in (("rigs", [r.name for r in rigs]), ("looks", [k.name for k in looks])):
         if len(set(names)) < len(names):
-            raise StudioInvalid(f"Two {what} have one name: {', '.join(names)}.", where=f"description: {what}")
+            raise StudioInvalid(f"Two {what} have the same name: {', '.join(names)}.", where=f"description: {what}")
     spec = Spec(
         name=top.text("name", "studio"), seed=top.whole("seed", 0, 0, 2**31), fps=top.number("fps", 30.0, 1.0, 1000.0),
         frames=top.whole("frames", 60, 1, 100_000), motions=tuple(motions), people=_people(top), rigs=rigs,
@@ -142,18 +142,18 @@ def _require_sense(spec: Spec) -> Spec:
     needs_markers = MARKER_FORMATS.keys() & set(spec.write)
     if needs_markers and not spec.markers:
         raise StudioInvalid(
-            f"{', '.join(sorted(needs_markers))} hold markers, and nobody wears any.", where="description: write",
+            f"{', '.join(sorted(needs_markers))} hold markers, but the person wears none.", where="description: write",
             hint="Name a layout in 'markers', or leave these formats out.",
         )  # fmt: skip
     if "video" in spec.write and "rgb" not in spec.film:
         raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
     if spec.hands and spec.people.strange:
-        raise StudioInvalid("People of strange bodies have no finger joints.", where="description: hands")
+        raise StudioInvalid("People of unusual proportions have no finger joints.", where="description: hands")
     alone = [rig.name for rig in spec.rigs if len(rig.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(
             f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.", where="description: write",
-            hint="Leave 'pose2sim' out, or film with more cameras.",
+            hint="Leave out 'pose2sim', or film with more cameras.",
         )  # fmt: skip
     # A marker's centre lies 9.5 mm off the skin: loose clothes would swallow it.
     loose = [look.name for look in spec.looks if look.clothes not in ("suit", "bare")]

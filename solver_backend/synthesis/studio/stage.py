@@ -116,7 +116,7 @@ def require_sight(stage: Stage) -> None:
             raise CameraInsideBody(
                 f"The camera stands {100 * off:.0f} cm from the person's skin or inside it.",
                 where=f"shot {stage.shot.name}, camera {stage.cameras.names[view]}",
-                hint="Move the rig away from the person's way, or choose another motion.",
+                hint="Move the rig away from the person's path, or choose another motion.",
             )
     if not seen.any():
         raise NobodySeen(

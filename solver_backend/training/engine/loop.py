@@ -165,7 +165,7 @@ class _TrainingRun:
         """
         if not math.isfinite(self.recent):
             raise NonFiniteData(
-                f"The loss is no number at step {self.step}.", where=self.checkpoint.name,
+                f"The loss is not a number at step {self.step}.", where=self.checkpoint.name,
                 hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
             )  # fmt: skip
 

@@ -193,7 +193,7 @@ class _LandmarkRun:
         """Raise where the loss is no number: what follows would be none either."""
         if not bool(torch.isfinite(self.loss)):
             raise NonFiniteData(
-                f"The loss is no number at step {self.steps}.", where=self.checkpoint.name,
+                f"The loss is not a number at step {self.steps}.", where=self.checkpoint.name,
                 hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
             )  # fmt: skip
 

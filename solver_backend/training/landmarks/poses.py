@@ -64,8 +64,8 @@ class PoseTable:
         for name, array in self.arrays.items():
             if array.ndim == 3 and not (sound := np.isfinite(array).all(axis=(1, 2))).all():
                 raise NonFiniteData(
-                    f"{(~sound).sum()} of {len(sound)} {name} poses of the table are no numbers.",
-                    hint="Make the table anew from the recordings (--data FOLDER).",
+                    f"{(~sound).sum()} of {len(sound)} {name} poses of the table are not numbers.",
+                    hint="Make the table again from the recordings (--data FOLDER).",
                 )  # fmt: skip
 
 

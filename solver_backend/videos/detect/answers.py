@@ -25,7 +25,7 @@ def read_head(stream: IO[bytes]) -> dict[str, Any]:
     except RecursionError as error:
         raise ValueError("the line is nested too deeply") from error
     if not isinstance(head, dict):
-        raise ValueError("the line is no object")
+        raise ValueError("the line is not an object")
     return head
 
 
@@ -43,7 +43,7 @@ def read_arrays(head: dict[str, Any], stream: IO[bytes]) -> dict[str, np.ndarray
 
 def _array(shape: Any, stream: IO[bytes]) -> np.ndarray:
     if not isinstance(shape, list) or not all(type(n) is int and 0 <= n < 1 << 24 for n in shape) or len(shape) > 8:
-        raise ValueError(f"{str(shape)[:60]} is no shape")
+        raise ValueError(f"{str(shape)[:60]} is not a shape")
     size = 4 * math.prod(shape)
     if size > _LARGEST_ANSWER or len(data := stream.read(size)) < size:
         raise ValueError("an array is too large or cut off")

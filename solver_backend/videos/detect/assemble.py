@@ -58,7 +58,7 @@ def everybody(found: Sequence[VideoDetections], clocks: Clocks) -> tuple[Detecti
     if not any((item.confidence > 0).any() for item in found):
         raise NoDetections(
             "The detector found nobody in any video.", where=", ".join(item.video.name for item in found),
-            hint="Is the person in sight, upright and large enough? Look at a preview, or try another detector.",
+            hint="Check in a preview that the person is in sight, upright and large enough, or try another detector.",
         )  # fmt: skip
     rates = [item.fps for item in found if item.fps > 0]
     fps = float(np.median(rates)) if rates else 0.0
@@ -129,7 +129,9 @@ def assembled(
     if calibration is None:
         if len(found) < 2:
             raise TooFewViews(
-                "One video alone is no capture.", where=name, hint="Add another camera's video, or `from-videos VIDEO`."
+                "One video alone does not make a capture.",
+                where=name,
+                hint="Add another camera's video, or `from-videos VIDEO`.",
             )
         return Capture(
             name, None, _main_person(found, detections, fps), footage=footage, sources=sources,

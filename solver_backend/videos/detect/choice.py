@@ -83,7 +83,7 @@ def chosen_detector(
     if module is None:
         endings = " or ".join(_MODULES)
         hint = f"--detector mediapipe, or the path of a model that ends in {endings}."
-        raise CommandLineInvalid(f"'{name}' is no detector we know.", hint=hint)
+        raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
     if not model.is_file():
         raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")
     return DetectorChoice(module, python or Path(sys.executable), {**options, "model": os.path.abspath(model)})

@@ -210,7 +210,7 @@ def joint_set_of(about: dict) -> JointSet:
     fitting = [s for s in JointSet.fitting(count) if s is not JointSet.H36M_17]
     if not fitting:
         raise DetectorOutputsUnknown(
-            f"The model finds {count} keypoints, which fit no joint set we know.", where=str(about.get("name", "")),
+            f"The model finds {count} keypoints, which fit no known joint set.", where=str(about.get("name", "")),
             hint="Use a model of 17 (COCO), 26 (Halpe), 33 (MediaPipe) or 133 (COCO WholeBody) keypoints.",
         )  # fmt: skip
     return fitting[0]

@@ -118,5 +118,5 @@ class DetectorProcess:
         return DetectorFailed(
             f"The detector's process ended (exit code {self._process.returncode}): {message}",
             where=str(self._choice.python),
-            hint="Call again: videos that are done are kept. If it ends again, try another detector or Python.",
+            hint="Run again; finished videos are kept. If it ends again, try another detector or Python.",
         )

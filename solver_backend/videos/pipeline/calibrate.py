@@ -201,7 +201,7 @@ def _board(request: CalibrationRequest, known: KnownOfCameras) -> Board:
     named = known.board or _board_file(request)
     if named is None:
         raise CommandLineInvalid(
-            "Which board was filmed?", where=str(request.found.footage[0].folder),
+            "The board that was filmed is not known.", where=str(request.found.footage[0].folder),
             hint="Give --board, such as --board charuco:5x7:35mm, or put the board.toml that 'board' wrote beside it.",
         )  # fmt: skip
     return board_named(str(named))

@@ -255,7 +255,7 @@ def _refuse(output: Path, settings: RoadSettings) -> None:
     """Raise ``OutputExists`` about somebody else's file, unless it may be replaced."""
     if not settings.overwrite:
         raise OutputExists(
-            "There is a file that from-videos did not write.",
+            "The output is a file that from-videos did not write.",
             where=str(output),
             hint="Choose another --out, or --overwrite.",
         )

@@ -121,4 +121,4 @@ def _named(error: Exception, camera: str) -> MocapError:
     """Return an error with a name: a thread that broke without one would leave the others waiting for it."""
     if isinstance(error, MocapError):
         return error
-    return SolverFailed(f"The camera's thread broke: {type(error).__name__}: {error}", where=camera)
+    return SolverFailed(f"The camera's thread failed: {type(error).__name__}: {error}", where=camera)

@@ -104,5 +104,5 @@ def _from_bgr(bgr: np.ndarray) -> np.ndarray:
 def _missing(index: int) -> VideoUnreadable:
     return VideoUnreadable(
         "The webcam cannot be opened.", where=f"webcam:{index}",
-        hint="Is it plugged in, its number right, and no other program using it?",
+        hint="Check that it is plugged in, its number, and that no other program uses it.",
     )  # fmt: skip

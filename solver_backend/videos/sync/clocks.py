@@ -118,7 +118,7 @@ def read_clocks(path: Path) -> Clocks:
         arrays = {key: np.array(values[key], dtype=np.float64).reshape(shape) for key, shape in shapes.items()}
         middle_s = float(values["middle_s"])
         if not np.isfinite([*arrays["offset_s"], *arrays["rate"], middle_s]).all():
-            raise ValueError("an offset is no number")
+            raise ValueError("an offset is not a number")
         return Clocks(names, **arrays, middle_s=middle_s, method=str(values["method"]), findings=findings)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         raise FileDamaged(

@@ -38,7 +38,7 @@ IN_STEP_BONUS = 0.97
 """Cameras are in step unless other clocks explain the detections better by more than this factor."""
 LEAST_COMMON_S, LEAST_COMMON_SHARE = 3.0, 0.7
 """Time that all videos must have in common, or the share of the shortest one where it is shorter."""
-_HINT = "Are these the cameras of the calibration? Else use sound: --sync sound."
+_HINT = "Check that these are the calibration's cameras, or use sound: --sync sound."
 MOTION_FRAMES, MOTION_SIGMAS, LEAST_MOVES = 4, 3.0, 100
 """A keypoint moves where it goes further than so many deviations in twice so many frames."""
 

@@ -167,7 +167,7 @@ def test_what_cannot_be_exported_is_named(scene: Any, take: BakedTake, tmp_path:
         take_of(scene, None)
     with pytest.raises(NothingToExport, match="No armature is chosen"):
         take_of(scene, take.cameras[0])
-    with pytest.raises(NothingToExport, match="The frames 9 to 3 are none"):
+    with pytest.raises(NothingToExport, match="The frames 9 to 3 are not a range"):
         take_of(scene, take.armature, (9, 3))
     with pytest.raises(NothingToExport, match=r"A file of FBX ends in \.fbx.*Try walk\.fbx"):
         export_take(take_of(scene, take.armature), "fbx", tmp_path / "walk.obj")

@@ -1,4 +1,4 @@
-"""The verb studio: from a description to pictures, a card and a judged solve, in one command."""
+"""The verb studio: from a description to pictures, a card and an evaluated solve, in one command."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def test_one_command_makes_colour_video_card_and_table(tmp_path: Path, capfd: py
     spec, out = tmp_path / "spec ü.json", tmp_path / "set"
     spec.write_text(json.dumps(SPEC))
     given = ["studio", str(spec), "--out", str(out), "--json"]
-    assert main([*given, "--judge", "triangulation"]) == 0
+    assert main([*given, "--benchmark", "triangulation"]) == 0
     result = said(capfd)
     assert result["event"] == "result" and result["frames"] == 2 and len(result["shots"]) == 1
     assert "triangulation" in result["table"] and all(Path(path).exists() for path in result["outputs"])

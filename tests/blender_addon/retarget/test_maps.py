@@ -114,9 +114,9 @@ def test_a_map_is_read_as_it_was_written(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        ({"format": "other"}, "no map"), ({"version": 2}, "no map"), ({"colour": 1}, "unknown entries: colour"),
+        ({"format": "other"}, "not a map"), ({"version": 2}, "not a map"), ({"colour": 1}, "unknown entries: colour"),
         ({"bones": {"tail": "Tail"}}, "unknown roles: tail"), ({"bones": 3}, "cannot be read"),
-        ({"map_pose": {"a": [0, 0, 0, 0]}}, "no quaternion"), ({"switches": [{"bone": "a"}]}, "cannot be read"),
+        ({"map_pose": {"a": [0, 0, 0, 0]}}, "not a quaternion"), ({"switches": [{"bone": "a"}]}, "cannot be read"),
     ],
 )  # fmt: skip
 def test_what_is_no_map_is_named(change: dict[str, object], message: str) -> None:

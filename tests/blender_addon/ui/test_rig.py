@@ -80,7 +80,7 @@ def test_a_wand_says_where_to_wave_next_and_stopping_keeps_it(rig):
 
 def test_a_wand_that_is_none_is_a_sentence_and_changes_nothing(rig, recording):
     rig.wand = str(recording)  # eight markers: no wand
-    with pytest.raises(RuntimeError, match="something else, shone"):
+    with pytest.raises(RuntimeError, match="something else, was lit"):
         bpy.ops.mocap.rig_calibrate()
     assert rig.calibration == "" and not current.busy
     assert not draw_panel(getattr(bpy.types, PANEL), 200).cut
@@ -112,9 +112,9 @@ def test_what_is_not_there_is_named(rig, mocap, tmp_path):
     rig.source = str(tmp_path)
     assert bpy.ops.mocap.rig_start(part="TAKE") == {"FINISHED"}
     until(lambda: not live.busy)
-    assert "no recording of sensors" in live.failure and rig.take == ""
+    assert "not a recording of sensors" in live.failure and rig.take == ""
     drawn = draw_panel(getattr(bpy.types, PANEL), 200)
-    assert not drawn.cut and "no recording of sensors" in " ".join(drawn.drawn)
+    assert not drawn.cut and "not a recording of sensors" in " ".join(drawn.drawn)
     beside = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)  # another panel's failure is not its own
     assert "recording of sensors" not in " ".join(beside.drawn)
 

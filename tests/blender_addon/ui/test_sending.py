@@ -130,7 +130,7 @@ def test_a_body_that_is_gone_ends_the_sending_with_a_sentence(baked, there):
     bpy.ops.mocap.send_take()
     bpy.data.objects.remove(mocap.review.armature)
     bpy.context.scene.frame_set(5)
-    assert not playing.busy and "taken away" in playing.message
+    assert not playing.busy and "was removed" in playing.message
     drawn = draw_panel(bpy.types.VIEW3D_PT_mocap_live, 200)
     assert not drawn.cut
 

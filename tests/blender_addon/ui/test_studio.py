@@ -124,7 +124,7 @@ def test_a_button_says_what_the_users_cameras_would_reach(mocap, ring, monkeypat
     panels.VIEW3D_PT_mocap_benchmark.draw(SimpleNamespace(layout=layout), panel_context())
     assert f"label:{more.told}" in layout.drawn or any("triangulation" in line for line in layout.drawn)
     page.unlink()
-    with pytest.raises(RuntimeError, match="page is gone"):
+    with pytest.raises(RuntimeError, match="page no longer exists"):
         bpy.ops.mocap.open_benchmark(index=0)
     assert bpy.ops.mocap.clear_benchmarks() == {"FINISHED"}
     assert not len(studio.rows) and not [obj for obj in bpy.data.objects if MAP in obj]

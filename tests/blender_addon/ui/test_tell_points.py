@@ -65,7 +65,7 @@ def test_what_is_said_binds_in_the_next_solve(imported, mocap):
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     take = mocap.review.take
     job = Job.read(Path(bpy.path.abspath(take["job_file"])))
-    assert job.told is not None and json.loads(job.told.read_text())["points"][0]["marker"] == "ARIEL"
+    assert job.labels is not None and json.loads(job.labels.read_text())["points"][0]["marker"] == "ARIEL"
     motion = read_motion(job.out)
     assert "ARIEL" in motion.marker_labels
     assert len(motion.marker_labels) <= len(labels_of(imported.cloud))

@@ -198,7 +198,7 @@ def test_a_folder_that_cannot_be_written_to_is_said_before_anything_runs(mocap, 
 
 def test_a_capture_file_that_went_away_is_named(mocap, take, tmp_path):
     mocap.capture.file = str(tmp_path / "gone.npz")
-    with pytest.raises(RuntimeError, match="The capture file is gone"):
+    with pytest.raises(RuntimeError, match="The capture file no longer exists"):
         bpy.ops.mocap.solve()
 
 

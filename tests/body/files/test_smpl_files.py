@@ -131,7 +131,7 @@ def spoil(arrays, **changes):
         ({"posedirs": np.zeros((60, 3, 93))}, "This is a STAR model"),
         ({"J_regressor": np.full((24, 60), np.inf)}, "J_regressor holds NaN or infinite"),
         ({"kintree_table": np.full((2, 24), np.nan)}, "kintree_table holds NaN"),
-        ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"no tree; one root \(-1\)"),
+        ({"kintree_table": np.array([[-1, -1, *[0] * 22], range(24)])}, r"not a tree; one root \(-1\)"),
         ({"kintree_table": np.array([[-1, *[23] * 23], range(24)])}, "parents before their children are expected"),
         ({"v_template": np.array(["a", "b"])}, r"v_template holds <U1 of shape \(2,\); numbers are expected"),
         ({"v_template": np.float64(3)}, r"v_template holds float64 of shape \(\); numbers"),

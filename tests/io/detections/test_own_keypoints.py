@@ -208,7 +208,7 @@ def test_deeplabcuts_hdf5_tables(tmp_path, demo, name):
 @pytest.mark.parametrize("columns", [[Path("/")], "nose", [("a", 1, "x")]])
 def test_pickled_names_of_columns_run_no_code(tmp_path, demo, columns):
     root = write_deeplabcut(with_calibration(tmp_path / "take", demo), demo, name="{}DLC.h5", columns=columns)
-    with pytest.raises(FileDamaged, match="no list of texts"):
+    with pytest.raises(FileDamaged, match="not a list of texts"):
         load_capture(root, fps=60.0)
 
 

@@ -159,7 +159,7 @@ def test_damaged_files_are_named(tmp_path: Path, text: str, message: str) -> Non
 def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> None:
     odd = write(tmp_path / "odd", {0: [person(1, 22)]})
     with pytest.raises(
-        KeypointCountMismatch, match=r"No joint set we know has 22.*BODY_25 \(25/135\).*COCO_WHOLEBODY_133 \(133/23\)"
+        KeypointCountMismatch, match=r"No known joint set has 22.*BODY_25 \(25/135\).*COCO_WHOLEBODY_133 \(133/23\)"
     ):
         read_folders({"a": odd})
     good = write(tmp_path / "good", {0: [person(1, 25)]})
@@ -176,7 +176,7 @@ def test_wrong_numbers_of_keypoints_name_the_sets_that_fit(tmp_path: Path) -> No
 
 
 def test_nobody_at_all(tmp_path: Path) -> None:
-    with pytest.raises(NoDetections, match="every list of people is empty"):
+    with pytest.raises(NoDetections, match="every list of people in the files is empty"):
         read_folders({"a": write(tmp_path / "a", {0: [], 1: []})})
 
 

@@ -206,4 +206,4 @@ def test_computed_points_are_left_out(tmp_path: Path) -> None:
     file.more = {"POINT": {"POWERS": file.text(["Lever"])}}
     found = take(tmp_path / "take.c3d", file)
     assert found.cloud.labels == LABELS
-    assert any(note.startswith("2 points that are no positions") for note in words(found.report.notes))
+    assert any(note.startswith("2 points that are not positions") for note in words(found.report.notes))

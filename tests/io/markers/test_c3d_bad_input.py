@@ -81,7 +81,7 @@ def test_a_rate_that_is_none(tmp_path: Path, rate: float) -> None:
 def test_given_values_that_are_unknown(tmp_path: Path) -> None:
     with pytest.raises(JobInvalid, match="Unknown unit 'ell'"):
         take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS), unit="ell")
-    with pytest.raises(JobInvalid, match="Unknown up-axis 'q'"):
+    with pytest.raises(JobInvalid, match="Unknown up axis 'q'"):
         take(tmp_path / "take.c3d", C3dBytes(standing(), LABELS), up_axis="q")
 
 

@@ -163,7 +163,7 @@ def test_no_markers_and_no_header(tmp_path: Path) -> None:
         read_motive_csv(write(path, whole.split("Frame,Time")[0]))
     with pytest.raises(FileDamaged, match="no row of types"):
         read_motive_csv(write(path, whole.replace("Marker", "Thing")))
-    with pytest.raises(FileDamaged, match="'abc' is no number"):
+    with pytest.raises(FileDamaged, match="'abc' is not a number"):
         read_motive_csv(write(path, whole.replace("0.120000", "abc")))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_motive_csv(write(path, csv_text(measured(), [])))

@@ -40,7 +40,7 @@ def test_trajectories(tmp_path: Path, text: str, ending: str) -> None:
     report = found.report
     assert (report.frames, report.first_frame, report.unit, report.up_axis) == (3, 101, "mm", "z")
     assert (report.missing, report.subjects, words(report.problems)) == ((0, 1), ("Ann",), ())
-    assert any(note.startswith("1 points that are no positions") for note in words(report.notes))
+    assert any(note.startswith("1 points that are not positions") for note in words(report.notes))
     if "Devices" in text:
         assert report.analog_channels == ("Fx", "Fy", "Fz")
         assert [(e.label, e.time, e.context, e.subject) for e in report.events] == [
@@ -78,14 +78,14 @@ def test_what_is_none(tmp_path: Path) -> None:
         NoDetections, match=r"no markers but devices, events, model outputs.*'Trajectories' switched on"
     ):
         read_nexus_csv(write(path, NEXUS_SECTIONS))
-    with pytest.raises(FileDamaged, match="none of Nexus"):
+    with pytest.raises(FileDamaged, match="not one of Nexus"):
         read_nexus_csv(write(path, "a,b\n1,2\n"))
     for text in ("Trajectories\n", "Trajectories\n100\n,,C7,,\n"):
         with pytest.raises(FileDamaged, match="'Frame,Sub Frame,X,Y,Z' is expected"):
             read_nexus_csv(write(path, text))
     with pytest.raises(FileDamaged, match="states a frame rate of 0"):
         read_nexus_csv(write(path, TRAJECTORIES.replace("100\n", "0\n", 1)))
-    with pytest.raises(FileDamaged, match="'x' is no number.*line 7"):
+    with pytest.raises(FileDamaged, match="'x' is not a number.*line 7"):
         read_nexus_csv(write(path, TRAJECTORIES.replace("102,0,101", "102,0,x")))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_nexus_csv(write(path, TRAJECTORIES.split("101,0")[0]))

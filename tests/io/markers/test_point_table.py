@@ -109,7 +109,7 @@ def test_damage_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileDamaged, match="states no frame rate"):
         read_point_table(path)
     path.write_text(table(headings, wide(())).replace(f"{POINTS[2, 0, 0]:g}", "abc"))
-    with pytest.raises(FileDamaged, match="'abc' is no number.*line 4"):
+    with pytest.raises(FileDamaged, match="'abc' is not a number.*line 4"):
         read_point_table(path, fps=30.0)
     path.write_text("1,2,3\n")
     with pytest.raises(FileDamaged, match="names no points"):
@@ -119,12 +119,12 @@ def test_damage_is_named(tmp_path: Path) -> None:
     with pytest.raises(FileDamaged, match="names the frame of no row"):
         read_point_table(path, fps=30.0)
     path.write_text(table(long, [["0", "LASI", "1", "abc", "3"]]))
-    with pytest.raises(FileDamaged, match="'abc' is no number.*line 2"):
+    with pytest.raises(FileDamaged, match="'abc' is not a number.*line 2"):
         read_point_table(path, fps=30.0)
     path.write_text(
         table(long, [["0", "LASI", "1", "2", "3"], ["0", "C7", "1", "2", "3"], ["0", "LASI", "4", "5", "6"]])
     )
-    with pytest.raises(FileDamaged, match="'LASI' stands twice in one frame.*line 4.*Several people"):
+    with pytest.raises(FileDamaged, match="'LASI' stands twice in one frame.*line 4.*one table for each person"):
         read_point_table(path, fps=30.0)
 
 

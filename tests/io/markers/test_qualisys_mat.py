@@ -50,7 +50,7 @@ def test_one_trajectory_and_one_group_are_read_alike(tmp_path: Path) -> None:
 
 def test_what_is_none_of_qtm_is_named(tmp_path: Path) -> None:
     pytest.importorskip("scipy.io").savemat(tmp_path / "other.mat", {"x": np.eye(3)})
-    with pytest.raises(CaptureNotRecognised, match="none of Qualisys"):
+    with pytest.raises(CaptureNotRecognised, match="not one of Qualisys"):
         read_markers(tmp_path / "other.mat")
     (tmp_path / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, and no more")
     with pytest.raises(FileDamaged, match="truncated"):

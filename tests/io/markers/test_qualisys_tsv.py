@@ -78,7 +78,7 @@ def test_what_is_none(tmp_path: Path) -> None:
         read_qualisys_tsv(write(path, []))
     with pytest.raises(FileDamaged, match="states no frame rate"):
         read_qualisys_tsv(write(path, [CELLS], [HEAD[0], *HEAD[8:]]))
-    with pytest.raises(FileDamaged, match="'a' is no number.*line 14"):
+    with pytest.raises(FileDamaged, match="'a' is not a number.*line 14"):
         read_qualisys_tsv(write(path, [CELLS, CELLS.replace("90", "a")]))
 
 

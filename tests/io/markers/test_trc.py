@@ -149,7 +149,7 @@ def test_damage(tmp_path: Path) -> None:
         path.write_text(text)
         with pytest.raises(FileDamaged, match="is truncated or is not TRC"):
             read_trc(path)
-    with pytest.raises(FileDamaged, match=r"'12,5' is no number. \(.*line 8\)"):
+    with pytest.raises(FileDamaged, match=r"'12,5' is not a number. \(.*line 8\)"):
         read_trc(write(path, rows()[:1] + ["2\t0.01\t12,5\t1\t1"]))
     with pytest.raises(NoDetections, match="holds no frames"):
         read_trc(write(path, []))

@@ -36,5 +36,5 @@ def test_what_is_not_read_is_named_with_the_way_out(tmp_path: Path, name: str, t
 def test_a_text_that_is_nothing_known_is_no_table(tmp_path: Path) -> None:
     path = tmp_path / "notes.txt"
     path.write_text("Nothing, here, is, a, number, nor, a, marker\n")
-    with pytest.raises(CaptureNotRecognised, match="not a capture we can read"):
+    with pytest.raises(CaptureNotRecognised, match="not a readable capture"):
         load_capture(path)

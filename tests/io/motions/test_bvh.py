@@ -87,7 +87,7 @@ def test_y_up_becomes_z_up(tmp_path: Path) -> None:
     path = write(tmp_path / "x.bvh", [[10, 100, -20, 30, 40, 50, -25, 10, 5, 60, -70, 80]])
     raw, clip = read_bvh(path, up_axis="z").positions(), read_bvh(path).positions()
     np.testing.assert_allclose(clip, np.stack([raw[..., 0], -raw[..., 2], raw[..., 1]], axis=-1), atol=1e-12)
-    with pytest.raises(JobInvalid, match="Unknown up-axis"):
+    with pytest.raises(JobInvalid, match="Unknown up axis"):
         read_bvh(path, up_axis="up")
 
 

@@ -36,7 +36,7 @@ def moved(cameras: Cameras, z: float) -> Cameras:
         (lambda cameras: with_up_axis(cameras, "y"), "stands along -?Y"),
         (lambda cameras: moved(cameras, 1.9), r"lowest foot is at z = 1\.[89]"),
         (lambda cameras: replace(cameras, t=0.5 * cameras.t), r"would be 0\.8\d* m tall"),
-        (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Is the unit right"),
+        (lambda cameras: replace(cameras, t=1000.0 * cameras.t), "Check the calibration's unit"),
     ],
 )
 def test_a_world_that_cannot_be_is_named(demo: Capture, tmp_path: Path, change: object, told: str) -> None:

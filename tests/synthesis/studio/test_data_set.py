@@ -19,10 +19,10 @@ from solver_backend.cli.main import main
 from solver_backend.io.load import load_capture, load_motion
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.png import read_png
+from solver_backend.synthesis.studio.benchmark.page import page_html, table
+from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
+from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set, plan, read_data_set
-from solver_backend.synthesis.studio.judge.judge import judge
-from solver_backend.synthesis.studio.judge.page import page_html, table
-from solver_backend.synthesis.studio.judge.place_errors import place_errors
 from solver_backend.synthesis.studio.perturbation import read_faults
 from solver_backend.synthesis.studio.rigs import build_rig
 from solver_backend.synthesis.studio.spec import spec_of
@@ -128,31 +128,31 @@ def test_masks_depth_normals_and_boxes_agree(made: Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_judge_compares_clean_with_perturbed_and_tells_what_failed(made: Path) -> None:
-    verdicts = judge(made, ("frame", "triangulation"), faults=("clean", "perturbed"))
+def test_the_benchmark_compares_clean_with_perturbed_and_reports_what_failed(made: Path) -> None:
+    verdicts = solve_and_compare(made, ("frame", "triangulation"), faults=("clean", "perturbed"))
     assert len(verdicts) == 8 and not any(v.error for v in verdicts)
     by = {(v.method, v.faults): v.mpjpe_mm for v in verdicts}
     assert by["triangulation", "clean"] < 1.0 < by["triangulation", "perturbed"]
     assert by["frame", "clean"] < by["frame", "perturbed"]
-    short = judge(made, ("sliding",), ("markers",))
+    short = solve_and_compare(made, ("sliding",), ("markers",))
     assert "perturbed" in table(verdicts) and len(short) == 2
     page = page_html(made, "a <b>", verdicts)
     assert "a &lt;b&gt;" in page and "data:image/png;base64," in page and "<script" not in page
 
 
 @pytest.mark.slow
-def test_the_judge_solves_with_given_settings_and_compares_rigs_by_their_faults(
+def test_the_benchmark_solves_with_given_settings_and_compares_rigs_by_their_faults(
     made: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     given = tmp_path / "settings.json"
     said = []
     for smoothing in (1.0, 50.0):
         given.write_text(json.dumps({"smoothing": smoothing}))
-        assert main(["studio-judge", str(made), "--settings", str(given), "--json"]) == 0
+        assert main(["studio-benchmark", str(made), "--settings", str(given), "--json"]) == 0
         said.append(json.loads(capsys.readouterr().out.splitlines()[-1])["rows"][0]["mpjpe_mm"])
     assert abs(said[0] - said[1]) > 0.1, "the settings reach the solve"
     given.write_text(json.dumps({"smoothness": 1}))
-    assert main(["studio-judge", str(made), "--settings", str(given), "--json"]) == 2
+    assert main(["studio-benchmark", str(made), "--settings", str(given), "--json"]) == 2
     assert "smoothing" in json.loads(capsys.readouterr().out.splitlines()[-1])["hint"]
     spec, page = tmp_path / "rigs.json", tmp_path / "rigs.html"
     spec.write_text(json.dumps({"rigs": ["oak_d_4"]}))

@@ -78,7 +78,7 @@ def test_the_cameras_of_a_capture_stay_where_they_are(tmp_path: Path) -> None:
         ({"frames": 0}, "frames"),
         ({"fps": float("nan")}, "fps"),
         ({"markers": "NOBODY_7"}, "MANIFOLD_53"),
-        ({"markers": None, "write": ["c3d"]}, "nobody wears any"),
+        ({"markers": None, "write": ["c3d"]}, "the person wears none"),
         ({"write": ["video"]}, "colour"),
         ({"write": ["pose2sim"], "rigs": ["oak_d_4", {"count": 1}]}, "ring has one"),
         ({"markers": "CMU_41", "looks": ["everyday"]}, "loose clothes"),

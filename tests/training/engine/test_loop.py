@@ -93,7 +93,7 @@ def test_a_loss_that_is_no_number_is_named_and_the_checkpoint_stays(tmp_path: Pa
     (tmp_path / "run").mkdir()
     loss = task.loss
     task.loss = lambda batch, generator: float("nan") * loss(batch, generator)  # type: ignore[method-assign]
-    with pytest.raises(NonFiniteData, match="no number at step"):
+    with pytest.raises(NonFiniteData, match="not a number at step"):
         run_training(task, SETTINGS, tmp_path / "run")
     assert not (tmp_path / "run" / "checkpoint.pt").exists()
     assert (tmp_path / "sound" / "checkpoint.pt").read_bytes() == before

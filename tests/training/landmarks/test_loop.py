@@ -86,7 +86,7 @@ def test_numbers_that_are_none_end_a_training_by_name_and_leave_the_checkpoint(t
         clouds.targets[:] = float("nan")
         return clouds
 
-    with pytest.raises(NonFiniteData, match=r"loss is no number .*step .*learning rate"):
+    with pytest.raises(NonFiniteData, match=r"loss is not a number .*step .*learning rate"):
         train_landmarks(network(), spoiled, settings(30), tmp_path, lambda m, s, n: seen.append(n))
     assert not seen and (tmp_path / "checkpoint.pt").read_bytes() == kept
     arrays = {**table.arrays, "tail": np.full((12, 22, 3), np.nan, np.float16)}

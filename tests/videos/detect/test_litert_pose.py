@@ -201,7 +201,7 @@ def test_models_that_are_not_there_or_of_another_version_are_named(scene, tmp_pa
     assert "npm pack @mediapipe/pose@0.5" in refused.value.hint
     model.write_bytes(b"another")
     beside.write_bytes(b"detector")
-    with pytest.raises(Refused, match="none of pose_landmark_full, pose_landmark_heavy, pose_landmark_lite"):
+    with pytest.raises(Refused, match="not one of pose_landmark_full, pose_landmark_heavy, pose_landmark_lite"):
         worker(tmp_path)
 
 
@@ -219,5 +219,5 @@ def test_a_model_is_run_by_the_worker_for_its_ending(tmp_path):
         assert choice.module == module and choice.options["people"] == 2
     with pytest.raises(DetectorMissing, match="no such model"):
         chosen_detector(str(tmp_path / "none.tflite"))
-    with pytest.raises(CommandLineInvalid, match="no detector we know"):
+    with pytest.raises(CommandLineInvalid, match="not a known detector"):
         chosen_detector(str(tmp_path / "model.pt"))

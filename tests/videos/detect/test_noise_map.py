@@ -75,7 +75,7 @@ def test_the_verb_writes_what_is_read_and_names_the_detector(
 @pytest.mark.parametrize("text", ["", "[]", '{"format": "manifold_mocap_detector_noise"}', "\x00"])
 def test_other_files_are_refused(tmp_path: Path, text: str) -> None:
     (tmp_path / "n.json").write_text(text, encoding="utf-8")
-    with pytest.raises(FileDamaged, match="no noise map|is not JSON"):
+    with pytest.raises(FileDamaged, match="not a noise map|is not JSON"):
         read_noise_map(tmp_path / "n.json")
 
 
@@ -88,11 +88,11 @@ def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
         ({"confidence": [0.9, 0.2]}, "do not ascend"),
         ({"sigma_mm": [1.0]}, "2 confidences and 1 values"),
         ({"sigma_mm": [], "confidence": []}, "has 0 steps"),
-        ({"sigma_mm": "none"}, "sigma_mm is no list of finite numbers"),
-        ({"confidence": [True, 1.0]}, "confidence is no list"),
-        ({"captures": [3]}, "captures is no list of names"),
-        ({"detections": -1}, "detections is no whole number"),
-        ({"detector": None}, "detector is no name"),
+        ({"sigma_mm": "none"}, "sigma_mm is not a list of finite numbers"),
+        ({"confidence": [True, 1.0]}, "confidence is not a list"),
+        ({"captures": [3]}, "captures is not a list of names"),
+        ({"detections": -1}, "detections is not a whole number"),
+        ({"detector": None}, "detector is not a name"),
         ({"version": 2}, "version 2, and 1 is read"),
         ({"format": "x"}, "its format is not"),
     ):

@@ -108,7 +108,7 @@ def test_what_is_no_model_is_refused(tmp_path: Path) -> None:
         pass
     with pytest.raises(DetectorMissing, match="no such model"):
         chosen_detector(str(tmp_path / "none.onnx"))
-    with pytest.raises(CommandLineInvalid, match="no detector we know"):
+    with pytest.raises(CommandLineInvalid, match="not a known detector"):
         chosen_detector("openpose")
 
 

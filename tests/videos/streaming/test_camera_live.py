@@ -130,7 +130,7 @@ def test_a_person_who_is_lost_leaves_the_next_start_its_second_try(filmed, monke
     [line] = session.run(moments[40:41])
     assert "pose" in line and session.fit.pose is None
     [line] = session.run(moments[41:42])
-    assert line["state"] == "waiting" and "starting anew" in line["why"]
+    assert line["state"] == "waiting" and "starting again" in line["why"]
 
 
 def test_the_world_is_made_to_fit_and_named_once(filmed):

@@ -213,7 +213,7 @@ def test_moments_lie_in_all_videos_and_between_pictures_is_linear() -> None:
 
 
 def test_an_unknown_way_has_a_name() -> None:
-    with pytest.raises(CommandLineInvalid, match="no way to synchronise"):
+    with pytest.raises(CommandLineInvalid, match="not a way to synchronise"):
         synchronise([], None, "smell")
 
 

@@ -169,7 +169,7 @@ class ClusterEngine:
             error = future.exception(timeout=_CONNECT_S)
             if type(error).__name__ == "KilledWorker":
                 return [Ended(ticket, DIED if self._deaths(ticket) >= self.tries else LOST)]
-            self._workers.note(f"A task of {ticket.name} broke: {type(error).__name__}: {error}.")
+            self._workers.note(f"A task of {ticket.name} failed: {type(error).__name__}: {error}.")
             ticket.tries += 1
             return [Ended(ticket, LOST if ticket.tries < self.tries else DIED)]
         return [Ended(ticket, LOST)]

@@ -41,7 +41,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
         if is_rokoko_csv(path):
             return read_rokoko_csv(path)
         hint = "Tables of MANUS (joint positions or ergonomics) and Rokoko Studio are read; or export BVH or FBX."
-        raise MotionInvalid("The table is none of gloves that is known.", where=where, hint=hint)
+        raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
     if suffix == ".bvh":
         clip = read_bvh(path, metres_per_unit=1.0)
         return gloves_of_skeleton(bvh_motion(clip, bvh_skeleton(clip), 1.0, path.stem), side, where)

@@ -57,7 +57,7 @@ def read_asf(path: Path) -> AcclaimSkeleton:
             names += [child for child in known if parent.get(child) == name]
         parents = np.array([-1] + [names.index(parent[name]) for name in names[1:]])
     except (IndexError, KeyError, ValueError) as error:
-        raise FileDamaged("The file is no ASF skeleton.", where=path.name, hint=str(error)) from error
+        raise FileDamaged("The file is not an ASF skeleton.", where=path.name, hint=str(error)) from error
     axes = _euler(np.radians([known[name][0] for name in names]))
     return AcclaimSkeleton(names, parents, axes, [known[name][1] for name in names])
 

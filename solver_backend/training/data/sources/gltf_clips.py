@@ -87,7 +87,7 @@ def _parse(data: bytes, where: str) -> _Scene:
             raise ValueError("no glTF header")
         return _Scene(json.loads(data[20 : 20 + length]), data[28 + length :])
     except (struct.error, ValueError) as error:
-        raise FileDamaged("The file is no glTF binary file.", where=where) from error
+        raise FileDamaged("The file is not a glTF binary file.", where=where) from error
 
 
 def _tree(nodes: list[dict[str, Any]]) -> tuple[list[int], np.ndarray]:

@@ -59,7 +59,7 @@ def test_bad_files_are_named(tmp_path: Path) -> None:
     with pytest.raises(FileMissing, match=r"s\.asf"):
         read_asf(asf)
     asf.write_text("something else")
-    with pytest.raises(FileDamaged, match="no ASF"):
+    with pytest.raises(FileDamaged, match="not an ASF"):
         read_asf(asf)
     asf.write_text(ASF)
     with pytest.raises(FileMissing, match=r"m\.amc"):

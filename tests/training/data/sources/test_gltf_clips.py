@@ -56,7 +56,7 @@ def test_files_without_tpose_give_no_clips() -> None:
 
 
 def test_bad_files_are_named(tmp_path: Path) -> None:
-    with pytest.raises(FileDamaged, match=r"no glTF binary file.*x\.glb"):
+    with pytest.raises(FileDamaged, match=r"not a glTF binary file.*x\.glb"):
         gltf_clips(b"something else entirely", "x.glb")
     path = tmp_path / "clips.tar.xz"
     with pytest.raises(FileMissing, match="clips.tar.xz"):

@@ -35,7 +35,7 @@ class LiteRtModel:
         if digest not in known:
             raise Refused(
                 "detector_outputs_unknown",
-                f"The SHA-256 of {path.name} is {digest}; it is none of {', '.join(known.values())}.",
+                f"The SHA-256 of {path.name} is {digest}; it is not one of {', '.join(known.values())}.",
                 f"Take it out of the npm package {package}.",
             )
         try:

@@ -45,7 +45,7 @@ class OnnxPose:
         if kind is None:
             raise Refused(
                 "detector_outputs_unknown",
-                f"Inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no kind we read.",
+                f"Inputs {[i.shape for i in session.get_inputs()]} and outputs {shapes} are of no known kind.",
                 "Export RTMPose (SimCC), RTMO, YOLO-pose or MoveNet to ONNX without further steps.",
             )
 

@@ -1,4 +1,4 @@
-"""The judge: every shot of a data set solved by every method, and how far each solve is from the truth."""
+"""The benchmark: every shot of a data set solved by every method, and how far each solve is from the truth."""
 
 from __future__ import annotations
 
@@ -47,7 +47,7 @@ class Verdict:
     """(F, 24, 3) metres, as solved."""
 
 
-def judge(
+def solve_and_compare(
     out: Path, methods: Sequence[str] = ("global",), sources: Sequence[str] = (),
     faults: Sequence[str] = ("perturbed",), progress: Progress = silent, settings: SolveSettings = SolveSettings(),
 ) -> list[Verdict]:  # fmt: skip

@@ -1,4 +1,4 @@
-"""The judge's table as text and as a page: errors by method, over time, and the worst frames as pictures."""
+"""The benchmark's table as text and as a page: errors by method, over time, and the worst frames as pictures."""
 
 from __future__ import annotations
 
@@ -15,9 +15,9 @@ from solver_backend.io.png import png_bytes, read_png
 from solver_backend.report import page as report_page
 from solver_backend.report.markup import heat_table, section, text
 from solver_backend.report.plots import PlotCurve, time_plot
+from solver_backend.synthesis.studio.benchmark.place_errors import PlaceErrors
+from solver_backend.synthesis.studio.benchmark.solve_and_compare import Verdict
 from solver_backend.synthesis.studio.data_set import SHOTS
-from solver_backend.synthesis.studio.judge.judge import Verdict
-from solver_backend.synthesis.studio.judge.place_errors import PlaceErrors
 from solver_backend.synthesis.studio.scene.z_buffer import in_camera
 from solver_backend.synthesis.studio.writers.contact_sheet import shown
 from solver_backend.types import SMPL_PARENTS
@@ -53,7 +53,7 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
     Args:
         out: folder of the data set.
         name: its name.
-        verdicts: from ``judge``.
+        verdicts: from ``solve_and_compare``.
         places: errors by place of some rigs.
     """
     parts = []
@@ -80,8 +80,8 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
     return (
         f'<!doctype html><html lang="en"><head><meta charset="utf-8"><meta http-equiv="Content-Security-Policy" '
         f'content="{policy}"><meta name="viewport" content="width=device-width,initial-scale=1">'
-        f"<title>Judge of {text(name)}</title><style>{style}</style></head><body><main>"
-        f"<h1>Judge of {text(name)}</h1>{''.join(parts)}</main></body></html>\n"
+        f"<title>Benchmark of {text(name)}</title><style>{style}</style></head><body><main>"
+        f"<h1>Benchmark of {text(name)}</h1>{''.join(parts)}</main></body></html>\n"
     )
 
 
