@@ -113,8 +113,9 @@ class Job(JobFile):
         values = read_json(path)
         if not isinstance(values, dict):
             raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
-        for key in EARLIER_KEYS.keys() & values.keys() if renamed else ():
-            renamed(key, EARLIER_KEYS[key])
+        for key in EARLIER_KEYS.keys() & values.keys():
+            if renamed is not None:
+                renamed(key, EARLIER_KEYS[key])
         return cls.from_dict(values, Path(path).parent)
 
     def reading(self) -> dict[str, Any]:
