@@ -83,7 +83,7 @@ class PublishedRow:
         effect = abs(math.log(self.published or 1.0))
         needed = math.ceil(self.seeds * (self.spread / effect) ** 2) if effect else MANY_SEEDS + 1
         seeds = f"{max(needed, self.seeds + 1)} seeds" if needed <= MANY_SEEDS else f"more than {MANY_SEEDS} seeds"
-        return f"Chance is ±{self.spread:.3f} by {self.seeds} seeds; {seeds} would tell."
+        return f"Chance is ±{self.spread:.3f} by {self.seeds} seeds; {seeds} would decide."
 
 
 def published_rows(values: Sequence[Mapping[str, Any]], baseline: Mapping[str, Any]) -> list[PublishedRow]:
