@@ -130,12 +130,32 @@ def litert_python(context: bpy.types.Context) -> Path | None:
     return made_litert_python() or named_detector(context)
 
 
+def detector_for(context: bpy.types.Context) -> Path | None:
+    """Return the interpreter that finds people with the chosen detector; None without one, or for the solver's own."""
+    videos = context.scene.mocap.videos
+    if videos.detector == "mediapipe":
+        return detector_python(context)
+    return litert_python(context) if _is_litert(videos) else named_detector(context)
+
+
+def lacks_detector(context: bpy.types.Context) -> bool:
+    """Return whether the chosen detector has no Python: ONNX models run in the solver's own."""
+    videos = context.scene.mocap.videos
+    return (videos.detector == "mediapipe" or _is_litert(videos)) and detector_for(context) is None
+
+
 def detector_text(context: bpy.types.Context) -> str:
     """Return which detector there is, as far as is known without starting it."""
-    python = detector_python(context)
-    if python is None:
+    if lacks_detector(context):
         return "No detector is set up"
+    python = detector_for(context)
+    if python is None:
+        return "The model runs in the solver's Python"
     return _tested.get(str(python), f"Detector: {python}, not tested yet")
+
+
+def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
+    return videos.detector == "model" and videos.model.lower().endswith(".tflite")
 
 
 def note_detector(context: bpy.types.Context, python: Path) -> str:

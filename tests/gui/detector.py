@@ -46,6 +46,7 @@ def steps(user: Any) -> Any:
     yield from user.until(lambda: not busy(), "the empty folder is named", 120)
     assert error() == "detector_not_made" and find_python.made_litert_python() is None
     yield from user.shot("failed")
+    yield from user.key("ESC")
     yield from asked(user, str(OUT / WHEELS), "RET")
     yield from user.until(busy, "it is at work", 10)
     yield from user.shot("progress")
@@ -57,7 +58,7 @@ def steps(user: Any) -> Any:
     yield from user.until(lambda: not busy(), "it is set up", 120)
     assert find_python.made_litert_python() is not None, error()
     assert mocap().videos.hands.endswith("hand_landmark_full.tflite"), mocap().videos.hands
-    mocap().videos.detector = "litert"
+    assert mocap().videos.detector == "model" and mocap().videos.model.endswith("pose_landmark_full.tflite")
     yield 0.5
     yield from user.shot("set_up")
 

@@ -9,14 +9,19 @@ from pathlib import Path
 
 
 def litert_wheels(folder: Path) -> None:
-    """Write what *Set Up Detector* installs for LiteRT: two wheels, and a package with a model of hands."""
+    """Write what *Set Up Detector* installs for LiteRT: two wheels, and packages with models of hands and people."""
     folder.mkdir()
     own = {"ai_edge_litert/__init__.py": "", "ai_edge_litert/interpreter.py": ""}
     _write_wheel(folder, "ai_edge_litert", "2.3.0", own)
     _write_wheel(folder, "numpy", "2.2.0", {"numpy/__init__.py": ""})
-    with tarfile.open(folder / "mediapipe-hands-0.4.1675469240.tgz", "w:gz") as package:
-        for name in ("package/hand_landmark_full.tflite", "package/hands.js"):
-            member = tarfile.TarInfo(name)
+    _write_package(folder / "mediapipe-hands-0.4.1675469240.tgz", "hand_landmark_full.tflite", "hands.js")
+    _write_package(folder / "mediapipe-pose-0.5.tgz", "pose_landmark_lite.tflite", "pose_landmark_full.tflite")
+
+
+def _write_package(path: Path, *names: str) -> None:
+    with tarfile.open(path, "w:gz") as package:
+        for name in names:
+            member = tarfile.TarInfo(f"package/{name}")
             member.size = 5
             package.addfile(member, io.BytesIO(b"model"))
 

@@ -10,10 +10,12 @@ import bpy
 from ..._exchange.errors import MocapError
 from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
-from ..preferences import detector_python, note_detector
+from ..preferences import detector_for, detector_python, note_detector
 from .solver_operator import SolverOperator
 
 _HAND_MODEL = "hand_landmark_full.tflite"
+_POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
+"""Models of people in MediaPipe's npm package; the first of those that are there is chosen."""
 VERB = "set-up-detector"
 """Name of such a run; it is no verb of the solver's."""
 
@@ -94,6 +96,9 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         hands = [path for path in result["models"] if Path(path).name == _HAND_MODEL]
         if hands and not videos.hands:
             videos.hands = hands[0]
+        poses = [path for path in result["models"] if Path(path).name in _POSE_MODELS]
+        if poses and detector_python(context) is None:
+            videos.detector, videos.model = "model", min(poses, key=lambda path: _POSE_MODELS.index(Path(path).name))
         self.report({"INFO"}, f"The detector is set up. {found}")
         return {"FINISHED"}
 
@@ -108,7 +113,7 @@ class MOCAP_OT_test_detector(bpy.types.Operator):
 
     def execute(self, context: bpy.types.Context) -> set[str]:
         """Ask it."""
-        python = detector_python(context)
+        python = detector_for(context)
         if python is None:
             self.report({"WARNING"}, "No detector is set up: press Set Up Detector, or name a Python that has one")
             return {"CANCELLED"}

@@ -14,7 +14,7 @@ from ...conventions.file_paths import absolute
 from ...conventions.numbered import next_path
 from ..live_run import live
 from ..locations import files_folder, usable
-from ..preferences import chosen_python, detector_python, named_detector
+from ..preferences import chosen_python, detector_for
 from ..sending_properties import allowed_address, sending_options
 from .base import MocapOperator
 from .retarget import chosen_target, table_map
@@ -132,7 +132,7 @@ def _cameras(context: bpy.types.Context) -> LiveRun:
     sources = [
         text if ":" in text and not absolute(text).exists() else _video(text) for text in split(settings.cameras)
     ]
-    python = (detector_python if videos.detector == "mediapipe" else named_detector)(context)
+    python = detector_for(context)
     options = [*videos.detector_arguments(), *sending_options(settings)]
     options += ["--python", str(python)] if python is not None else []
     folder = usable(files_folder(scene))

@@ -12,7 +12,7 @@ from ..._exchange.errors import OutputNotWritable, sentence
 from ...conventions.file_paths import absolute, file_of, stored
 from ...errors import TakeMissing
 from ..locations import RELATIVE, files_folder, usable
-from ..preferences import detector_python, litert_python, named_detector
+from ..preferences import detector_for, litert_python
 from ..settings_layout import draw_setting, settings_layout
 from ..video_properties import STEPS
 from .base import MocapOperator, ViewportDrop
@@ -38,7 +38,7 @@ class VideosOperator(SolverOperator):
         videos = context.scene.mocap.videos
         folder, results = file_of(videos.folder), file_of(videos.results)
         arguments = [str(folder), "--out", str(usable(results)), "--until", until, *videos.arguments()]
-        python = (detector_python if videos.detector == "mediapipe" else named_detector)(context)
+        python = detector_for(context)
         arguments += ["--python", str(python)] if python is not None else []
         hands = litert_python(context) if videos.hands else None
         arguments += ["--hand-python", str(hands)] if hands is not None else []

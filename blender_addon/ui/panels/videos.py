@@ -14,7 +14,7 @@ from ..operators.videos import (
     MOCAP_OT_video_step,
     draw_settings,
 )
-from ..preferences import detector_python, detector_text
+from ..preferences import detector_text, lacks_detector
 from ..previews import previews
 from ..translation import CONTEXT
 from ..video_properties import STEPS, MocapVideoStep
@@ -58,7 +58,7 @@ def _draw_detector(layout: bpy.types.UILayout, context: bpy.types.Context) -> No
     if draw_progress(layout, (VERB,)):
         return
     draw_failure(layout, context, (VERB,))
-    missing = context.scene.mocap.videos.detector == "mediapipe" and detector_python(context) is None
+    missing = lacks_detector(context)
     wrapped(layout, context, detector_text(context), "ERROR" if missing else "CHECKMARK", alert=missing)
     row = layout.row(align=True)
     if missing:

@@ -55,6 +55,14 @@ def test_the_question_fits_its_window_and_names_source_and_folder(home, kind: st
     assert max(len(text) for text in texts if text != folder) < 72, "letters that 440 px hold"
 
 
+def test_a_model_file_needs_the_python_that_runs_it(home) -> None:
+    videos = bpy.context.scene.mocap.videos
+    videos.detector, videos.model = "model", "/there/pose_landmark_full.tflite"
+    assert any("No detector is set up" in text for text in drawn())
+    videos.model = "/there/rtmpose.onnx"
+    assert any("runs in the solver's Python" in text for text in drawn())
+
+
 def test_a_python_is_tested_and_its_answer_shown(home, monkeypatch) -> None:
     python = find_python.environment_folder() / "bin" / "python"
     python.parent.mkdir(parents=True)
@@ -85,7 +93,11 @@ def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Pat
     folder = find_python.environment_folder("litert")
     assert find_python.made_litert_python() == folder / find_python._BELOW
     assert find_python.made_python() is None, "no MediaPipe"
-    assert sorted(path.name for path in (folder / "models").iterdir()) == ["hand_landmark_full.tflite"]
+    models = ["hand_landmark_full.tflite", "pose_landmark_full.tflite", "pose_landmark_lite.tflite"]
+    assert sorted(path.name for path in (folder / "models").iterdir()) == models
+    assert videos.detector == "model" and Path(videos.model) == folder / "models" / models[1]
+    assert preferences.detector_for(bpy.context) == find_python.made_litert_python()
+    assert any("LiteRT 2.3.0" in text for text in drawn()) and not any("No detector" in text for text in drawn())
     assert Path(videos.hands) == folder / "models" / "hand_landmark_full.tflite"
     assert videos.arguments()[-2:] == ["--hand-model", videos.hands]
     assert preferences.litert_python(bpy.context) == find_python.made_litert_python()
