@@ -179,6 +179,37 @@ def opencap(root: Path) -> None:
             write_lines(folder / f"walk1_{f:012d}_keypoints.json", _openpose(c, f))
 
 
+def table_of_all_cameras(root: Path) -> None:
+    heading = ["camera", "frame", *(f"{n}_{x}" for n in COCO for x in ("x", "y", "conf"))]
+    rows = [[name, f, *POINTS[c, f].ravel()] for f in range(FRAMES) for c, name in enumerate(CAMERAS)]
+    write_table(root / "keypoints.csv", [heading, *rows])
+
+
+def _rows_of_points(c: int) -> list[list[object]]:
+    return [[f, n, *point] for f in range(FRAMES) for n, point in zip(COCO, POINTS[c, f].tolist(), strict=True)]
+
+
+def a_row_a_point(root: Path) -> None:
+    for c, name in enumerate(CAMERAS):
+        write_table(root / f"{name}.csv", [["frame", "bodypart", "x", "y", "likelihood"], *_rows_of_points(c)])
+
+
+def a_row_a_point_of_all_cameras(root: Path) -> None:
+    heading = ["Camera", "Person", "Frame", "Keypoint", "X", "Y", "Confidence"]
+    rows = [[name, 0, *row] for c, name in enumerate(CAMERAS) for row in _rows_of_points(c)]
+    write_table(root / "keypoints.csv", [heading, *rows])
+
+
+def arrays_of_all_cameras_and_people(root: Path) -> None:
+    root.mkdir(parents=True, exist_ok=True)
+    np.save(root / "keypoints.npy", POINTS[:, :, None])
+
+
+def archive_of_all_cameras(root: Path) -> None:
+    root.mkdir(parents=True, exist_ok=True)
+    np.savez(root / "keypoints.npz", **dict(zip(CAMERAS, POINTS, strict=True)))
+
+
 WRITERS = (
     mmdet_arrays,
     opencap,
@@ -199,5 +230,10 @@ WRITERS = (
     points_by_name_and_camera,
     openpose_lines,
     openpose_list,
+    table_of_all_cameras,
+    a_row_a_point,
+    a_row_a_point_of_all_cameras,
+    arrays_of_all_cameras_and_people,
+    archive_of_all_cameras,
 )
 """All of them."""

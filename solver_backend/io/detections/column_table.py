@@ -1,10 +1,15 @@
-"""Tables with a heading row whose columns are a point's x, y and score: SLEAP's CSV, and tables people make."""
+"""Tables with a heading row whose columns are a point's x, y and score: SLEAP's CSV, and tables people make.
+
+A column may name the camera of a row, where one table holds all of them.
+"""
 
 from __future__ import annotations
 
 import csv
 import io
 import re
+from collections.abc import Callable, Sequence
+from functools import partial
 from operator import itemgetter
 from pathlib import Path
 
@@ -19,8 +24,10 @@ _COLUMN = re.compile(
     r"(?P<name>.*\w)[ ._-]+(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|prob|c|p|v)", re.I
 )
 """``nose.x``, ``left_knee_y``, ``left knee confidence``."""
-_FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "index", "")
+FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "frameid", "frame_no", "index", "")
 """Headings of the frame's number, in small letters; several rows of one frame are several people."""
+CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
+"""Headings of the camera's name, in small letters."""
 _COORDS = ("x", "y", "likelihood")
 LEAST_POINTS = 8
 """Points with x and y that a table of a body has at least."""
@@ -30,16 +37,14 @@ _START_BYTES = 1 << 16
 
 def is_table(path: Path) -> bool:
     """Whether a file begins with such a heading row; positions in space, with z and no score, are none."""
-    if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
-        return False
-    try:
-        with open_regular(path) as file:
-            first = file.read(_START_BYTES).decode("utf-8-sig", "replace").partition("\n")[0]
-    except OSError:
-        return False
-    columns = _points(_cells(first))
+    columns = _points(heading_of(path))
     whole = [coords for coords in columns.values() if {"x", "y"} <= coords.keys()]
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
+
+
+def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
+    """Return the cameras of a table of all of them, and how each is read; none where it is one camera's."""
+    return by_camera(path, lambda heading, rows: _frames(heading, rows, path))
 
 
 def read_table(path: Path) -> CameraFrames:
@@ -48,15 +53,65 @@ def read_table(path: Path) -> CameraFrames:
     Raises:
         FileDamaged: a row is short, or a value is no number.
     """
+    return _frames(*read_rows(path), path)
+
+
+def by_camera(path: Path, read: Callable[[list[str], list[list[str]]], CameraFrames]) -> dict[
+    str, Callable[[], CameraFrames]
+]:  # fmt: skip
+    """Return how each camera of a table is read that has a column of cameras; none where it has no such column.
+
+    Args:
+        path: of the table, whose rows are read once.
+        read: returns the frames of rows under a heading.
+    """
+    if column_of(heading_of(path), CAMERAS) is None:
+        return {}
+    heading, rows = read_rows(path)
+    column = column_of(heading, CAMERAS)
+    assert column is not None
+    cameras: dict[str, list[list[str]]] = {}
+    for row in rows:
+        cameras.setdefault(row[column].strip() if column < len(row) else "", []).append(row)
+    return {name: partial(read, heading, rows) for name, rows in cameras.items() if name}
+
+
+def heading_of(path: Path) -> list[str]:
+    """Return the cells of a text file's first line, none where it is no text of a table."""
+    if path.suffix.lower() not in (".csv", ".tsv", ".txt"):
+        return []
+    try:
+        with open_regular(path) as file:
+            first = file.read(_START_BYTES).decode("utf-8-sig", "replace").partition("\n")[0]
+    except OSError:
+        return []
+    return _cells(first)
+
+
+def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
+    """Return the heading of a table and its rows.
+
+    Raises:
+        FileDamaged: it is no table.
+    """
     text = read_text(path).lstrip("\ufeff")
     try:
         heading, *rows = [row for row in csv.reader(io.StringIO(text), delimiter=_separator(text)) if row]
     except (csv.Error, ValueError) as error:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
-    plain = [name.strip().lower() for name in heading]
+    return heading, rows
+
+
+def column_of(heading: list[str], names: Sequence[str]) -> int | None:
+    """Return the column that has one of these headings, the likeliest first; None where none has."""
+    plain = [name.strip().lower().replace(" ", "_") for name in heading]
+    return next((plain.index(name) for name in names if name in plain), None)
+
+
+def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFrames:
     points = _points(heading)
     names = [name for name, coords in points.items() if {"x", "y"} <= coords.keys()]
-    frame = next((plain.index(name) for name in _FRAMES if name in plain), None)
+    frame = column_of(heading, FRAMES)
     try:
         numbers = [row if frame is None else int(float(cells[frame])) for row, cells in enumerate(rows)]
         values = _values(rows, [points[name].get(coord) for name in names for coord in _COORDS])

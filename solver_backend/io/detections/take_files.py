@@ -6,7 +6,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
-from solver_backend.io.detections import column_table, deeplabcut, point_arrays, sleap
+from solver_backend.io.detections import column_table, deeplabcut, point_arrays, point_rows, sleap
 from solver_backend.io.detections.camera_frames import CameraFrames
 from solver_backend.io.detections.deeplabcut_hdf5 import is_hdf5_table, read_hdf5_table
 
@@ -21,14 +21,17 @@ class TakeFile:
     """The camera in a file's name."""
     read: Callable[[Path], CameraFrames]
     """Raises our own errors."""
+    of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
+    """The cameras of a file that holds all of them, and how each is read; none where it is one camera's."""
 
 
 _KINDS = (
     TakeFile(deeplabcut.is_table, deeplabcut.camera_name, deeplabcut.read_table),
-    TakeFile(column_table.is_table, sleap.camera_name, column_table.read_table),
+    TakeFile(column_table.is_table, sleap.camera_name, column_table.read_table, column_table.cameras_in),
+    TakeFile(point_rows.is_table, sleap.camera_name, point_rows.read_table, point_rows.cameras_in),
     TakeFile(sleap.is_sleap, sleap.camera_name, sleap.read_sleap),
     TakeFile(is_hdf5_table, deeplabcut.camera_name, read_hdf5_table),
-    TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array),
+    TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
 )
 """Asked in this order; a folder holds files of one kind."""
 

@@ -185,3 +185,29 @@ def test_several_trials_of_opencap_are_named(tmp_path: Path) -> None:
             write_lines(folder / f"{trial}_000000000000_keypoints.json", {"people": []})
     with pytest.raises(CaptureNotRecognised, match="several trials: OutputJsons_1x736/squat2, OutputJsons_1x736/walk1"):
         read_detections(camera_sources(tmp_path))
+
+
+def test_an_array_of_all_cameras_comes_back_by_camera(tmp_path: Path) -> None:
+    points = np.tile(POINTS, (1, 5, 1, 1))  # more frames than people are kept
+    np.save(tmp_path / "keypoints.npy", points)
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    assert found.cameras == CAMERAS
+    np.testing.assert_allclose(found.xy[:, :, 0], points[..., :2], rtol=1e-6)
+
+
+def test_an_array_of_people_of_one_camera_stays_one_cameras(tmp_path: Path) -> None:
+    np.save(tmp_path / "cam01.npy", POINTS)
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    assert found.cameras == ("cam01",) and found.xy.shape[:3] == (1, len(POINTS), FRAMES)
+
+
+def test_points_by_number_are_in_the_order_of_the_joint_set(tmp_path: Path) -> None:
+    rows = [[f, k, *POINTS[0, f, k]] for f in range(FRAMES) for k in range(17)]
+    write_table(tmp_path / "cam01.csv", [["frame", "keypoint_id", "x", "y", "score"], *rows[::-1]])
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    np.testing.assert_allclose(found.xy[0, :, 0], POINTS[0, ..., :2], rtol=1e-6)
+
+
+def test_rows_of_points_in_space_are_no_detections(tmp_path: Path) -> None:
+    write_table(tmp_path / "walk.csv", [["frame", "joint", "x", "y", "z"], [0, "nose", 1, 2, 3]])
+    assert camera_sources(tmp_path) == {}
