@@ -103,9 +103,13 @@ def _with(readings: Sequence[ViewReading], group: Sequence[int], way: ViewReadin
     return [way if c in group else reading for c, reading in enumerate(readings)]
 
 
+def standard_ratios() -> list[float]:
+    """Return the ratios of two rates that cameras have, 1 among them."""
+    return sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
+
+
 def _rates() -> list[ViewReading]:
-    ratios = sorted({round(a / b, 6) for a, b in product(CAMERA_RATES, CAMERA_RATES) if 0.2 < a / b < 5})
-    return [ViewReading(rate=ratio) for ratio in ratios]
+    return [ViewReading(rate=ratio) for ratio in standard_ratios()]
 
 
 def _pictures() -> list[ViewReading]:

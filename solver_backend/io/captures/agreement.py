@@ -20,6 +20,7 @@ from solver_backend.people.calibration_fit import AGREES, CalibrationFit
 from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.picture_flips import find_flip, flipped
+from solver_backend.people.rates_by_length import rates_by_length
 from solver_backend.people.resampled import at_one_rate
 from solver_backend.people.unlike_views import ViewReading, explain_unlike, views_match
 
@@ -43,9 +44,10 @@ def bring_to_agreement(
 ) -> Agreeing:
     """Return calibration and detections that agree as far as anything explains why they do not.
 
-    One camera alone agrees with itself. Pictures that are flipped in all views come first. Cameras that match as they
-    are stay. Else cameras may bear each other's names; else the calibration is read as the views in step show; else
-    other frame rates and readings are tried at all offsets. Offsets are found last.
+    One camera alone agrees with itself. A number of frames may be that of another rate. Pictures that are flipped in
+    all views come next. Cameras that match as they are stay. Else cameras may bear each other's names; else the
+    calibration is read as the views in step show; else other frame rates and readings are tried at all offsets. Offsets
+    are found last.
 
     Args:
         calibration: of C cameras.
@@ -59,28 +61,50 @@ def bring_to_agreement(
     """
     if len(detections.cameras) == 1:
         return Agreeing(calibration, InTime(detections), (False,))
-    ratios, problems, is_open = np.ones(len(detections.cameras)), (), False
+    ratios, problems = np.ones(len(detections.cameras)), ()
     searched = not (options.as_calibrated or options.offset or options.sync == SYNC_OFF)
     fit, flips, written = None, (), calibration
+    if searched and (stated_ratios(rates, fps) == 1).all():
+        relative = rates_by_length(calibration.cameras, detections, as_numbered(detections, options))
+        detections, ratios, problems = _at_one_rate(detections, relative, fps, options)
     if not options.as_calibrated:
         detections, fit, flips = _unflipped(calibration, detections, options)
     in_step = fit is not None and fit.written >= AGREES
     if not in_step:
         calibration = _unexchanged(calibration, fit, detections, options)
-    if not in_step and calibration is written and not views_match(calibration.cameras, detections):
+    known = in_step or calibration is not written or (ratios != 1).any()
+    if not known and not views_match(calibration.cameras, detections):
         ratios = stated_ratios(rates, fps)
-        if searched and fit is not None and (ratios == 1).all():
-            calibration, relative = _explained(calibration, fit, detections, options)
-            ratios, is_open = of_the_take(relative)
         if (ratios != 1).any():
-            problems = other_rates(detections, ratios, fps, is_open=is_open and options.fps is None)
+            problems = other_rates(detections, ratios, fps, is_open=False)
             detections = at_one_rate(detections, ratios.tolist())
+        elif searched and fit is not None:
+            calibration, relative = _explained(calibration, fit, detections, options)
+            detections, ratios, problems = _at_one_rate(detections, relative, fps, options)
     in_time = bring_to_one_time(calibration.cameras, detections, fps, options)
     if fit is not None and calibration is written and not in_time.first_rows and (ratios == 1).all():
         calibration = as_fitted(calibration, fit)  # of the same rows
     elif not options.as_calibrated:
         calibration = as_meant(calibration, in_time.detections, options.up_axis)
     return Agreeing(calibration, in_time, tuple((ratios != 1).tolist()), flips + problems)
+
+
+def _at_one_rate(
+    detections: Detections, relative: np.ndarray, fps: float, options: ReadOptions
+) -> tuple[Detections, np.ndarray, tuple[Diagnostic, ...]]:
+    """Return the detections at the take's rate, (C,) frames of each camera for one of it, and what is to be known.
+
+    Args:
+        detections: of C cameras.
+        relative: (C,) frames of each for one of any of them, as the views show.
+        fps: frames a second of the take.
+        options: how the capture is read.
+    """
+    ratios, is_open = of_the_take(relative)
+    if (ratios == 1).all():
+        return detections, ratios, ()
+    problems = other_rates(detections, ratios, fps, is_open=is_open and options.fps is None)
+    return at_one_rate(detections, ratios.tolist()), ratios, problems
 
 
 def _unflipped(

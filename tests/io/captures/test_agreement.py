@@ -19,12 +19,14 @@ CAMERAS, KEYPOINTS = DEMO.require_multiview()
 NAMES = CAMERAS.names
 
 
-def write_apart(root: Path, starts: list[int], rates: list[float], factor: float = 1.0) -> None:
+def write_apart(
+    root: Path, starts: list[int], rates: list[float], factor: float = 1.0, stop: int = KEYPOINTS.num_frames
+) -> None:
     """Write what cameras recorded that started at these frames, with so many pictures a frame of the demo."""
     xy, confidence = np.full_like(KEYPOINTS.xy, np.nan), np.zeros_like(KEYPOINTS.confidence)
     lengths = []
     for c, (start, rate) in enumerate(zip(starts, rates, strict=True)):
-        at = np.round(np.arange(start, KEYPOINTS.num_frames - 1, 1 / rate)).astype(int)
+        at = np.round(np.arange(start, stop - 1, 1 / rate)).astype(int)
         xy[c, : len(at)], confidence[c, : len(at)] = KEYPOINTS.xy[c, at], KEYPOINTS.confidence[c, at]
         lengths.append(len(at))
     people = [((xy + 0.5) * factor - 0.5, confidence)]
@@ -75,6 +77,25 @@ def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     (found,) = [item for item in capture.problems if item.code == "camera_rates_differ"]
     assert found.where.cameras == (NAMES[3],) and found.values == {"rate": 60.0, "rates": [f"{NAMES[3]} 30"]}
     assert [path is not None for path in capture.footage] == [True, True, True, False] * filmed
+
+
+@pytest.mark.parametrize(("first", "frames"), [(100, 60), (0, 60), (200, 60), (240, 90)])
+def test_a_camera_of_half_the_frame_rate_in_a_short_take(tmp_path: Path, first: int, frames: int) -> None:
+    """The number of pictures is half that of the others: no other start, and no lens, is the reason."""
+    write_apart(tmp_path, [first] * 4, [1, 0.5, 1, 1], stop=first + frames + 1)
+    capture = load_capture(tmp_path)
+    assert capture.num_frames == pytest.approx(frames, abs=1)
+    assert median_error_m(capture, first) < 0.03
+    (found,) = capture.problems
+    assert found.code == "camera_rates_differ" and found.values["rates"] == [f"{NAMES[1]} 30"]
+
+
+def test_a_camera_that_stopped_halfway_is_of_the_same_rate(tmp_path: Path) -> None:
+    write_apart(tmp_path, [60] * 4, [1, 1, 1, 1], stop=121)
+    for path in sorted((tmp_path / "pose" / f"{NAMES[1]}_json").iterdir())[30:]:
+        path.unlink()
+    codes = [item.code for item in load_capture(tmp_path).problems]
+    assert "camera_rates_differ" not in codes and "starts_apart" not in codes
 
 
 def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
