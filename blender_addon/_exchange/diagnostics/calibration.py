@@ -104,6 +104,12 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "Lenses were zoomed after the calibration, or recorded in a mode that uses another part of the sensor.",
         "Calibrate the lenses in the mode that was recorded (calibrate-cameras).",
     ),
+    "pixels_undistorted": warning(
+        "The detections seem to be of undistorted pictures, while the calibration has distortion: without it the views "
+        "agree better",
+        "A program removed the lenses' distortion from the pictures before it detected in them.",
+        "Set the distortion in the calibration to 0, or detect in the pictures as recorded.",
+    ),
     "cameras_refined": note(
         "Cameras were refined by the people they film: {before:.1f} px before, {after:.1f} px after (median of views, "
         "on other frames than those fitted to)",

@@ -61,8 +61,8 @@ WORLD: dict[str, DiagnosticEntry] = {
         "A scale was given.",
     ),
     "scale_by_stature": note(
-        "The calibration's lengths are taken {scale:.4g} times (± {percent:.1f} %), so that the person is {stature:g} "
-        "m tall",
+        "The calibration's lengths are taken {scale:.4g} times (± {percent:.1f} %, as are all sizes and places), so "
+        "that the person is {stature:g} m tall",
         "The person's stature was given.",
     ),
     "up_by_person": warning(

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
+from solver_backend.cameras.view_checks.undistorted_pixels import report_undistorted
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
@@ -131,7 +132,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         problems=sum(problems, ())
         + world.problems
         + world.check.problems()
-        + report_focal_lengths(world.cameras, person.keypoints),
+        + report_focal_lengths(world.cameras, person.keypoints)
+        + report_undistorted(world.cameras, person.keypoints),
         stature_m=options.stature if one else 0.0,
         floor_from_person=world.from_person,
     )

@@ -1,0 +1,201 @@
+"""How well views of one person agree with a calibration, its focal lengths and small turns of cameras left free.
+
+Distances of points from each other's epipolar lines are fitted by Gauss-Newton with Cauchy's weights. Every camera may
+be turned a little, or calibrations that are a little off would count as evidence for something else. A camera's turn
+moves the distances of its own pairs alone, so each pair adds to 7 rows of the normal equations.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.cameras.distortion import distort_with_jacobian
+from solver_backend.cameras.projection import undistort
+from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
+from solver_backend.types import Cameras, Keypoints2D
+
+FACTOR_SPREAD = 0.3
+"""Of the logarithm, before anything is seen."""
+TURN_SPREAD_RAD, LARGEST_TURN_RAD = 0.005, 0.015
+"""How far calibrated cameras are turned from the true ones; beyond the second they are not what lenses explain."""
+OFF_PERSON = 0.006
+"""Least spread of detections by the person's extent in the picture, for those of somebody who stands still."""
+MOMENTS = 6
+"""Moments of a take between which errors of detections are independent; chosen so that ten simulated takes spread as
+far as their standard deviations state."""
+LARGEST_LOG = 0.7
+ROUNDS, CONVERGED = 12, 1e-3
+LEAST_CAMERAS = 3
+"""Two views agree by chance in too many ways."""
+MOST_CAMERAS, FRAMES = 8, 24
+"""Cameras and frames that are compared, of more."""
+SEEN = 0.3
+"""Confidence from which a keypoint counts."""
+_CAUCHY = 2.0
+"""Standard deviations from which a distance counts less."""
+
+
+@dataclass(frozen=True)
+class EpipolarFit:
+    """Focal lengths and turns under which C cameras agree best."""
+
+    log: float
+    """Logarithm of the factor by which focal lengths are too short."""
+    sigma: float
+    """Its standard deviation."""
+    x: np.ndarray
+    """(1 + 3 C,) the same logarithm, and the cameras' turns, rad."""
+    off: np.ndarray
+    """(N,) signed distances of points from epipolar lines, px."""
+    frames: int
+    """Frames that they are of."""
+    spread_px: float
+    """Standard deviation of the distances that are no outliers."""
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the cameras are turned by no more than calibrated ones."""
+        return bool(np.abs(self.x[1:]).max() < LARGEST_TURN_RAD)
+
+    def misfit(self, spread_px: float) -> float:
+        """Return twice the negative logarithm of the posterior, of independent moments, but for a constant.
+
+        Args:
+            spread_px: standard deviation of detections, the same for all fits that are compared.
+        """
+        lengths = _CAUCHY**2 * np.log1p((self.off / (_CAUCHY * spread_px)) ** 2)
+        return float(_share(self.frames) * lengths.sum() + ((self.x / _spreads(len(self.x))) ** 2).sum())
+
+
+def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, np.ndarray] | None:
+    """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen; None where they are too few.
+
+    Args:
+        cameras: in any unit.
+        keypoints: of one person in the same views.
+    """
+    if len(cameras) < LEAST_CAMERAS or not keypoints.num_frames:
+        return None
+    chosen = np.unique(np.linspace(0, len(cameras) - 1, MOST_CAMERAS).astype(int))
+    frames = np.unique(np.linspace(0, keypoints.num_frames - 1, FRAMES).astype(int))
+    seen = keypoints.confidence[chosen][:, frames] >= SEEN
+    xy = np.where(seen[..., None], keypoints.xy[chosen][:, frames].astype(np.float64), np.nan)
+    return cameras.subset(chosen.tolist()), xy
+
+
+def fit_epipolar(cameras: Cameras, xy: np.ndarray) -> EpipolarFit | None:
+    """Return the fit, None where too little is seen, or it does not converge.
+
+    Args:
+        cameras: C cameras in any unit.
+        xy: (C, F, J, 2) px of one person, NaN where unseen.
+    """
+    spreads, least = _spreads(1 + 3 * len(cameras)), OFF_PERSON * _extent(xy)
+    x = np.zeros(len(spreads))
+    for _ in range(ROUNDS):
+        parts = list(distances(cameras, xy, x))
+        off = np.concatenate([part for _, part, _ in parts])
+        if not len(off):
+            return None
+        sigma = max(1.4826 * float(np.median(np.abs(off))), least)
+        information, gradient = np.diag(spreads**-2.0), x / spreads**2
+        for columns, part, J in parts:
+            weight = _share(xy.shape[1]) / sigma**2 / (1.0 + (part / (_CAUCHY * sigma)) ** 2)
+            information[np.ix_(columns, columns)] += (J * weight[:, None]).T @ J
+            gradient[columns] += J.T @ (weight * part)
+        step = -np.linalg.solve(information, gradient)
+        if abs(step[0]) < CONVERGED:
+            covariance = np.linalg.inv(information)
+            return EpipolarFit(float(x[0]), float(np.sqrt(covariance[0, 0])), x, off, xy.shape[1], sigma)
+        x = x + step
+        if abs(x[0]) > LARGEST_LOG:
+            return None
+    return None
+
+
+def distances(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray]]:
+    """Yield, for each pair of cameras, columns of ``x``, distances (N,) from epipolar lines in px, and (N, 7) slopes.
+
+    With directions n and ``E = [t]x R``, ``r = f n_j' E n_i / |(E n_i)_xy, (E' n_j)_xy|``. A turn exp(d) of camera j
+    makes E to ``exp(d) E``, one of camera i to ``E exp(-d)``.
+
+    Args:
+        cameras: C cameras.
+        xy: (C, F, J, 2) px, NaN where unseen.
+        x: (1 + 3 C,) logarithm of the focal lengths' factor; turns of the cameras, rad.
+
+    Reference: Hartley and Zisserman 2004, eq. 11.9 (Sampson's distance).
+    """
+    turns = x[1:].reshape(-1, 3)
+    turn, by_turn = exp_so3(turns), left_jacobian_so3(turns)
+    turned = replace(cameras, R=turn @ cameras.R, t=(turn @ cameras.t[..., None])[..., 0])
+    seen, longer = _rays(cameras, xy, x[0])
+    pixels = _pixels_a_direction(cameras, xy)
+    for i, j in combinations(range(len(cameras)), 2):
+        both = np.isfinite(seen[i]).all(-1) & np.isfinite(seen[j]).all(-1)
+        R = turned.R[j] @ turned.R[i].T
+        E = skew(turned.t[j] - R @ turned.t[i]) @ R
+        one, other = seen[i][both], seen[j][both]
+        line, back = one @ E.T, other @ E
+        slope = np.maximum(np.sqrt((line[:, :2] ** 2).sum(-1) + (back[:, :2] ** 2).sum(-1)), 1e-12)
+        focal = 0.5 * np.exp(x[0]) * (pixels[i][both] + pixels[j][both])
+        off = focal * (other * line).sum(-1) / slope
+        # (N, 3, 7) changes of both lines, and (N, 7) of n_j' E n_i, by the logarithm, turns of i, turns of j
+        of_i, of_j = skew(one) @ by_turn[i], skew(other) @ by_turn[j]
+        line_by = np.concatenate([(longer[i][both] @ E.T)[..., None], E @ of_i, -skew(line) @ by_turn[j]], -1)
+        back_by = np.concatenate([(longer[j][both] @ E)[..., None], -skew(back) @ by_turn[i], E.T @ of_j], -1)
+        product_by = (other[..., None] * line_by).sum(-2)
+        product_by[:, 0] += (longer[j][both] * line).sum(-1)
+        slope_by = (line[:, :2, None] * line_by[:, :2]).sum(1) + (back[:, :2, None] * back_by[:, :2]).sum(1)
+        slope_by = slope_by / slope[:, None]
+        J = (focal[:, None] * product_by - off[:, None] * slope_by) / slope[:, None]
+        J[:, 0] += off
+        yield [0, *(1 + 3 * i + n for n in range(3)), *(1 + 3 * j + n for n in range(3))], off, J
+
+
+def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C, F, J, 3) directions (x, y, 1) of pixels in lenses longer by a logarithm, and their slopes by it.
+
+    Distortion D maps directions to ``m = (u - c) / f``, so ``dn = -D'^-1 m``.
+    """
+    K = cameras.K.copy()
+    K[:, :2, :2] *= np.exp(log)
+    n = undistort(K, cameras.distortion, xy, cameras.distortion_model)
+    (m, (xx, cross, yy)) = distort_with_jacobian(n, cameras.distortion, cameras.distortion_model)
+    determinant = xx * yy - cross**2
+    dx, dy = yy * m[..., 0] - cross * m[..., 1], xx * m[..., 1] - cross * m[..., 0]
+    by_log = -np.stack([dx / determinant, dy / determinant, np.zeros_like(dx)], axis=-1)
+    return np.concatenate([n, np.ones_like(n[..., :1])], axis=-1), by_log
+
+
+def _pixels_a_direction(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
+    """Return (C, F, J) by how many px a point moves if its direction (x, y, 1) does, in the lenses as calibrated.
+
+    A lens that bends shows less or more of it at its edge: distances are compared where the detector measured.
+    """
+    n = undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model)
+    _, (xx, cross, yy) = distort_with_jacobian(n, cameras.distortion, cameras.distortion_model)
+    focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)
+    return focal[:, None, None] * np.sqrt(np.maximum(xx * yy - cross**2, 0.0))
+
+
+def _spreads(count: int) -> np.ndarray:
+    return np.r_[FACTOR_SPREAD, np.full(count - 1, TURN_SPREAD_RAD)]
+
+
+def _share(frames: int) -> float:
+    """Return what a frame counts: neighbouring ones show the same."""
+    return min(1.0, MOMENTS / frames)
+
+
+def _extent(xy: np.ndarray) -> float:
+    """Return the median diagonal of the person in a picture, px; 0 where nobody is seen."""
+    some = np.isfinite(xy).all(-1).any(-1)
+    if not some.any():
+        return 0.0
+    people = xy[some]
+    return float(np.median(np.linalg.norm(np.nanmax(people, axis=1) - np.nanmin(people, axis=1), axis=-1)))

@@ -1,0 +1,45 @@
+"""Detections of undistorted pictures are reported where the calibration has distortion; those as recorded never are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from solver_backend.cameras.distortion import distort
+from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.view_checks.undistorted_pixels import report_undistorted
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Cameras, Keypoints2D
+
+CAMERAS, KEYPOINTS = demo_capture().require_multiview()
+ROWS = slice(240, 360)
+"""Frames in which the person walks to the edge of the pictures."""
+
+
+def pixels(n: np.ndarray) -> Keypoints2D:
+    focal = np.stack([CAMERAS.K[:, 0, 0], CAMERAS.K[:, 1, 1]], -1)[:, None, None]
+    xy = n * focal + CAMERAS.K[:, None, None, :2, 2]
+    return replace(KEYPOINTS, xy=xy[:, ROWS], confidence=KEYPOINTS.confidence[:, ROWS])
+
+
+def bent(k1: float) -> tuple[Cameras, Keypoints2D, Keypoints2D]:
+    """Return cameras with another lens, detections as they record, and those of undistorted pictures."""
+    distortion = np.zeros_like(CAMERAS.distortion)
+    distortion[:, 0] = k1
+    n = undistort(CAMERAS.K, CAMERAS.distortion, KEYPOINTS.xy.astype(float), CAMERAS.distortion_model)
+    return replace(CAMERAS, distortion=distortion), pixels(distort(n, distortion, "opencv")), pixels(n)
+
+
+@pytest.mark.parametrize("k1", [-0.3, -0.2, 0.2])
+def test_undistorted_pixels_of_a_wide_lens_are_reported(k1: float) -> None:
+    cameras, recorded, undistorted = bent(k1)
+    assert [found.code for found in report_undistorted(cameras, undistorted)] == ["pixels_undistorted"]
+    assert report_undistorted(cameras, recorded) == ()
+    without = replace(cameras, distortion=np.zeros_like(cameras.distortion))
+    assert report_undistorted(without, undistorted) == ()
+
+
+def test_the_demos_lenses_are_left_alone() -> None:
+    assert report_undistorted(CAMERAS, KEYPOINTS) == ()
