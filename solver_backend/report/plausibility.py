@@ -18,6 +18,7 @@ from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.people.sightings import MIN_POINTS
 from solver_backend.report.marker_plausibility import marker_plausibility
 from solver_backend.report.statistics import KeypointResiduals
+from solver_backend.report.time_plausibility import frame_rate_plausibility
 from solver_backend.types import Capture, JointSet, Motion
 
 STATURES_M = (1.2, 2.2)
@@ -63,6 +64,8 @@ def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals 
         yield from _tilt(motion)
     yield from marker_plausibility(motion)
     yield from _floor(motion)
+    if not capture.is_one_view:  # whose depth trembles
+        yield from frame_rate_plausibility(motion)
 
 
 def _joints(motion: Motion, *names: str) -> np.ndarray | None:
