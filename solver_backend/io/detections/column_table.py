@@ -96,7 +96,10 @@ def read_rows(path: Path) -> tuple[list[str], list[list[str]]]:
     """
     text = read_text(path).lstrip("\ufeff")
     try:
-        heading, *rows = [row for row in csv.reader(io.StringIO(text), delimiter=_separator(text)) if row]
+        separator = _separator(text)
+        if separator != "," and "," in text:  # decimal commas, as spreadsheets of many languages write them
+            text = text.replace(",", ".")
+        heading, *rows = [row for row in csv.reader(io.StringIO(text), delimiter=separator) if row]
     except (csv.Error, ValueError) as error:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
     return heading, rows

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from operator import itemgetter
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,9 @@ _PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance",
 _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
 """Headings in small letters, the likeliest first."""
+
+MOST_POINTS = 1000
+"""Greatest number of a point: bodies, hands and faces together have 553."""
 
 
 def is_table(path: Path) -> bool:
@@ -46,27 +50,32 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
     frame, part, x, y = (column_of(heading, names) for names in (FRAMES[:-1], _NAMES, _X, _Y))
     score, person = column_of(heading, _SCORES), column_of(heading, _PEOPLE)
     assert frame is not None and part is not None and x is not None and y is not None
+    columns = [column for column in (x, y, score) if column is not None]
     try:
-        numbers = [int(float(row[frame])) for row in rows]
-        names = tuple(dict.fromkeys(row[part].strip() for row in rows))
-        who = [(n, "" if person is None else row[person]) for n, row in zip(numbers, rows, strict=True)]
-        columns = [column for column in (x, y, score) if column is not None]
-        values = np.array([[row[column].strip() or "nan" for column in columns] for row in rows], np.float64)
+        cells = list(map(itemgetter(frame, part, part if person is None else person, *columns), rows))
+        numbers = np.array([row[0] for row in cells], np.float64).astype(np.int64)
+        values = np.array([[cell.strip() or "nan" for cell in row[3:]] for row in cells], np.float64)
     except (ValueError, IndexError, OverflowError) as error:
         raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+    spelled = [row[1].strip() for row in cells]
+    names = tuple(dict.fromkeys(spelled))
+    at = {name: i for i, name in enumerate(names)}
     if all(name.isdecimal() for name in names):  # points by number are in the order of a joint set
-        column_by_name = {name: int(name) - min(map(int, names)) for name in names}
-        names = ()
-    else:
-        column_by_name = {name: i for i, name in enumerate(names)}
+        at, names = {name: int(name) - min(map(int, names)) for name in names}, ()
+    if max(at.values(), default=0) > MOST_POINTS:
+        raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path))
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
-    people = {key: np.zeros((max(column_by_name.values(), default=-1) + 1, 3)) for key in who}
-    for key, row, point, certain in zip(who, rows, values, sure, strict=True):
-        if certain > 0:
-            people[key][column_by_name[row[part].strip()]] = *point[:2], certain
-    frames: dict[int, People] = {number: [] for number in numbers}
-    for (number, _), points in people.items():
-        if (points[:, 2] > 0).any():
-            frames[number].append(points)
+    who = {name: i for i, name in enumerate(dict.fromkeys(row[2] for row in cells))} if person is not None else {}
+    people = np.array([who[row[2]] for row in cells]) if who else np.zeros(len(cells), np.int64)
+    keys, group = np.unique(np.column_stack([numbers, people]), axis=0, return_inverse=True)
+    points = np.zeros((len(keys), max(at.values(), default=-1) + 1, 3))
+    seen = sure > 0
+    rows_of, columns_of = group.reshape(-1)[seen], np.array([at[name] for name in spelled])[seen]
+    points[rows_of, columns_of] = np.column_stack([values[seen, :2], sure[seen]])
+    frames: dict[int, People] = {}
+    for (number, _), one in zip(keys.tolist(), points, strict=True):
+        people_here = frames.setdefault(number, [])
+        if (one[:, 2] > 0).any():
+            people_here.append(one)
     return CameraFrames.in_memory(frames, path, names)

@@ -211,3 +211,12 @@ def test_points_by_number_are_in_the_order_of_the_joint_set(tmp_path: Path) -> N
 def test_rows_of_points_in_space_are_no_detections(tmp_path: Path) -> None:
     write_table(tmp_path / "walk.csv", [["frame", "joint", "x", "y", "z"], [0, "nose", 1, 2, 3]])
     assert camera_sources(tmp_path) == {}
+
+
+def test_decimal_commas_between_semicolons_are_read(tmp_path: Path) -> None:
+    heading = ["frame", *(f"{n}_{x}" for n in COCO for x in ("x", "y", "score"))]
+    for c, name in enumerate(CAMERAS):
+        rows = [[f, *(f"{v:.2f}".replace(".", ",") for v in POINTS[c, f].ravel())] for f in range(FRAMES)]
+        write_table(tmp_path / f"{name}.csv", [heading, *rows], ";")
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    np.testing.assert_allclose(found.xy[:, :, 0], POINTS[..., :2], rtol=1e-6)
