@@ -74,10 +74,14 @@ class Cameras:
             return
         for c, name in enumerate(self.names):
             if off[c] > 1e-3 or sign[c] < 0:
+                mirrors = off[c] <= 1e-3
+                what = "mirrors, unlike those of other cameras" if mirrors else "is not orthonormal"
                 raise CalibrationInvalid(
-                    f"The rotation is not orthonormal (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g}).",
+                    f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g}).",
                     where=f"camera {name}",
-                    hint="Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
+                    hint="Negate one axis of the camera, in R and t."
+                    if mirrors
+                    else "Check that the calibration holds a rotation (not a scaled or mirrored matrix).",
                 )
             if self.K[c, 0, 0] <= 0 or self.K[c, 1, 1] <= 0:
                 raise CalibrationInvalid(

@@ -11,6 +11,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
 from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
 from solver_backend.io.calibration.matrix_files import SUFFIXES
+from solver_backend.io.calibration.meant_entries import meant_entries
 from solver_backend.io.calibration.opencv_cameras import MatrixFile, opencv_cameras, read_matrix_file
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
@@ -128,6 +129,7 @@ def _finished(
     names = [entry.name for entry in entries]
     if len(set(names)) < len(names):
         raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
+    entries, corrected = meant_entries(entries)
     if kind == "Qualisys":
         metric, unit_note, guessed = entries, diagnostic("calibration_unit_of_qualisys"), ""
     else:
@@ -146,5 +148,5 @@ def _finished(
         guessed_unit=guessed,
         size_known=tuple(e.image_size is not None for e in metric),
         notes=(note, unit_note, axis_note),
-        problems=tuple(problems),
+        problems=(*problems, *corrected),
     )

@@ -120,6 +120,14 @@ def find_calibration(
                 f"The folder holds {len(takes)} takes: {listing(takes)}.", where=str(root),
                 hint="Put the detections of each take into a folder of its own.",
             )  # fmt: skip
+    for calibration in others:
+        if without := _without_calibration(recorded, calibration.cameras.names):
+            raise CalibrationMismatch(
+                f"{listing(without)} {'is' if len(without) == 1 else 'are'} recorded and not calibrated: "
+                f"{calibration.source.name} is for {listing(calibration.cameras.names)}.",
+                where=str(calibration.source),
+                hint="Move the detections of what is not calibrated out of the folder, or calibrate all cameras.",
+            )
     raise CalibrationMismatch(
         f"The recorded cameras are {listing(recorded)}; the calibration {others[0].source.name} is for "
         f"{listing(others[0].cameras.names)}.",
@@ -127,6 +135,14 @@ def find_calibration(
         hint=f"Assign them with --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
         "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
     )
+
+
+def _without_calibration(recorded: Sequence[str], calibrated: Sequence[str]) -> list[str]:
+    """Return the recorded cameras that have no calibration where each calibrated one is recorded, else []."""
+    keys = {name_key(name) for name in calibrated}
+    without = [name for name in recorded if name_key(name) not in keys]
+    known = {name_key(name) for name in recorded} & keys
+    return without if known == keys and len(recorded) - len(without) == len(keys) else []
 
 
 def _found_by_views(

@@ -55,6 +55,8 @@ def takes_in_names(recorded: Sequence[str], calibrated: Sequence[str]) -> tuple[
         words = re.findall(r"[^\W\d_]+|\d+", name.lower())
         plain = [word.lstrip("0") or "0" if word.isdigit() else word for word in words]
         found = [(i, k) for i, key in enumerate(keys) for k in range(len(words)) if (*plain[k : k + len(key)],) == key]
+        if len(found) > 1:  # of walk1_cam01 the number after a word for cameras
+            found = [(i, k) for i, k in found if k > 0 and words[k - 1] in _FILLERS]
         if len(found) != 1:
             return ()
         camera, k = found[0]

@@ -95,3 +95,17 @@ def test_two_takes_in_one_folder_are_named(tmp_path: Path) -> None:
     with pytest.raises(CalibrationMismatch, match="2 takes: run, walk") as found:
         load_capture(tmp_path)
     assert "folder of its own" in found.value.hint
+
+
+def test_takes_with_numbers_of_their_own_are_named() -> None:
+    recorded = [f"walk{take}_cam0{c}" for take in (1, 2) for c in (1, 2)]
+    assert takes_in_names(recorded, ["cam01", "cam02"]) == ("walk_1", "walk_2")
+
+
+def test_the_camera_without_calibration_is_named(tmp_path: Path) -> None:
+    write_trial(tmp_path, frames=3, names=["cam01", "cam02", "cam03"], calibrated=["cam1", "cam2", "cam3"])
+    calibration = tmp_path / "calibration" / "Calib.toml"
+    calibration.write_text(calibration.read_text().split('["cam3"]')[0])
+    with pytest.raises(CalibrationMismatch, match="cam03 is recorded and not calibrated") as found:
+        load_capture(tmp_path)
+    assert "--camera" not in found.value.hint and "out of the folder" in found.value.hint

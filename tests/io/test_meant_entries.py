@@ -1,0 +1,69 @@
+"""Calibrations that no camera can have as written are read as they are meant, and what was done is named."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.io.calibration.read import read_calibration
+from tests.support.other_calibrations import CAMERAS, NAMES
+
+SIZE = CAMERAS.image_size[0]
+
+
+def write(path: Path, change: Callable[[int, np.ndarray, np.ndarray], None]) -> Path:
+    cameras = []
+    for c, name in enumerate(NAMES):
+        K, R = CAMERAS.K[c].copy(), CAMERAS.R[c].copy()
+        change(c, K, R)
+        pose = {"R": R.tolist(), "t": CAMERAS.t[c].tolist()}
+        cameras.append({"id": name, "K": K.tolist(), "dist": [0.0] * 5, **pose, "resolution": SIZE.tolist()})
+    path.write_text(json.dumps({"cameras": cameras}), encoding="utf-8")
+    return path
+
+
+def in_shares(c: int, K: np.ndarray, R: np.ndarray) -> None:
+    K[:2] /= SIZE[:, None]
+
+
+def without_middle(c: int, K: np.ndarray, R: np.ndarray) -> None:
+    K[:2, 2] = 0.0
+
+
+def mirrored(c: int, K: np.ndarray, R: np.ndarray) -> None:
+    R[:, 0] *= -1.0
+
+
+CASES = {
+    in_shares: "intrinsics_in_shares", without_middle: "principal_points_missing", mirrored: "world_left_handed",
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("change", "code"), CASES.items())
+def test_what_no_camera_can_be_is_read_as_meant(
+    change: Callable[[int, np.ndarray, np.ndarray], None], code: str, tmp_path: Path
+) -> None:
+    found = read_calibration(write(tmp_path / "cameras.json", change), unit="m")
+    assert [problem.code for problem in found.problems] == [code]
+    np.testing.assert_allclose(found.cameras.R, CAMERAS.R, atol=1e-9)
+    np.testing.assert_allclose(found.cameras.K[:, [0, 1], [0, 1]], CAMERAS.K[:, [0, 1], [0, 1]])
+    middle = np.broadcast_to((SIZE - 1) / 2, (len(NAMES), 2))
+    np.testing.assert_allclose(
+        found.cameras.K[:, :2, 2], middle if change is without_middle else CAMERAS.K[:, :2, 2], atol=1e-9
+    )
+
+
+def test_one_mirrored_camera_is_refused(tmp_path: Path) -> None:
+    path = write(tmp_path / "cameras.json", lambda c, K, R: mirrored(c, K, R) if c == 1 else None)
+    with pytest.raises(CalibrationInvalid, match="mirrors, unlike those of other cameras"):
+        read_calibration(path, unit="m")
+
+
+def test_a_calibration_as_it_should_be_stays(tmp_path: Path) -> None:
+    found = read_calibration(write(tmp_path / "cameras.json", lambda c, K, R: None), unit="m")
+    assert found.problems == ()
