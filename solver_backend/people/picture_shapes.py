@@ -18,6 +18,8 @@ NEAR_ENOUGH = 0.8
 """Share within ``NEARER`` from which no other shape is looked for."""
 COARSE, COARSE_FRAMES = 0.12, 3
 """The same distance, and frames, on which sizes and shapes are found."""
+LIKE_CALIBRATED = 0.06
+"""Logarithm of a size of whole pictures that no recording has but the calibrated one: so near it is another fault."""
 _SIZES = np.geomspace(0.15, 4.0, 38).tolist()
 _FINER = np.geomspace(0.95, 1.05, 11).tolist()
 """Sizes of pictures in steps of 9 %, and shares by which the one that is found may be off."""
@@ -54,6 +56,8 @@ def with_shapes(scores: ReadingScores, best: list[CameraCorrection]) -> list[Cam
         of_one = [[_with(best, worst, replace(alike, factor=f, shape=s)) for f in _SIZES] for s in _OF_ONE]
         found += [_nearest(near, max(sizes, key=coarse.of), (worst,)) for sizes in of_one]
     chosen = max(found, key=near.of)
+    if not any(r.shape for r in chosen) and abs(np.log(chosen[0].factor / alike.factor)) < LIKE_CALIBRATED:
+        return best
     return chosen if near.of(chosen) >= near.of(best) + CLEARLY else best
 
 
