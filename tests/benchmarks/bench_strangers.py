@@ -19,9 +19,10 @@ from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views.trial import Result, result_of_folder
 from tests.benchmarks.strangers.faults import FAULTS
 from tests.benchmarks.strangers.forms import FORMS
+from tests.benchmarks.strangers.more_faults import MORE
 from tests.benchmarks.strangers.take import FPS, Take, demo_take, write_take
 
-CASES: dict[str, Callable[[Path, Take], None]] = {"as it should be": write_take, **FORMS, **FAULTS}
+CASES: dict[str, Callable[[Path, Take], None]] = {"as it should be": write_take, **FORMS, **FAULTS, **MORE}
 WITHIN = 1.5
 """Times the error of the same take as it should be: several forms have fewer keypoints."""
 

@@ -35,6 +35,10 @@ class Result:
     """Why it was refused, with what to do."""
     tilt_deg: float = float("nan")
     """Angle of its world's up with the truth's, NaN where it was refused."""
+    shape_mm: float = float("nan")
+    """As ``error_mm``, but at the truth's size."""
+    scale: float = float("nan")
+    """Of the truth against the result."""
 
     @property
     def silent(self) -> bool:
@@ -53,7 +57,7 @@ def result_of(capture: Capture, recording: Recording, joints: np.ndarray, **opti
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial"
-        _write(path, capture, recording)
+        write_recording(path, capture, recording)
         return result_of_folder(path, joints, **options)
 
 
@@ -71,10 +75,13 @@ def result_of_folder(path: Path, joints: np.ndarray, **options: Any) -> Result:
     except MocapError as error:
         return Result(float("nan"), (), f"{error.message} [{error.hint}]")
     warnings = tuple(sentence(item, motion.fps) for item in warnings_in(found))
-    return Result(error_mm(motion.joints, joints), warnings, tilt_deg=tilt_deg(motion.joints, joints))
+    scale = scale_of(motion.joints, joints)
+    shape = error_mm(scale * motion.joints, joints)
+    return Result(error_mm(motion.joints, joints), warnings, "", tilt_deg(motion.joints, joints), shape, scale)
 
 
-def _write(path: Path, capture: Capture, recording: Recording) -> None:
+def write_recording(path: Path, capture: Capture, recording: Recording) -> None:
+    """Write a recording as a trial of Pose2Sim; ``capture`` gives the frame rate."""
     keypoints = capture.keypoints
     assert keypoints is not None
     count, total = recording.xy.shape[:2]
@@ -103,6 +110,15 @@ def tilt_deg(found: np.ndarray, joints: np.ndarray) -> float:
     """Return the angle between the up axes of the two, degrees; of a result that nothing levels it is the world's."""
     part = _shown_part(found, joints)
     return float("nan") if part is None else float(np.degrees(np.arccos(np.clip(_laid_over(found, part)[1], -1, 1))))
+
+
+def scale_of(found: np.ndarray, joints: np.ndarray) -> float:
+    """Return how large the truth is against a result, by their joints' spread."""
+    part = _shown_part(found, joints)
+    if part is None:
+        return float("nan")
+    spreads = [float(((p := points[:, :24].reshape(-1, 3)) - p.mean(0)).std()) for points in (part, found)]
+    return spreads[0] / spreads[1]
 
 
 _COMPARED = 12

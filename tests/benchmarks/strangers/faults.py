@@ -29,16 +29,16 @@ _LEGS = [JointSet.BODY_25.keypoints.index(n) for n in JointSet.BODY_25.keypoints
          if any(part in n for part in ("knee", "ankle", "toe", "heel"))]  # fmt: skip
 
 
-def _half(take: Take, c: int, factor: float = 0.5) -> Take:
+def half(take: Take, c: int, factor: float = 0.5) -> Take:
     return take.mapped(c, (take.points[c, ..., :2] + 0.5) * factor - 0.5)
 
 
-def _turned(take: Take, c: int) -> Take:
+def turned(take: Take, c: int) -> Take:
     u, v = take.points[c, ..., 0], take.points[c, ..., 1]
     return take.mapped(c, np.stack([take.cameras.image_size[c, 1] - 1 - v, u], -1))
 
 
-def _mirrored(take: Take, c: int) -> Take:
+def mirrored(take: Take, c: int) -> Take:
     u, v = take.points[c, ..., 0], take.points[c, ..., 1]
     moved = take.mapped(c, np.stack([take.cameras.image_size[c, 0] - 1 - u, v], -1))
     points = moved.points.copy()
@@ -55,22 +55,22 @@ def all_of(take: Take, change: Callable[[Take, int], Take]) -> Take:
 
 def turned_and_half(folder: Path, take: Take) -> None:
     """All pictures turned and half as large."""
-    write_take(folder, all_of(all_of(take, _turned), _half))
+    write_take(folder, all_of(all_of(take, turned), half))
 
 
 def one_turned_one_half(folder: Path, take: Take) -> None:
     """One camera turned, another of half the size."""
-    write_take(folder, _half(_turned(take, 0), 2))
+    write_take(folder, half(turned(take, 0), 2))
 
 
 def one_two_thirds(folder: Path, take: Take) -> None:
     """One camera recorded 720 rows where 1080 are calibrated."""
-    write_take(folder, _half(take, 1, 2 / 3))
+    write_take(folder, half(take, 1, 2 / 3))
 
 
 def odd_size(folder: Path, take: Take) -> None:
     """Pictures scaled by 0.4375 (1080 to 472.5 rows): no common size."""
-    write_take(folder, all_of(take, lambda t, c: _half(t, c, 0.4375)))
+    write_take(folder, all_of(take, lambda t, c: half(t, c, 0.4375)))
 
 
 def cropped(folder: Path, take: Take) -> None:
@@ -95,12 +95,12 @@ def square_letterboxed(folder: Path, take: Take) -> None:
 
 def one_mirrored(folder: Path, take: Take) -> None:
     """One camera mirrors its pictures."""
-    write_take(folder, _mirrored(take, 2))
+    write_take(folder, mirrored(take, 2))
 
 
 def mirrored_and_half(folder: Path, take: Take) -> None:
     """One camera mirrors its pictures; all are half as large as calibrated."""
-    write_take(folder, all_of(_mirrored(take, 2), _half))
+    write_take(folder, all_of(mirrored(take, 2), half))
 
 
 def one_upside_down(folder: Path, take: Take) -> None:
@@ -163,7 +163,7 @@ def half_body_turned(folder: Path, take: Take) -> None:
     """The same, with two cameras turned."""
     points = take.points.copy()
     points[:, :, _LEGS] = 0.0
-    write_take(folder, _turned(_turned(replace(take, points=points), 1), 3))
+    write_take(folder, turned(turned(replace(take, points=points), 1), 3))
 
 
 def missing_files(folder: Path, take: Take) -> None:
@@ -297,12 +297,12 @@ def truncated_focal(folder: Path, take: Take) -> None:
 
 def cm_and_turned(folder: Path, take: Take) -> None:
     """Calibrated in cm, all pictures turned."""
-    write_take(folder, all_of(take, _turned), calibration=replace(take.cameras, t=take.cameras.t * 100))
+    write_take(folder, all_of(take, turned), calibration=replace(take.cameras, t=take.cameras.t * 100))
 
 
 def apart_and_half(folder: Path, take: Take) -> None:
     """Started up to 70 frames apart, pictures half as large."""
-    long = all_of(demo_take(0, 360), _half)
+    long = all_of(demo_take(0, 360), half)
     for c, start in enumerate((0, 70, 33, 12)):
         write_openpose(folder, take.names[c], [long.points[c, start : start + 280]])
     write_toml(folder, take.cameras)
@@ -318,7 +318,7 @@ def y_up(folder: Path, take: Take) -> None:
 def y_down_half(folder: Path, take: Take) -> None:
     """A calibration whose y points down (OpenCV's), pictures half as large."""
     to_z = np.array([[1.0, 0, 0], [0, 0, 1], [0, -1, 0]])
-    write_take(folder, all_of(take, _half), calibration=replace(take.cameras, R=take.cameras.R @ to_z))
+    write_take(folder, all_of(take, half), calibration=replace(take.cameras, R=take.cameras.R @ to_z))
 
 
 def rate_doubled(folder: Path, take: Take) -> None:

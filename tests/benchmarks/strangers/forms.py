@@ -79,22 +79,22 @@ def openpose_list(folder: Path, take: Take) -> None:
 
 def dlc_other_parts(folder: Path, take: Take) -> None:
     """DeepLabCut tables of which one camera's lacks two body parts and lists the others in another order."""
-    _dlc(folder, take, lambda c: [n for n in reversed(COCO) if n not in ("left_ear", "right_ear")] if c == 1 else COCO)
+    dlc(folder, take, lambda c: [n for n in reversed(COCO) if n not in ("left_ear", "right_ear")] if c == 1 else COCO)
 
 
 def dlc_few_parts(folder: Path, take: Take) -> None:
     """DeepLabCut tables of which two cameras' hold other body parts, none in common."""
-    _dlc(folder, take, lambda c: COCO[:8] if c % 2 else COCO[8:])
+    dlc(folder, take, lambda c: COCO[:8] if c % 2 else COCO[8:])
 
 
 def dlc_limbs(folder: Path, take: Take) -> None:
     """DeepLabCut tables with names as people give them."""
     spelled = {"left": "L", "right": "R"}
     names = ["".join(spelled.get(p, p.capitalize()) for p in n.split("_")) for n in COCO]
-    _dlc(folder, take, lambda c: COCO, names)
+    dlc(folder, take, lambda c: COCO, names)
 
 
-def _dlc(folder: Path, take: Take, parts: Callable[[int], Sequence[str]], spelled: Sequence[str] = COCO) -> None:
+def dlc(folder: Path, take: Take, parts: Callable[[int], Sequence[str]], spelled: Sequence[str] = COCO) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     for c, name in enumerate(take.names):
         chosen = [COCO.index(part) for part in parts(c)]
@@ -170,7 +170,7 @@ def _openpose(folder: Path, take: Take, calibration: Cameras | None = None) -> N
 
 def anipose_extra(folder: Path, take: Take) -> None:
     """Anipose's TOML of eight cameras for four recorded, in mm, called A to H; recorded as calib_A."""
-    more = _with_more(take.cameras, 8)
+    more = with_more(take.cameras, 8)
     more = replace(more, names=tuple("HGFEABCD"))
     (folder / "calibration").mkdir(parents=True, exist_ok=True)
     (folder / "calibration" / "calibration.toml").write_text(toml_text(more, scale=1000.0, nested=True))
@@ -179,7 +179,7 @@ def anipose_extra(folder: Path, take: Take) -> None:
     write_rate(folder)
 
 
-def _with_more(cameras: Cameras, count: int) -> Cameras:
+def with_more(cameras: Cameras, count: int) -> Cameras:
     """Return cameras of which the last are those given, the others standing elsewhere."""
     more = count - len(cameras)
     turn = np.array([[0.0, 1, 0], [-1, 0, 0], [0, 0, 1]])
@@ -192,7 +192,7 @@ def _with_more(cameras: Cameras, count: int) -> Cameras:
 
 def serial_numbers(folder: Path, take: Take) -> None:
     """Folders by serial number, calibration with a serial number and a model; eight calibrated."""
-    more = replace(_with_more(take.cameras, 8), names=tuple(f"FLIR_BFS-U3_1930{i}47{i}" for i in range(8)))
+    more = replace(with_more(take.cameras, 8), names=tuple(f"FLIR_BFS-U3_1930{i}47{i}" for i in range(8)))
     for c in range(4):
         write_openpose(folder, f"1930{c + 4}47{c + 4}", [take.points[c]])
     write_toml(folder, more)
