@@ -58,6 +58,21 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "The names of recorded and calibrated cameras have nothing in common.",
         "Another assignment: --camera {camera}={calibrated} and so on.",
     ),
+    "intrinsics_in_shares": warning(
+        "Focal lengths and principal points are shares of the picture: they are taken times its width and height",
+        "A script divided the intrinsics by the size of the picture.",
+        "Write them in pixels.",
+    ),
+    "principal_points_missing": warning(
+        "All principal points are 0: they are taken to be in the middle of the pictures",
+        "The calibration leaves out cx and cy.",
+        "Write them, or calibrate the lenses (calibrate-cameras).",
+    ),
+    "world_left_handed": warning(
+        "The calibration's world is left-handed (all rotations have determinant -1): its x axis is reversed",
+        "It comes from a program such as Unreal, or one axis was negated.",
+        "To have another axis reversed, negate that column of all rotations.",
+    ),
     "camera_names_exchanged": warning(
         "Cameras have each other's names: by the agreement of the views {pairs}",
         "Folders of cameras were named in another order than the calibration's.",

@@ -146,8 +146,8 @@ _PEOPLE: dict[str, DiagnosticEntry] = {
     ),
     "camera_sees_elsewhere": warning(
         "Camera {camera} sees one person, but never where the other cameras do",
-        "The camera is turned, mirrored or late, or has another camera's name; a solve finds which.",
-        "It may be turned, mirrored, late or named like another.",
+        "The camera is turned, mirrored, zoomed or late, or has another camera's name; a solve finds which.",
+        "It may be turned, mirrored, zoomed, late or named like another.",
     ),
 }
 """Who is solved, and who else is seen."""
