@@ -14,11 +14,8 @@ from solver_backend.io.recognition.balance import body_points
 from solver_backend.report.time_plausibility import CHANGE, likely_rate
 from solver_backend.types import JointSet
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
-from tests.support.foreign_clips import cmu_take
+from tests.support.foreign_clips import cmu_limbs
 from tests.support.recordings import ABSENT, recordings_folder
-
-NAMES = {"shoulder": "humerus", "elbow": "radius", "wrist": "wrist", "hip": "femur", "knee": "tibia", "ankle": "foot"}
-"""Of each landmark the joint of CMU's skeletons, after the side's letter."""
 
 
 def run() -> list[Metric]:
@@ -36,10 +33,5 @@ def run() -> list[Metric]:
 
 def rate_of(clip: Path, factor: float) -> float:
     """Return the factor on a clip's rate that is found where it is stated so many times as high as it is."""
-    take = cmu_take(clip)
-    names = JointSet.COCO_17.keypoints
-    points = np.full((len(take.posed.joints), len(names), 3), np.nan)
-    for part, joint in NAMES.items():
-        for side in ("left", "right"):
-            points[:, names.index(f"{side}_{part}")] = take.posed.joints[:, take.names.index(side[0] + joint)]
-    return likely_rate(body_points(points, JointSet.COCO_17), factor * take.fps)
+    points, fps = cmu_limbs(clip)
+    return likely_rate(body_points(points, JointSet.COCO_17), factor * fps)

@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.kinematics import PosedSkeleton
 from solver_backend.exchange.skeleton_file import SkeletonFile, write_skeleton
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.types import JointSet
 from tests.support.bvh_texts import Y_UP, KnownMotion, write_bvh
 
 _LIBRARY = "mesh2motion_cc0/app_fork_glb/static/animations/human-base-animations.glb"
@@ -32,6 +33,20 @@ def cmu_take(path: Path) -> KnownMotion:
             joints[:, j] = joints[:, parent] + G[:, parent] @ offsets[j]
             rest[j] = rest[parent] + offsets[j]
     return KnownMotion(PosedSkeleton(G, joints), rest, parents, names, fps)
+
+
+_LIMBS = {"shoulder": "humerus", "elbow": "radius", "wrist": "wrist", "hip": "femur", "knee": "tibia", "ankle": "foot"}
+"""Of each landmark the joint of CMU's skeletons, after the side's letter."""
+
+
+def cmu_limbs(path: Path) -> tuple[np.ndarray, float]:
+    """Return (F, 17, 3) of COCO's points, Z up, of a take of ``motion_cmu/asfamc``, NaN for the face; and its rate."""
+    take, names = cmu_take(path), JointSet.COCO_17.keypoints
+    points = np.full((len(take.posed.joints), len(names), 3), np.nan)
+    for part, joint in _LIMBS.items():
+        for side in ("left", "right"):
+            points[:, names.index(f"{side}_{part}")] = take.posed.joints[:, take.names.index(side[0] + joint)]
+    return points, take.fps
 
 
 def write_cmu_skeleton(path: Path, take: KnownMotion) -> Path:

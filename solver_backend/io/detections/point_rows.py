@@ -56,7 +56,9 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
         numbers = np.array([row[0] for row in cells], np.float64).astype(np.int64)
         values = np.array([[cell.strip() or "nan" for cell in row[3:]] for row in cells], np.float64)
     except (ValueError, IndexError, OverflowError) as error:
-        raise FileDamaged(f"A row is short or holds what is no number ({error}).", where=str(path)) from error
+        raise FileDamaged(
+            f"A row is short or holds something that is not a number ({error}).", where=str(path)
+        ) from error
     spelled = [row[1].strip() for row in cells]
     names = tuple(dict.fromkeys(spelled))
     at = {name: i for i, name in enumerate(names)}
