@@ -97,7 +97,7 @@ def table_text(draw: st.DrawFn, sound: str) -> str:
     rows = [line.split(mark) for line in lines[:60]]
     rows = [[draw(oddly(cell, NUMBERS)) if _is_number(cell) else draw(oddly(cell, st.text(max_size=6))) for cell in row]
             for row in rows]  # fmt: skip
-    if draw(st.integers(0, 9)) == 0:
+    if rows and draw(st.integers(0, 9)) == 0:
         at = draw(st.integers(0, len(rows) - 1))
         rows[at] = rows[at][: draw(st.integers(0, len(rows[at])))]
     if draw(st.integers(0, 9)) == 0:
