@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.cli.reading import reading
 from solver_backend.cli.setting_options import given_world
@@ -38,7 +38,7 @@ _WORLD_OPTIONS = {
 """What each method can do to the world: a person has a stature; a calibration is read with all of it."""
 
 
-def calibrated(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def calibrated(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return the calibration that the command line asks for.
 
     Raises:
@@ -81,7 +81,7 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
-    lenses, used = calibrate_lenses(footage.lens or footage.rig, board, options, progress)
+    lenses, used = calibrate_lenses(footage.lens or footage.extrinsic, board, options, progress)
     folder: Path | None = args.coverage
     for name, sightings in used.items():
         if folder is not None:
@@ -106,13 +106,13 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
     return board_named(given), BoardOptions(models, 1, args.fps, args.origin, bool(args.refine_lenses))
 
 
-def _by_board(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
     from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
-    known = known_lenses(args.lenses, tuple(footage.rig)) if args.lenses is not None else {}
+    known = known_lenses(args.lenses, tuple(footage.extrinsic)) if args.lenses is not None else {}
     return calibrate_by_board(footage, board, known, options, progress, coverage=args.coverage)
 
 
@@ -120,7 +120,7 @@ def _boards_given(folder: Path) -> list[Path]:
     return [p for p in (folder / "board.toml", folder / "charuco.toml") if p.is_file()]
 
 
-def _by_person(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def _by_person(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
 
     length = None
@@ -176,7 +176,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     return names, [rough_lens(v.size) for v in videos if v is not None], keypoints, True
 
 
-def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def _by_points(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     from solver_backend.camera_calibration.extrinsics.points_session import calibrate_by_points, read_clicks
 
     clicks = read_clicks(args.source)
@@ -186,7 +186,7 @@ def _by_points(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     return calibrate_by_points(clicks, known_lenses(args.lenses, tuple(clicks.px)))
 
 
-def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     from solver_backend.camera_calibration.extrinsics.person_session import refine_by_person
 
     cameras, keypoints = capture_of(args, progress).require_multiview()
@@ -194,7 +194,7 @@ def _refined(args: argparse.Namespace, progress: Progress) -> RigCalibration:
     return refine_by_person(cameras, keypoints, free_focal=bool(args.refine_lenses))
 
 
-def _together(args: argparse.Namespace, progress: Progress) -> RigCalibration:
+def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
     from solver_backend.camera_calibration.extrinsics.evidence import clicks_evidence, in_world_of, person_evidence
     from solver_backend.camera_calibration.extrinsics.points_session import read_clicks

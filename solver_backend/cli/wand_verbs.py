@@ -81,12 +81,12 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     ground = None
     if args.gamma is not None:
         progress("Up, by the Γ", 0, 1)
-        cameras = found.rig.cameras
+        cameras = found.array.cameras
         by_sensors = is_sensor_folder(args.gamma)
         clouds = sensor_clouds(args.gamma, cameras, args.empty) if by_sensors else gamma_clouds(args.gamma, cameras)
         ground = ground_from_gamma(clouds, gamma, cameras.centres)
-        found = in_world(found, on_ground(found.rig, ground), ground)
-    write_calibration(args.out, found.rig.cameras, kind, found.rig.rmse_px, overwrite=overwrite)
+        found = in_world(found, on_ground(found.array, ground), ground)
+    write_calibration(args.out, found.array.cameras, kind, found.array.rmse_px, overwrite=overwrite)
     if args.report is not None:
         from solver_backend.sensors.wand.page import wand_page
 

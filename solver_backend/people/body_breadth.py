@@ -18,7 +18,7 @@ from solver_backend.types import Cameras, JointSet
 SHOULDERS_OF_LEG = 0.28, 0.72
 """Distance of the shoulders over that of hip and ankle along the leg. Detectors find 0.41 to 0.52 of it in the demo and
 in recorded people; biacromial breadth over leg length is 0.43 to 0.53 in adults. Wrong readings reach 0.10 to 0.18."""
-RIG_M = 6.0
+ARRAY_M = 6.0
 """Width that cameras are given to triangulate, whose limits are in metres."""
 
 
@@ -27,7 +27,7 @@ def in_a_room(cameras: Cameras) -> tuple[Cameras, float]:
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
     if not width > 0:
         return cameras, float("nan")
-    return replace(cameras, t=cameras.t * RIG_M / width), RIG_M / width
+    return replace(cameras, t=cameras.t * ARRAY_M / width), ARRAY_M / width
 
 
 def has_a_bodys_breadth(cameras: Cameras, detections: Detections) -> bool:
@@ -48,10 +48,10 @@ def shoulders_of_leg(cameras: Cameras, detections: Detections) -> float:
     """
     xy, confidence = main_person(detections, every_keypoint=True)
     frames = well_seen_frames(confidence)
-    rig, scale = in_a_room(cameras)
+    scaled, scale = in_a_room(cameras)
     if len(frames) == 0 or not np.isfinite(scale):
         return float("nan")
-    points = np.asarray(triangulate(rig, xy[:, frames], confidence[:, frames]).points)
+    points = np.asarray(triangulate(scaled, xy[:, frames], confidence[:, frames]).points)
     sides = "left", "right"
     leg = [
         _distance(points, detections.joint_set, f"{side}_{a}", f"{side}_{b}")

@@ -19,7 +19,7 @@ from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_o
 from solver_backend.camera_calibration.adjustment.problem import Bodies, Unknowns
 from solver_backend.camera_calibration.boards.board import board_named
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses, find_boards
-from solver_backend.camera_calibration.extrinsics.from_board import BoardRig, rig_from_board
+from solver_backend.camera_calibration.extrinsics.from_board import BoardCalibration, calibrate_from_board
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     calibrate_by_person,
@@ -61,7 +61,7 @@ def by_board(folder: Path) -> list[Metric]:
     known = [lens_of(kept, c) for c in range(len(kept))]
     metrics = []
     for name, fps in (("plain", None), ("delays", 6.0)):
-        rig = rig_from_board(kept.names, known, board, seen, fps=fps)
+        rig = calibrate_from_board(kept.names, known, board, seen, fps=fps)
         far, turned = apart(rig.adjusted.cameras, kept.R, kept.t, with_scale=False)
         metrics += [
             Metric(f"caliscope_{name}_px", rig.adjusted.rmse_px, "px"),
@@ -78,7 +78,7 @@ def by_board(folder: Path) -> list[Metric]:
     return metrics
 
 
-def corners_alone(rig: BoardRig) -> Cameras:
+def corners_alone(rig: BoardCalibration) -> Cameras:
     """Return the cameras with every corner of every moment a point of its own, the worst sightings left out once.
 
     So caliscope adjusts its arrays: the board tells where a camera starts, its flatness and size nothing after that.
@@ -101,7 +101,7 @@ def corners_alone(rig: BoardRig) -> Cameras:
     return cameras
 
 
-def _of_kept(kept: Cameras, rig: BoardRig) -> float:
+def _of_kept(kept: Cameras, rig: BoardCalibration) -> float:
     """Return the error of the kept cameras on the same corners, the board's poses being adjusted to them."""
     found = rig.adjusted
     R = _mean_turn(found.cameras, kept.R)

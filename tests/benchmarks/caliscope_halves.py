@@ -13,7 +13,7 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import lens_of
 from solver_backend.camera_calibration.boards.board import board_named
 from solver_backend.camera_calibration.extrinsics.board_session import find_boards
-from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board
+from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board
 from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
 from solver_backend.io.calibration import read_calibration
 from solver_backend.types import Cameras
@@ -33,7 +33,7 @@ def main() -> int:
 
     def both(chosen: set[int]) -> tuple[Cameras, Cameras]:
         some = [{f: view for f, view in views.items() if f in chosen} for views in seen]
-        rig = rig_from_board(kept.names, known, board, some)
+        rig = calibrate_from_board(kept.names, known, board, some)
         return rig.adjusted.cameras, corners_alone(rig)
 
     moments, rng = sorted(set().union(*seen)), np.random.default_rng(0)

@@ -12,7 +12,7 @@ from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.extrinsics import board_session
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
-from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board, zoom_doubts
+from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board, zoom_doubts
 from solver_backend.camera_calibration.extrinsics.result import result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.intrinsics.camera_lens import camera_lens
@@ -74,7 +74,7 @@ def test_what_to_film_again_is_named_with_its_camera() -> None:
 def test_a_rig_is_recovered() -> None:
     cameras = ring(4)
     lenses = [lens_of(cameras, c) for c in range(4)]
-    rig = rig_from_board(cameras.names, lenses, BOARD, carried(cameras, 40, seed=2))
+    rig = calibrate_from_board(cameras.names, lenses, BOARD, carried(cameras, 40, seed=2))
     far, turned = apart(rig.adjusted.cameras, cameras)
     assert far < 1.0
     assert turned < 0.03
@@ -88,8 +88,8 @@ def test_delays_of_cameras_are_found() -> None:
     lenses = [lens_of(cameras, c) for c in range(3)]
     late = (0.0, 0.012, -0.009)
     seen = carried(cameras, 50, delays_s=late, fps=30.0)
-    blind = rig_from_board(cameras.names, lenses, BOARD, seen)
-    rig = rig_from_board(cameras.names, lenses, BOARD, seen, fps=30.0)
+    blind = calibrate_from_board(cameras.names, lenses, BOARD, seen)
+    rig = calibrate_from_board(cameras.names, lenses, BOARD, seen, fps=30.0)
     assert np.abs(rig.adjusted.delays - late).max() < 0.001
     assert rig.adjusted.rmse_px < 0.5 * blind.adjusted.rmse_px
     assert apart(rig.adjusted.cameras, cameras)[0] < 3.0
@@ -101,10 +101,10 @@ def test_cameras_that_never_see_it_together_are_named() -> None:
     early = [{f: s for f, s in by.items() if (f < 20) == (c < 2)} for c, by in enumerate(seen)]
     lenses = [lens_of(cameras, c) for c in range(4)]
     with pytest.raises(CalibrationInvalid, match="cam1, cam2 ever sees the same at the same moment as cam3, cam4"):
-        rig_from_board(cameras.names, lenses, BOARD, early)
+        calibrate_from_board(cameras.names, lenses, BOARD, early)
     even = Board("checkerboard", 6, 8, 0.05)
     with pytest.raises(CalibrationInvalid, match="half turned"):
-        rig_from_board(cameras.names, lenses, even, seen)
+        calibrate_from_board(cameras.names, lenses, even, seen)
 
 
 def test_a_lens_of_another_zoom_is_named() -> None:
@@ -113,8 +113,8 @@ def test_a_lens_of_another_zoom_is_named() -> None:
     lenses = [lens_of(cameras, c) for c in range(3)]
     K = lenses[1].K * np.array([[1.15, 1, 1], [1, 1.15, 1], [1, 1, 1]])
     wrong = [lenses[0], replace(lenses[1], K=K), lenses[2]]
-    assert zoom_doubts(rig_from_board(cameras.names, lenses, BOARD, seen)) == ()
-    [finding] = zoom_doubts(rig_from_board(cameras.names, wrong, BOARD, seen))
+    assert zoom_doubts(calibrate_from_board(cameras.names, lenses, BOARD, seen)) == ()
+    [finding] = zoom_doubts(calibrate_from_board(cameras.names, wrong, BOARD, seen))
     assert sentence(finding).startswith("cam2 has a focal length of 11")
     assert "1288 px as stated" in sentence(finding)
 

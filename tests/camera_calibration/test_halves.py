@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
-from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board
+from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board
 from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, result_of
 from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
 from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
 from tests.support.carried_board import BOARD, carried, ring
@@ -20,12 +20,12 @@ LENSES = [lens_of(CAMERAS, c) for c in range(3)]
 MODELS = ("radial2", "fisheye")
 
 
-def widened(bent_px: float) -> tuple[RigCalibration, RigCalibration]:
+def widened(bent_px: float) -> tuple[CalibratedCameras, CalibratedCameras]:
     """Return a calibration before and after, of pictures each of whose corners are off by so much together."""
     rng = np.random.default_rng(4)
     seen = carried(CAMERAS, 40, seed=2)
     bent = [{f: replace(s, px=s.px + rng.normal(0, bent_px, 2)) for f, s in one.items()} for one in seen]
-    rig = rig_from_board(CAMERAS.names, LENSES, BOARD, bent)
+    rig = calibrate_from_board(CAMERAS.names, LENSES, BOARD, bent)
     found = result_of("board", rig.adjusted)
     return found, widen_by_halves(found, LENSES, BOARD, bent)
 
@@ -47,7 +47,7 @@ def test_footage_too_short_for_halves_is_named() -> None:
     seen = carried(CAMERAS, 40, seed=2)
     moments = sorted(set.intersection(*(set(one) for one in seen)))[:3]
     few = [{f: one[f] for f in moments} for one in seen]
-    found = result_of("board", rig_from_board(CAMERAS.names, LENSES, BOARD, few).adjusted)
+    found = result_of("board", calibrate_from_board(CAMERAS.names, LENSES, BOARD, few).adjusted)
     after = widen_by_halves(found, LENSES, BOARD, few)
     np.testing.assert_array_equal(after.centre_sigma_m, found.centre_sigma_m)
     assert after.findings[-1].code == "halves_short"

@@ -11,7 +11,7 @@ import pytest
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.camera_calibration.adjustment.lens import lens_of, rough_lens
 from solver_backend.camera_calibration.check.calibration_check import check_calibration
-from solver_backend.camera_calibration.extrinsics.from_person import rig_from_person
+from solver_backend.camera_calibration.extrinsics.from_person import calibrate_from_person
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     align_cameras,
@@ -48,7 +48,7 @@ def apart(found: Cameras, truth: Cameras, with_scale: bool) -> tuple[float, floa
 
 def test_exact_keypoints_give_exact_cameras(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
-    found = rig_from_person(cameras.names, [lens_of(cameras, c) for c in range(4)], keypoints)
+    found = calibrate_from_person(cameras.names, [lens_of(cameras, c) for c in range(4)], keypoints)
     far, turned, _ = apart(found.adjusted.cameras, cameras, True)
     assert far < 0.1
     assert turned < 0.01
@@ -71,7 +71,7 @@ def test_a_walk_before_a_detector_that_errs_gives_cameras_upright_and_to_scale(n
 def test_rough_lenses_are_improved(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     lenses = [replace(lens_of(cameras, c), K=rough_lens((1920, 1080), 0.8).K) for c in range(4)]
-    found = rig_from_person(cameras.names, lenses, keypoints, free_focal=True)
+    found = calibrate_from_person(cameras.names, lenses, keypoints, free_focal=True)
     off = np.abs(found.adjusted.cameras.K[:, 0, 0] / cameras.K[:, 0, 0] - 1)
     before = np.abs(np.array([e.K[0, 0] for e in lenses]) / cameras.K[:, 0, 0] - 1)
     assert off.max() < 0.5 * before.max()
@@ -102,7 +102,7 @@ def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> 
     refined = refine_by_person(cameras, keypoints)
     np.testing.assert_array_equal(refined.cameras.R, cameras.R)
     np.testing.assert_array_equal(refined.cameras.t, cameras.t)
-    assert refined.findings == () and [note.code for note in refined.notes] == ["rig_kept"]
+    assert refined.findings == () and [note.code for note in refined.notes] == ["cameras_kept"]
 
 
 def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
@@ -156,9 +156,9 @@ def test_views_that_share_nothing_are_named(exact: Capture) -> None:
     lenses = [lens_of(cameras, c) for c in range(4)]
     alone = keypoints.confidence * (np.arange(60)[None, :, None] % 4 == np.arange(4)[:, None, None])
     with pytest.raises(NoDetections, match="at the same moment"):
-        rig_from_person(cameras.names, lenses, replace(keypoints, confidence=alone))
+        calibrate_from_person(cameras.names, lenses, replace(keypoints, confidence=alone))
     other = keypoints.xy.copy()
     other[3] = np.random.default_rng(0).uniform(100, 900, other[3].shape)
     with pytest.raises(CalibrationInvalid, match="fits the other cameras") as raised:
-        rig_from_person(cameras.names, lenses, replace(keypoints, xy=other))
+        calibrate_from_person(cameras.names, lenses, replace(keypoints, xy=other))
     assert cameras.names[3] in raised.value.where

@@ -28,11 +28,11 @@ WAND = Wand(0.13, 0.26)
 def test_depth_sensors_stand_within_two_millimetres_and_a_tenth_of_a_degree(count: int, seed: int) -> None:
     cameras = sensors(count)
     found = calibrate_by_wand(waved(cameras, Waving(seed=seed)), WandOptions(clocks=triggered(cameras.names)))
-    mm, degrees = pose_errors(found.rig.cameras, cameras)
+    mm, degrees = pose_errors(found.array.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
-    assert (mm < 3.0 * 1e3 * found.rig.centre_sigma_m + 1e-6).all()
+    assert (mm < 3.0 * 1e3 * found.array.centre_sigma_m + 1e-6).all()
     assert 0.05 < found.held_out_px < 0.3
-    assert found.rig.findings == ()
+    assert found.array.findings == ()
 
 
 def test_every_sensor_only_takes_moments_that_all_see() -> None:
@@ -43,7 +43,7 @@ def test_every_sensor_only_takes_moments_that_all_see() -> None:
     every = calibrate_by_wand(views, WandOptions(clocks=clocks, every_sensor=True))
     seen = np.stack([np.isfinite(view.px).all((1, 2)) for view in views])
     assert every.moments == seen.all(0).sum() < some.moments == (seen.sum(0) >= 2).sum()
-    assert pose_errors(every.rig.cameras, cameras)[0].max() < 2.0
+    assert pose_errors(every.array.cameras, cameras)[0].max() < 2.0
 
 
 @pytest.mark.parametrize("wand", [None, WAND], ids=["depth", "lights"])
@@ -52,12 +52,12 @@ def test_clocks_are_found_from_how_the_wand_moves(wand: Wand | None, late: tuple
     cameras = sensors(3)
     found = calibrate_by_wand(waved(cameras, Waving(seed=3, late_s=late), wand), WandOptions(wand))
     assert np.abs(found.clocks.offset_s - late).max() < 0.0003
-    mm, degrees = pose_errors(found.rig.cameras, cameras)
+    mm, degrees = pose_errors(found.array.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
-    assert [(item.code, item.where.cameras) for item in found.rig.findings] == [
+    assert [(item.code, item.where.cameras) for item in found.array.findings] == [
         ("sensor_clock_differs", (name, cameras.names[0])) for name in cameras.names[1:]
     ]
-    ahead_ms = [item.values["size_ms"] for item in found.rig.findings]
+    ahead_ms = [item.values["size_ms"] for item in found.array.findings]
     assert np.allclose(ahead_ms, 1e3 * found.clocks.offset_s[1:], rtol=1e-4)
 
 
@@ -69,7 +69,7 @@ def test_the_interleave_of_a_trigger_counts() -> None:
     views = waved(cameras, Waving(seed=8, late_s=late, sigma_px=0.05, depth_bias_m=(0.0,)))
     told = calibrate_by_wand(views, WandOptions(clocks=triggered(cameras.names, interleave)))
     not_told = calibrate_by_wand(views, WandOptions(clocks=triggered(cameras.names)))
-    assert told.rig.rmse_px < 0.6 * not_told.rig.rmse_px
+    assert told.array.rmse_px < 0.6 * not_told.array.rmse_px
     with pytest.raises(CommandLineInvalid, match="interleave"):
         triggered(cameras.names, 0.5)
 
@@ -77,7 +77,7 @@ def test_the_interleave_of_a_trigger_counts() -> None:
 def test_three_lights_give_poses_in_metres_and_lengths_that_were_not_seen() -> None:
     cameras = sensors(4)
     found = calibrate_by_wand(waved(cameras, Waving(seed=4), WAND), WandOptions(WAND, triggered(cameras.names)))
-    mm, degrees = pose_errors(found.rig.cameras, cameras)
+    mm, degrees = pose_errors(found.array.cameras, cameras)
     assert mm.max() < 1.0 and degrees.max() < 0.03
     assert found.length_rmse_m.max() < 0.001
 

@@ -83,7 +83,7 @@ def test_centres_agree_with_the_reference_within_its_own_held_out_error(
     ours: WandCalibration, reference: Cameras, moments: Moments
 ) -> None:
     allowed = np.maximum(own_error_mm(reference, moments), 5.0)
-    centres = ours.rig.cameras.centres
+    centres = ours.array.cameras.centres
     _, R, t = umeyama(centres, reference.centres)
     off = 1e3 * np.linalg.norm(centres @ R.T + t - reference.centres, axis=1)
     assert (off < allowed).all(), (off, allowed)
@@ -108,8 +108,8 @@ def test_the_wand_is_as_long_as_it_is_where_it_was_not_fitted(
 def test_one_camera_runs_eight_milliseconds_before_the_others(ours: WandCalibration) -> None:
     others = ours.clocks.offset_s[1:]
     assert np.ptp(others) < 0.0003 and abs(others.mean() + 0.008) < 0.0005
-    assert [i.where.cameras[1] for i in ours.rig.findings if i.code == "sensor_clock_differs"] == ["frame_0"] * 3
-    assert [i.values["lost"] for i in ours.rig.findings if i.code == "wand_times_back"] == [4]
+    assert [i.where.cameras[1] for i in ours.array.findings if i.code == "sensor_clock_differs"] == ["frame_0"] * 3
+    assert [i.values["lost"] for i in ours.array.findings if i.code == "wand_times_back"] == [4]
 
 
 @pytest.mark.slow

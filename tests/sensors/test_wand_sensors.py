@@ -106,7 +106,7 @@ def test_rendered_sensors_stand_within_two_millimetres_and_a_tenth_of_a_degree()
     views = sensor_views(folder_of(cameras, lambda t: middle_at(np.array([t]), 0), 40))
     assert all(np.isfinite(view.px).all((1, 2)).mean() > 0.8 for view in views)
     found = calibrate_by_wand(views, WandOptions(clocks=triggered(cameras.names)))
-    mm, degrees = pose_errors(found.rig.cameras, cameras)
+    mm, degrees = pose_errors(found.array.cameras, cameras)
     assert mm.max() < 2.0 and degrees.max() < 0.1
 
 

@@ -25,7 +25,7 @@ FRAMES = 240
 WINDOWS = 6
 """Stretches of the take whose epipolar errors are compared."""
 WORSE = 1.4
-"""A refined rig that explains the keypoints so much better shows that the calibration is wrong."""
+"""Refined cameras that explain the keypoints so much better show that the calibration is wrong."""
 SCALE_DOUBT, TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS, DRIFT = 0.12, 8.0, 3.0, 1.6
 
 

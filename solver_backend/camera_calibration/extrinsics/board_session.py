@@ -1,4 +1,4 @@
-"""A rig's calibration from a folder of board footage: lenses, then poses, then the world."""
+"""Cameras' calibration from a folder of board footage: lenses, then poses, then the world."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting
-from solver_backend.camera_calibration.extrinsics.from_board import BoardRig, rig_from_board, zoom_doubts
+from solver_backend.camera_calibration.extrinsics.from_board import BoardCalibration, calibrate_from_board, zoom_doubts
 from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
 from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
@@ -37,9 +37,9 @@ class BoardOptions:
     models: tuple[str, ...] = tuple(LENS_MODELS)
     """Lens models to choose from."""
     step: int = 1
-    """Every how many frames of lens videos are looked at; those of the rig are all looked at."""
+    """Every how many frames of lens videos are looked at; those of the poses are all looked at."""
     fps: float | None = None
-    """Frames a second of the rig's videos, by which cameras' delays are found."""
+    """Frames a second of the videos for the poses, by which cameras' delays are found."""
     origin_frame: int | None = None
     """Frame at which the board lies on the floor, origin and axes of the world."""
     refine_lenses: bool = False
@@ -91,11 +91,11 @@ def calibrate_by_board(
     progress: Progress = silent,
     *,
     coverage: Path | None = None,
-) -> RigCalibration:
+) -> CalibratedCameras:
     """Return the cameras that a board was carried through.
 
     Args:
-        footage: of the rig, and of lenses that are not known.
+        footage: for the poses, and of lenses that are not known.
         board: what was filmed.
         known: lenses by the camera's name.
         options: how.
@@ -103,17 +103,17 @@ def calibrate_by_board(
         coverage: folder to write pictures of where each camera saw the board, SVG and PNG.
 
     Raises:
-        CalibrationMissing: there is no footage of the rig.
+        CalibrationMissing: there is no footage for the poses.
         CalibrationInvalid: a lens or a pose cannot be found; names the camera.
     """
-    if len(footage.rig) < 2:
+    if len(footage.extrinsic) < 2:
         raise CalibrationMissing(
-            f"{len(footage.rig)} cameras filmed the board at once; two are needed.",
+            f"{len(footage.extrinsic)} cameras filmed the board at once; two are needed.",
             hint="Put one video a camera into the folder extrinsics.",
         )
-    names = tuple(footage.rig)
+    names = tuple(footage.extrinsic)
     seen, sizes = [], []
-    for done, (name, path) in enumerate(footage.rig.items()):
+    for done, (name, path) in enumerate(footage.extrinsic.items()):
         progress(f"Board before {name}", done, len(names))
         sightings, size = find_boards(path, board)
         seen.append(sightings)
@@ -127,22 +127,22 @@ def calibrate_by_board(
     findings = _mirrored(names, seen)
     ordered = _one_model([lenses[n][0] for n in names], names)
     progress("All cameras at once", 0, 1)
-    moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.rig.values())
-    rig = rig_from_board(
+    moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.extrinsic.values())
+    solved = calibrate_from_board(
         names, ordered, board, seen, free_lenses=options.refine_lenses, fps=options.fps if moving else None
     )
     progress("Halves of the footage", 0, 1)
-    found = widen_by_halves(result_of("board", rig.adjusted), ordered, board, seen)
-    R, t, note = _world(rig, options.origin_frame)
+    found = widen_by_halves(result_of("board", solved.adjusted), ordered, board, seen)
+    R, t, note = _world(solved, options.origin_frame)
     measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
     advice = [item for lens in measured.values() for item in lens.advice]
     return replace(
         moved_world(found, R, t),
-        findings=(*findings, *_doubts(names, found, rig), *zoom_doubts(rig), *found.findings, *advice),
+        findings=(*findings, *_doubts(names, found, solved), *zoom_doubts(solved), *found.findings, *advice),
         notes=(
             note,
             *found.notes,
-            diagnostic("board_seen", board=str(board), count=len(rig.moments), left_out=rig.left_out),
+            diagnostic("board_seen", board=str(board), count=len(solved.moments), left_out=solved.left_out),
         ),
         lenses={n: _facts(lens) for n, lens in measured.items()},
     )  # fmt: skip
@@ -152,24 +152,24 @@ def _lenses(
     footage: BoardFootage, board: Board, known: dict[str, Lens], seen: Sequence[Sightings],
     sizes: Sequence[tuple[int, int]], options: BoardOptions, progress: Progress,
 ) -> dict[str, tuple[Lens, CameraLens | None]]:  # fmt: skip
-    """Return the lens of each camera, and how it was measured: known, from footage of its own, or from the rig's.
+    """Return the lens of each camera, and how it was measured: known, from its own footage, or from that for the poses.
 
     Lenses that the product chooses are of one family: of the known ones, else of the one that predicts best.
     """
-    own = {n: p for n, p in footage.lens.items() if n in footage.rig and n not in known}
+    own = {n: p for n, p in footage.lens.items() if n in footage.extrinsic and n not in known}
     found, views = calibrate_lenses(own, board, options, progress)
-    for i, name in enumerate(footage.rig):
+    for i, name in enumerate(footage.extrinsic):
         if name not in known and name not in found:
             try:
                 found[name] = camera_lens(board, seen[i], sizes[i], options.models, name)
             except CalibrationInvalid as error:
                 raise CalibrationInvalid(error.message, where=f"camera {name}", hint=error.hint) from error
             views[name] = [seen[i][f] for f in found[name].frames]
-    families = {known[n].distortion_model for n in footage.rig if n in known}
+    families = {known[n].distortion_model for n in footage.extrinsic if n in known}
     family = families.pop() if len(families) == 1 else choose_family(found, options.models)
     if family is not None:
         found = {n: in_family(board, lens, views[n], family, options.models) for n, lens in found.items()}
-    return {n: (known[n], None) if n in known else (found[n].lens, found[n]) for n in footage.rig}
+    return {n: (known[n], None) if n in known else (found[n].lens, found[n]) for n in footage.extrinsic}
 
 
 def _facts(lens: CameraLens) -> dict[str, object]:
@@ -208,7 +208,7 @@ def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnost
     return tuple(words)
 
 
-def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple[Diagnostic, ...]:
+def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     words: list[Diagnostic] = []
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
@@ -217,24 +217,25 @@ def _doubts(names: Sequence[str], found: RigCalibration, rig: BoardRig) -> tuple
             way = "later" if found.delays_s[c] > 0 else "earlier"
             late_ms = abs(found.delays_s[c]) * 1000
             words.append(diagnostic("camera_delayed", cameras=[name, names[0]], way=way, size=late_ms))
-    share = rig.left_out / max(len(rig.seen.px) + rig.left_out, 1)
+    share = solved.left_out / max(len(solved.seen.px) + solved.left_out, 1)
     if share > 0.1:
         words.append(diagnostic("corners_contradict", percent=100 * share))
     return tuple(words)
 
 
-def _world(rig: BoardRig, origin: int | None) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
+def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np.ndarray, Diagnostic]:
     """Return the move into a world with Z up: by the board on the floor, else by the cameras' own upright."""
-    bodies = rig.adjusted.bodies
+    bodies = solved.adjusted.bodies
     if origin is not None:
-        if origin not in rig.moments:
+        if origin not in solved.moments:
             raise CalibrationInvalid(
-                f"The board is not seen at frame {origin}.", hint=f"It is at {rig.moments[0]} to {rig.moments[-1]}."
+                f"The board is not seen at frame {origin}.",
+                hint=f"It is at {solved.moments[0]} to {solved.moments[-1]}.",
             )
-        i = rig.moments.index(origin)
+        i = solved.moments.index(origin)
         R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
         return R, -R @ bodies.t[i], diagnostic("world_by_board", frame=origin)
-    cameras = rig.adjusted.cameras
+    cameras = solved.adjusted.cameras
     up = -cameras.R[:, 1].mean(0)
     z = up / max(float(np.linalg.norm(up)), 1e-9)
     x = np.cross(cameras.R[0, 2], z)

@@ -31,7 +31,7 @@ UNKNOWN_VELOCITY = 10.0
 
 
 @dataclass(frozen=True)
-class BoardRig:
+class BoardCalibration:
     """Cameras found by a board."""
 
     adjusted: Adjusted
@@ -46,7 +46,7 @@ class BoardRig:
     """Sightings that were left out as contradicting the others."""
 
 
-def rig_from_board(
+def calibrate_from_board(
     names: Sequence[str],
     lenses: Sequence[Lens],
     board: Board,
@@ -55,7 +55,7 @@ def rig_from_board(
     free_lenses: bool = False,
     fps: float | None = None,
     watch: Callable[[int, float], None] = lambda step, cost: None,
-) -> BoardRig:
+) -> BoardCalibration:
     """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
 
     Args:
@@ -95,26 +95,27 @@ def rig_from_board(
     found = adjust(
         found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0, watch=watch
     )
-    return BoardRig(found, moments, seen.where(kept), together, int((~kept).sum()))
+    return BoardCalibration(found, moments, seen.where(kept), together, int((~kept).sum()))
 
 
-def zoom_doubts(rig: BoardRig) -> tuple[Diagnostic, ...]:
+def zoom_doubts(solved: BoardCalibration) -> tuple[Diagnostic, ...]:
     """Return each camera whose lens was found in another zoom or mode: another focal length fits better.
 
     All lenses are freed; reported are focal lengths that change by more than 3 % and five standard deviations where the
     error then falls by a quarter or more.
     """
-    names, stated = rig.adjusted.cameras.names, rig.adjusted.cameras
+    names, stated = solved.adjusted.cameras.names, solved.adjusted.cameras
     lenses = [lens_of(stated, c) for c in range(len(names))]
     unknowns = replace(lens_unknowns(stated, lenses), lens_sigma=None)
     lens = np.zeros_like(unknowns.lens)
     lens[:, list(FOCAL)] = True
-    late = rig.adjusted.delays != 0
+    late = solved.adjusted.delays != 0
     free = adjust(
-        stated, rig.adjusted.bodies, rig.seen, Unknowns(unknowns.poses, lens, delays=late), delays=rig.adjusted.delays,
+        stated, solved.adjusted.bodies, solved.seen, Unknowns(unknowns.poses, lens, delays=late),
+        delays=solved.adjusted.delays,
         robust_scale=8.0, tolerance=1e-4, steps=25,
     )  # fmt: skip
-    if free.rmse_px > (1.0 - ZOOM_GAIN) * rig.adjusted.rmse_px:
+    if free.rmse_px > (1.0 - ZOOM_GAIN) * solved.adjusted.rmse_px:
         return ()
     sigma = np.sqrt(np.diag(free.covariance)).reshape(len(names), -1)[:, 6] * max(free.rmse_px / CORNER_SIGMA_PX, 1.0)
     focal = [cameras.K[:, 0, 0] for cameras in (stated, free.cameras)]

@@ -32,7 +32,7 @@ FOCAL_SIGMA = 0.15
 
 
 @dataclass(frozen=True)
-class PersonRig:
+class PersonCalibration:
     """Cameras found by a person; the first camera's axes, the unit is arbitrary."""
 
     adjusted: Adjusted
@@ -47,7 +47,7 @@ class PersonRig:
     """Share of keypoints within three standard deviations."""
 
 
-def rig_from_person(
+def calibrate_from_person(
     names: Sequence[str],
     lenses: Sequence[Lens],
     keypoints: Keypoints2D,
@@ -55,7 +55,7 @@ def rig_from_person(
     free_focal: bool = False,
     seed: int = 0,
     watch: Callable[[str], None] = lambda what: None,
-) -> PersonRig:
+) -> PersonCalibration:
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
     Args:
@@ -91,7 +91,7 @@ def rig_from_person(
 
 def refined_by_person(
     cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False, watch: Watch = unwatched
-) -> PersonRig:
+) -> PersonCalibration:
     """Return an earlier calibration adjusted to one person's keypoints; the world drifts a little with it.
 
     Args:
@@ -110,7 +110,7 @@ def refined_by_person(
 
 def _finished(
     views: _FlatViews, cameras: Cameras, sigma: float, free_focal: bool, watch: Watch = unwatched
-) -> PersonRig:
+) -> PersonCalibration:
     """Return the adjustment of all cameras over more frames, with the noise that its residuals show."""
     everyone = list(range(len(cameras)))
     found, _ = views.adjusted(everyone, (cameras.R, cameras.t), sigma, free_focal, watch=watch)
@@ -119,7 +119,7 @@ def _finished(
         everyone, (found.cameras.R, found.cameras.t), sigma, free_focal, found.cameras, watch
     )  # fmt: skip
     inliers = float((np.linalg.norm(found.error, axis=-1) < 3.0 * _sigma(found)).mean())
-    return PersonRig(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
+    return PersonCalibration(found, _sigma(found), views.frames, views.points(found, numbers), inliers)
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
-from solver_backend.camera_calibration.extrinsics.from_board import rig_from_board
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import umeyama
@@ -25,11 +25,11 @@ from solver_backend.types import Cameras
 
 
 def widen_by_halves(
-    found: RigCalibration,
+    found: CalibratedCameras,
     lenses: Sequence[Lens],
     board: Board,
     seen: Sequence[Mapping[int, BoardSighting]],
-) -> RigCalibration:
+) -> CalibratedCameras:
     """Return a calibration whose deviations are at least those that halves of the footage show.
 
     A half has twice the variance of the whole, and two halves differ by twice that again: ``σ = |difference| / 2``. The
@@ -48,7 +48,7 @@ def widen_by_halves(
         for part in range(2):
             kept = set(moments[part::2])
             half = [{f: sighting for f, sighting in one.items() if f in kept} for one in seen]
-            halves.append(rig_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
+            halves.append(calibrate_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
     except (CalibrationInvalid, np.linalg.LinAlgError):
         return replace(found, findings=(*found.findings, diagnostic("halves_short")))
     apart, turned = _difference(*halves)
@@ -60,7 +60,7 @@ def widen_by_halves(
 
 
 def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
-    """Return (C,) metres and radians between two rigs, one laid on the other by the cameras' centres and axes."""
+    """Return (C,) metres and radians between two camera arrays, laid on each other by centres and axes."""
     arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
     ends = [(c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
             for c in (one, other)]  # fmt: skip

@@ -1,4 +1,4 @@
-"""A rig's calibration from a take of a person: poses, scale, gravity and floor."""
+"""Cameras' calibration from a take of a person: poses, scale, gravity and floor."""
 
 from __future__ import annotations
 
@@ -8,8 +8,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
-from solver_backend.camera_calibration.extrinsics.from_person import PersonRig, refined_by_person, rig_from_person
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.from_person import (
+    PersonCalibration,
+    calibrate_from_person,
+    refined_by_person,
+)
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
 from solver_backend.cameras.calibration_refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.alignment import umeyama
@@ -48,7 +52,7 @@ class PersonOptions:
 
 def calibrate_by_person(
     names: Sequence[str], lenses: Sequence[Lens], keypoints: Keypoints2D, options: PersonOptions = PersonOptions()
-) -> RigCalibration:
+) -> CalibratedCameras:
     """Return cameras in metres with Z up and the floor at zero, from one person's keypoints alone.
 
     Args:
@@ -58,40 +62,40 @@ def calibrate_by_person(
         options: what is known of the person.
 
     Raises:
-        NoDetections, CalibrationInvalid: see ``rig_from_person`` and ``upright_from_person``.
+        NoDetections, CalibrationInvalid: see ``calibrate_from_person`` and ``upright_from_person``.
         JobInvalid: see ``scale_from_stature`` and ``scale_from_length``.
     """
-    rig = rig_from_person(names, lenses, keypoints, free_focal=options.free_focal, seed=options.seed)
+    solved = calibrate_from_person(names, lenses, keypoints, free_focal=options.free_focal, seed=options.seed)
     joints = keypoints.joint_set
     if options.known_length is not None:
         a, b, length = options.known_length
-        scale = scale_from_length(rig.points, joints, (a, b), length)
-        note, words = diagnostic("rig_scale_by_length", joints=[a, b], length=length), list[Diagnostic]()
+        scale = scale_from_length(solved.points, joints, (a, b), length)
+        note, words = diagnostic("cameras_scale_by_length", joints=[a, b], length=length), list[Diagnostic]()
     else:
-        scale, share = scale_from_stature(rig.points, joints, options.stature_m)
+        scale, share = scale_from_stature(solved.points, joints, options.stature_m)
         percent = 100 * share
         if options.stature_m:
-            note, words = diagnostic("rig_scale_by_stature", stature=options.stature_m, percent=percent), []
+            note, words = diagnostic("cameras_scale_by_stature", stature=options.stature_m, percent=percent), []
         else:
-            note = diagnostic("rig_scale_by_mean", percent=percent)
-            words = [diagnostic("rig_stature_unknown", percent=2 * percent)]
-    upright = upright_from_person(scale * rig.points, joints)
-    found = _result("person", rig)
+            note = diagnostic("cameras_scale_by_mean", percent=percent)
+            words = [diagnostic("cameras_stature_unknown", percent=2 * percent)]
+    upright = upright_from_person(scale * solved.points, joints)
+    found = _result("person", solved)
     calibration = moved_world(found, upright.R, upright.t, scale)
     if upright.tilt_sigma > SURE_TILT:
-        words.append(diagnostic("rig_up_unsure", angle=np.degrees(upright.tilt_sigma)))
+        words.append(diagnostic("cameras_up_unsure", angle=np.degrees(upright.tilt_sigma)))
     if upright.walked_m < WALKED_M:
-        words.append(diagnostic("rig_person_stayed", size=upright.walked_m))
-    if rig.inlier_share < 0.8:
-        words.append(diagnostic("rig_keypoints_left", percent=100 * (1 - rig.inlier_share)))
+        words.append(diagnostic("cameras_person_stayed", size=upright.walked_m))
+    if solved.inlier_share < 0.8:
+        words.append(diagnostic("cameras_keypoints_left", percent=100 * (1 - solved.inlier_share)))
     return replace(
         calibration,
         findings=tuple(words),
-        notes=(note, diagnostic("rig_keypoints_off", count=len(rig.frames), size=rig.sigma_px)),
+        notes=(note, diagnostic("cameras_keypoints_off", count=len(solved.frames), size=solved.sigma_px)),
     )
 
 
-def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> RigCalibration:
+def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bool = False) -> CalibratedCameras:
     """Return an earlier calibration made to fit a take, in its own world and scale; as it was where that fits as well.
 
     Cameras that nobody touched stay where they are, so that those that moved stand out: see ``align_cameras``. One is
@@ -105,18 +109,18 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     Raises:
         NoDetections: no two cameras see the person at once.
     """
-    rig = refined_by_person(cameras, keypoints, free_focal=free_focal)
-    found = _result("refine", rig)
+    solved = refined_by_person(cameras, keypoints, free_focal=free_focal)
+    found = _result("refine", solved)
     refined = moved_world(found, *align_cameras(found.cameras, cameras))
-    xy, confidence = keypoints.xy[:, rig.frames], keypoints.confidence[:, rig.frames]
+    xy, confidence = keypoints.xy[:, solved.frames], keypoints.confidence[:, solved.frames]
     before, after = (float(np.nanmean(view_distances(c, xy, confidence))) for c in (cameras, refined.cameras))
     if not after < (1.0 - LEAST_GAIN) * before:
-        return replace(refined, cameras=cameras, notes=(diagnostic("rig_kept", after=after, before=before),))
-    note = diagnostic("rig_refined", after=after, before=before)
+        return replace(refined, cameras=cameras, notes=(diagnostic("cameras_kept", after=after, before=before),))
+    note = diagnostic("cameras_refined_by_person", after=after, before=before)
     return replace(refined, findings=_moved(refined, cameras), notes=(note,))
 
 
-def _moved(refined: RigCalibration, cameras: Cameras) -> tuple[Diagnostic, ...]:
+def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ...]:
     """Return each camera that moved beyond doubt: its own, and that of the world by the others."""
     far, away = (np.sqrt(s**2 + (s**2).mean()) for s in (refined.centre_sigma_m, refined.turn_sigma))
     moved = np.linalg.norm(refined.cameras.centres - cameras.centres, axis=1)
@@ -153,7 +157,7 @@ def align_cameras(cameras: Cameras, to: Cameras) -> tuple[np.ndarray, np.ndarray
     return R, t, float(s)
 
 
-def _result(method: str, rig: PersonRig) -> RigCalibration:
-    found = result_of(method, rig.adjusted)
-    alike = np.sqrt(min(FRAMES_ALIKE, len(rig.frames)))
+def _result(method: str, solved: PersonCalibration) -> CalibratedCameras:
+    found = result_of(method, solved.adjusted)
+    alike = np.sqrt(min(FRAMES_ALIKE, len(solved.frames)))
     return replace(found, centre_sigma_m=found.centre_sigma_m * alike, turn_sigma=found.turn_sigma * alike)

@@ -1,4 +1,4 @@
-"""A rig's calibration from points clicked in its pictures, some of them with known places."""
+"""The calibration of cameras from points clicked in its pictures, some of them with known places."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens
 from solver_backend.camera_calibration.adjustment.planar import planar_pose
 from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.extrinsics.resection import resected_pose
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, result_of
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, result_of
 from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
@@ -74,7 +74,7 @@ def read_clicks(path: Path) -> Clicks:
     return Clicks(px, places)
 
 
-def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> RigCalibration:
+def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> CalibratedCameras:
     """Return cameras in the world of the known points; points that are not known take part where two cameras see them.
 
     Args:

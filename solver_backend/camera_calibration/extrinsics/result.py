@@ -1,4 +1,4 @@
-"""A rig's calibration with how sure it is and what was found on the way."""
+"""The calibration of cameras with how sure it is and what was found on the way."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from solver_backend.types.shapes import Float
 
 
 @dataclass(frozen=True)
-class RigCalibration:
+class CalibratedCameras:
     """Cameras in metres, Z up."""
 
     cameras: Cameras
@@ -25,7 +25,7 @@ class RigCalibration:
     camera_rmse_px: Float[np.ndarray, " cameras"]
     """(C,) of each camera."""
     centre_sigma_m: Float[np.ndarray, " cameras"]
-    """(C,) standard deviation of each camera's centre, by the residuals, about the whole rig; metres."""
+    """(C,) standard deviation of each camera's centre, by the residuals, about the whole array; metres."""
     turn_sigma: Float[np.ndarray, " cameras"]
     """(C,) of its direction, radians."""
     delays_s: Float[np.ndarray, " cameras"]
@@ -38,7 +38,7 @@ class RigCalibration:
     """Of each camera: model, held-out error, pictures."""
 
 
-def result_of(method: str, found: Adjusted, *, measured: bool = False) -> RigCalibration:
+def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
     """Return the calibration of an adjustment, the covariance scaled to the residuals where noise was not measured.
 
     A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
@@ -56,13 +56,13 @@ def result_of(method: str, found: Adjusted, *, measured: bool = False) -> RigCal
     variance = np.einsum("cii->ci", blocks) * max(inflation, 1e-6)
     by_camera = np.array([float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan
                           for c in range(C)])  # fmt: skip
-    return RigCalibration(
+    return CalibratedCameras(
         found.cameras, method, found.rmse_px, by_camera, np.sqrt(variance[:, 3:6].sum(-1)),
         np.sqrt(variance[:, :3].sum(-1)), found.delays,
     )  # fmt: skip
 
 
-def moved_world(calibration: RigCalibration, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> RigCalibration:
+def moved_world(calibration: CalibratedCameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> CalibratedCameras:
     """Return the calibration in another world, ``x_new = scale R x_old + t``."""
     cameras = calibration.cameras
     turned = cameras.R @ R.T

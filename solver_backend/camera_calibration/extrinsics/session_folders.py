@@ -12,7 +12,7 @@ from solver_backend.io.footage.recording import join_chapters
 from solver_backend.io.recognition.camera_names import natural_key
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")
-_RIG = ("extrinsics", "extrinsic", "calibration", "board", "rig")
+_EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the last is a word of users
 
 
 @dataclass(frozen=True)
@@ -21,7 +21,7 @@ class BoardFootage:
 
     lens: dict[str, Path]
     """Of the board for each camera's lens; may be empty."""
-    rig: dict[str, Path]
+    extrinsic: dict[str, Path]
     """Of the board seen by several cameras at once; may be empty."""
 
 
@@ -37,16 +37,16 @@ def board_footage(folder: Path) -> BoardFootage:
     """
     if not folder.is_dir():
         raise FileMissing("There is no such folder.", where=str(folder))
-    lens, rig = _below(folder, _LENS), _below(folder, _RIG)
-    if not lens and not rig:
-        rig = _cameras(folder)
-    if not lens and not rig:
+    lens, extrinsic = _below(folder, _LENS), _below(folder, _EXTRINSIC)
+    if not lens and not extrinsic:
+        extrinsic = _cameras(folder)
+    if not lens and not extrinsic:
         raise CaptureNotRecognised(
             "The folder holds no pictures of a board.",
             where=str(folder),
             hint="Put one video a camera into it, or into its folders intrinsics and extrinsics.",
         )
-    return BoardFootage(lens, rig)
+    return BoardFootage(lens, extrinsic)
 
 
 def _below(folder: Path, names: tuple[str, ...], levels: int = 2) -> dict[str, Path]:

@@ -1,4 +1,4 @@
-"""A rig's calibration from several sources in one bundle adjustment, each weighed by the noise it shows."""
+"""The calibration of cameras from several sources in one bundle adjustment, each weighed by the noise it shows."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
 from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Held, Unknowns
 from solver_backend.camera_calibration.extrinsics.evidence import Evidence
 from solver_backend.camera_calibration.extrinsics.points_session import PLACE_SIGMA_M
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import nearest_rotation
@@ -36,7 +36,7 @@ _ROBUST = 3.0
 
 def calibrate_together(
     start: Cameras, sources: Sequence[Evidence], *, hold_m: float | None = None, origin_frame: int | None = None
-) -> RigCalibration:
+) -> CalibratedCameras:
     """Return cameras that fit all sources at once, with the covariance of all.
 
     Twice adjusted: with the noise that sources are expected to have, then with what their residuals show (a variance of
@@ -159,9 +159,9 @@ def _by_camera(found: Adjusted, sources: Sequence[Evidence]) -> list[np.ndarray]
 
 
 def _in_world(
-    result: RigCalibration, found: Adjusted, start: Cameras, sources: Sequence[Evidence], *, held: bool,
+    result: CalibratedCameras, found: Adjusted, start: Cameras, sources: Sequence[Evidence], *, held: bool,
     origin: int | None,
-) -> tuple[RigCalibration, Diagnostic]:  # fmt: skip
+) -> tuple[CalibratedCameras, Diagnostic]:  # fmt: skip
     """Return the calibration in its world, and which that is."""
     if any(e.bodies.known is not None and np.isfinite(e.bodies.known).any() for e in sources):
         return result, diagnostic("world_by_places")

@@ -1,4 +1,4 @@
-"""One distortion model for all cameras of a rig: fisheye lenses or others, by the evidence of all of them."""
+"""One distortion model for all cameras of an array: fisheye lenses or others, by the evidence of all of them."""
 
 from __future__ import annotations
 

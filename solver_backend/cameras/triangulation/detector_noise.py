@@ -36,24 +36,24 @@ def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array
     return px, xp.where(usable, weight, xp.zeros_like(weight)), spread
 
 
-def measure_noise(rig: CameraArrays, xy: Array, confidence: Array) -> Array:
+def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
     """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
-    sigma = constant([START_SHARE * rig.width] * keypoints, xy)
+    sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
     for sample in _SAMPLES:
         skip = max(1, views * frames * keypoints // sample)
-        sigma = _settled(rig, xy[:, ::skip], confidence[:, ::skip], sigma)
+        sigma = _settled(arrays, xy[:, ::skip], confidence[:, ::skip], sigma)
     return sigma
 
 
-def _settled(rig: CameraArrays, xy: Array, confidence: Array, sigma: Array) -> Array:
+def _settled(arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array) -> Array:
     """Return (K,) standard deviations that measuring again with them does not change."""
     xp, frames = array_namespace(xy), max(1, int(xy.shape[1]))
     step = -(-frames // _PARTS)
     blocks = [slice(f, f + step) for f in range(0, frames, step)]
 
     def fitted(block: slice, sigma: Array) -> tuple[Array, Array, Array]:
-        return fit_points(rig, *flat_views(xy[:, block], confidence[:, block], sigma))
+        return fit_points(arrays, *flat_views(xy[:, block], confidence[:, block], sigma))
 
     for _ in range(NOISE_ROUNDS):
         before = sigma

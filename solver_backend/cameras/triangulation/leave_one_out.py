@@ -52,20 +52,20 @@ def predict_views(
     Reference: Bishop 2006, "Pattern Recognition and Machine Learning", eq. 3.53-3.54 and 3.58-3.59 (the posterior of
     linear regression and its predictive variance).
     """
-    rig, start = CameraArrays.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
+    arrays, start = CameraArrays.of(cameras, xy), _everywhere(np.asarray(triangulation.points))
     inliers, sigma_px = np.asarray(triangulation.inliers), np.asarray(triangulation.sigma_px)
     if frames is not None:
         start, xy, confidence, inliers = start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames]
 
     def block(frames: slice) -> Predictions:
-        return _predicted(rig, start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames], sigma_px)
+        return _predicted(arrays, start[frames], xy[:, frames], confidence[:, frames], inliers[:, frames], sigma_px)
 
     parts = map_blocks(block, [slice(f, f + BLOCK_FRAMES) for f in range(0, max(len(start), 1), BLOCK_FRAMES)], xy)
     return Predictions(*(np.concatenate([getattr(p, name) for p in parts], axis=1) for name in ("px", "covariance")))
 
 
 def _predicted(
-    rig: CameraArrays,
+    arrays: CameraArrays,
     start: np.ndarray,
     xy: np.ndarray,
     confidence: np.ndarray,
@@ -74,7 +74,7 @@ def _predicted(
 ) -> Predictions:
     """Return the predictions around (F, K, 3) points."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
-    px, J, _ = project_with_jacobian(rig.K, rig.distortion, rig.R, rig.t, start, rig.model)
+    px, J, _ = project_with_jacobian(arrays.K, arrays.distortion, arrays.R, arrays.t, start, arrays.model)
     usable &= np.isfinite(px[..., 0])
     J = np.where(usable[..., None, None], J, np.nan_to_num(J))
     scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2

@@ -47,11 +47,11 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.distortion_model, float(cameras.image_size[:, 0].mean()))
 
 
-def fit_points(rig: CameraArrays, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
+def fit_points(arrays: CameraArrays, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
     """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
 
     Args:
-        rig: C cameras.
+        arrays: C cameras.
         px: (C, N, 2) detections.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections, px.
@@ -59,31 +59,31 @@ def fit_points(rig: CameraArrays, px: Array, weight: Array, spread: Array) -> tu
     Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
     """
     xp = array_namespace(px)
-    points = _locate(rig, px, weight, ROBUST_SIGMAS * spread)
-    inliers, _ = _agreeing(rig, px, weight, points, spread)
+    points = _locate(arrays, px, weight, ROBUST_SIGMAS * spread)
+    inliers, _ = _agreeing(arrays, px, weight, points, spread)
     agreed = xp.where(inliers, weight, xp.zeros_like(weight))
-    points = _refine(rig, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
-    return (points, *_agreeing(rig, px, weight, points, spread))
+    points = _refine(arrays, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
+    return (points, *_agreeing(arrays, px, weight, points, spread))
 
 
-def _locate(rig: CameraArrays, px: Array, weight: Array, scale_px: Array) -> Array:
+def _locate(arrays: CameraArrays, px: Array, weight: Array, scale_px: Array) -> Array:
     """Return robust points (N, 3), NaN where nothing locates them."""
     xp = array_namespace(px)
-    normalised = undistort(rig.K, rig.distortion, px, rig.model)
+    normalised = undistort(arrays.K, arrays.distortion, px, arrays.model)
     usable = (weight > 0) & xp.all(xp.isfinite(normalised), axis=-1)
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
-    focal = xp.stack((rig.K[:, 0, 0], rig.K[:, 1, 1]), axis=-1)
-    views = UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), rig.R, rig.t, focal)
-    return _refine(rig, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
+    focal = xp.stack((arrays.K[:, 0, 0], arrays.K[:, 1, 1]), axis=-1)
+    views = UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
+    return _refine(arrays, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
 
 
 def _refine(
-    rig: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
+    arrays: CameraArrays, px: Array, weight: Array, points: Array, scale_px: Array | None, steps: int, settled_m: float
 ) -> Array:
     """Return points (N, 3) after Gauss-Newton steps on the reprojection error.
 
     Args:
-        rig: C cameras.
+        arrays: C cameras.
         px: (C, N, 2) detections.
         weight: (C, N), zero where not to be used.
         points: (N, 3) start, world metres.
@@ -96,7 +96,7 @@ def _refine(
     points = xp.asarray(points, copy=True)
     for _ in range(steps):
         start, detections, wanted = points[active], px[:, active], weight[:, active]
-        error, J, seen = _errors(rig, detections, wanted, start)
+        error, J, seen = _errors(arrays, detections, wanted, start)
         w = xp.where(seen, wanted, xp.zeros_like(wanted))
         if scale_px is not None:
             w = w / (1.0 + xp.sum(error * error, axis=-1) / scale_px[active] ** 2) ** 2
@@ -118,10 +118,10 @@ def _bounded(step: Array) -> Array:
     return xp.where(long, step * (_LONGEST_STEP_M / xp.where(long, length, xp.ones_like(length))), step)
 
 
-def _errors(rig: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
+def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
     xp = array_namespace(px)
-    projected, J, _ = project_with_jacobian(rig.K, rig.distortion, rig.R, rig.t, points, rig.model)
+    projected, J, _ = project_with_jacobian(arrays.K, arrays.distortion, arrays.R, arrays.t, points, arrays.model)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
     error = xp.where(seen[..., None], projected - px, xp.zeros_like(px))
     return error, xp.where(seen[..., None, None], J, xp.zeros_like(J)), seen
@@ -138,22 +138,22 @@ def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
     return xp.matmul(rows_T, rows), xp.matmul(rows_T, residuals)[..., 0]
 
 
-def _agreeing(rig: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
+def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spread: Array) -> tuple[Array, Array]:
     """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
     xp = array_namespace(px)
-    error, _, seen = _errors(rig, px, weight, points)
+    error, _, seen = _errors(arrays, px, weight, points)
     distance = xp.sqrt(xp.sum(error * error, axis=-1))
     return seen & (distance < INLIER_SIGMAS * spread), xp.where(seen, distance, xp.full_like(distance, math.nan))
 
 
-def covariance_of(rig: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
+def covariance_of(arrays: CameraArrays, weight: Array, points: Array, spread: Array) -> Array:
     """Return the (N, 3, 3) covariance of the weighted estimator in m², NaN where fewer than two views have weight.
 
     ``σ² A⁻¹ (Σ w² JᵀJ) A⁻¹`` with ``A = Σ w JᵀJ`` (Huber 1967, the sandwich estimator).
     """
     xp = array_namespace(weight)
     zero = xp.zeros_like(weight)
-    error, J, _ = _errors(rig, xp.stack((zero, zero), axis=-1), weight, points)
+    error, J, _ = _errors(arrays, xp.stack((zero, zero), axis=-1), weight, points)
     A, _ = _normal_equations(J, weight, error)
     B, _ = _normal_equations(J, weight * weight, error)
     inverse = inverse_symmetric_3x3(A)

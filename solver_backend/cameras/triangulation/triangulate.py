@@ -82,16 +82,16 @@ def triangulate(
     """
     _check(cameras, xy, confidence)
     xp = array_namespace(xy, confidence)
-    rig = CameraArrays.of(cameras, xy)
+    arrays = CameraArrays.of(cameras, xy)
     frames, keypoints = int(xy.shape[1]), int(xy.shape[2])
     if sigma_px is None:
-        sigma = measure_noise(rig, xy, confidence)
+        sigma = measure_noise(arrays, xy, confidence)
     else:
         sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
     step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
     blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
     parts = map_blocks(
-        lambda f: _triangulate_frames(rig, xy[:, f], confidence[:, f], sigma, largest_sigma_m), blocks, xy
+        lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma, largest_sigma_m), blocks, xy
     )
     points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
     inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
@@ -99,14 +99,14 @@ def triangulate(
 
 
 def _triangulate_frames(
-    rig: CameraArrays, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
+    arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
 ) -> tuple[Array, Array, Array, Array]:
     """Return points, covariance, inliers and residuals of (C, F, K) detections."""
     xp = array_namespace(xy)
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     px, weight, spread = flat_views(xy, confidence, sigma)
-    points, inliers, residual = fit_points(rig, px, weight, spread)
-    covariance = covariance_of(rig, xp.where(inliers, weight, xp.zeros_like(weight)), points, spread)
+    points, inliers, residual = fit_points(arrays, px, weight, spread)
+    covariance = covariance_of(arrays, xp.where(inliers, weight, xp.zeros_like(weight)), points, spread)
     worst = xp.max(xp.sum(xp.abs(covariance), axis=-1), axis=-1)
     lost = ~(worst <= largest_sigma_m**2)
     covariance = xp.where(lost[:, None, None], xp.full_like(covariance, math.nan), covariance)

@@ -6,6 +6,7 @@ from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .detections import DETECTIONS
 from .entry import DiagnosticEntry, note, warning
+from .extrinsics import EXTRINSICS
 from .gloves import GLOVES
 from .labels import LABELS
 from .markers import MARKERS
@@ -13,7 +14,6 @@ from .motions import MOTIONS
 from .ranges import RANGES
 from .recording import RECORDING
 from .result import RESULT
-from .rigs import RIGS
 from .videos import VIDEOS
 from .wand import WAND
 from .world import WORLD
@@ -29,7 +29,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Numbers of a capture": RANGES,
     "Calibrations": CALIBRATION,
     "Worlds": WORLD,
-    "Calibrating and checking cameras": RIGS,
+    "Calibrating and checking cameras": EXTRINSICS,
     "Marker files": MARKERS,
     "Labels of markers": LABELS,
     "Videos and sensors": VIDEOS,

@@ -12,7 +12,7 @@ from solver_backend.io.recognition.length_unit import metres_in
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import Cameras
 
-WIDEST_RIG_M = 60.0
+WIDEST_ARRAY_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
 UNIT_ASSUMED = "calibration_unit_assumed"
 """Code of the note on a unit that only the distances between the cameras suggest."""
@@ -24,7 +24,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     Args:
         entries: cameras in the file's unit.
         unit: a key of ``METRES``, or None to infer it from the distances between the cameras: a rig wider than
-            ``WIDEST_RIG_M`` cannot be in metres and is read as millimetres.
+            ``WIDEST_ARRAY_M`` cannot be in metres and is read as millimetres.
 
     Raises:
         JobInvalid: the unit is unknown.
@@ -32,7 +32,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     guessed = unit is None
     if unit is None:
         width = _rig_width(entries)
-        unit = "mm" if width > WIDEST_RIG_M else "m"
+        unit = "mm" if width > WIDEST_ARRAY_M else "m"
         note = diagnostic(UNIT_ASSUMED, unit=unit, width=width)
     else:
         note = diagnostic("calibration_unit_stated", unit=unit)

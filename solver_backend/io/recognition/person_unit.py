@@ -70,10 +70,10 @@ def stature_between(cameras: Cameras, detections: Detections) -> float:
     """
     xy, confidence = main_person(detections)
     frames = well_seen_frames(confidence)
-    rig, scale = in_a_room(cameras)
+    scaled, scale = in_a_room(cameras)
     if len(frames) == 0 or not np.isfinite(scale):
         return float("nan")
-    found = triangulate(rig, xy[:, frames], confidence[:, frames])
+    found = triangulate(scaled, xy[:, frames], confidence[:, frames])
     points, residual = np.asarray(found.points), np.asarray(found.residual_px)
     seen = np.where((confidence > 0)[..., None], xy, np.nan)[:, frames]
     extent = np.linalg.norm(np.nanmax(seen, axis=2) - np.nanmin(seen, axis=2), axis=-1)

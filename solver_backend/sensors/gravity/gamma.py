@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import MocapError
 from solver_backend.geometry.rotations import skew
@@ -133,7 +133,7 @@ def ground_from_gamma(
     return Ground(R, -R @ corner + np.array([0, 0, gamma.height_m]), sigma, places, int(found.sum()), mirrored)
 
 
-def on_ground(calibration: RigCalibration, ground: Ground) -> RigCalibration:
+def on_ground(calibration: CalibratedCameras, ground: Ground) -> CalibratedCameras:
     """Return the calibration in the world of a Γ."""
     return moved_world(calibration, ground.R, ground.t)
 

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import Adjusted
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.sensors.wand.depth_scale import depth_scale
 from solver_backend.sensors.wand.errors import WandInvalid
@@ -48,15 +48,15 @@ def require_fit(found: Adjusted) -> None:
         )  # fmt: skip
 
 
-def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[RigCalibration, float]:
+def metric(found: Adjusted, moments: Moments, options: WandOptions) -> tuple[CalibratedCameras, float]:
     """Return the calibration in metres with its deviations, and how far depths scatter."""
-    rig = result_of("wand", found)
+    array = result_of("wand", found)
     if options.wand is not None:
-        return rig, float("nan")
+        return array, float("nan")
     by_depth = depth_scale(found.cameras, found.bodies.t, moments.depth_m[:, :, 0])
-    rig = moved_world(rig, np.eye(3), np.zeros(3), by_depth.scale)
-    way = np.linalg.norm(rig.cameras.centres, axis=1)
-    return replace(rig, centre_sigma_m=np.hypot(rig.centre_sigma_m, by_depth.sigma * way)), by_depth.rmse_m
+    array = moved_world(array, np.eye(3), np.zeros(3), by_depth.scale)
+    way = np.linalg.norm(array.cameras.centres, axis=1)
+    return replace(array, centre_sigma_m=np.hypot(array.centre_sigma_m, by_depth.sigma * way)), by_depth.rmse_m
 
 
 def held_out_errors(
@@ -81,7 +81,7 @@ def held_out_errors(
 
 
 def findings_of(
-    views: Sequence[WandView], rig: RigCalibration, clocks: Clocks, options: WandOptions
+    views: Sequence[WandView], array: CalibratedCameras, clocks: Clocks, options: WandOptions
 ) -> tuple[Diagnostic, ...]:
     """Return what the user should know of a calibration."""
     found = [item for view in views for item in view.findings]
@@ -89,10 +89,10 @@ def findings_of(
         diagnostic("wand_crowded", cameras=[view.name], lost=view.crowded, of=len(view))
         for view in views if view.crowded
     ]  # fmt: skip
-    first = rig.cameras.names[0]
-    for c, name in enumerate(rig.cameras.names):
-        if rig.camera_rmse_px[c] > GOOD_PX:
-            found.append(diagnostic("sensor_off_wand", cameras=[name], size=rig.camera_rmse_px[c]))
+    first = array.cameras.names[0]
+    for c, name in enumerate(array.cameras.names):
+        if array.camera_rmse_px[c] > GOOD_PX:
+            found.append(diagnostic("sensor_off_wand", cameras=[name], size=array.camera_rmse_px[c]))
         ahead = clocks.offset_s[c]
         if options.clocks is None and abs(ahead) > LATE_S:
             found.append(diagnostic("sensor_clock_differs", cameras=[name, first], size_ms=1e3 * ahead))

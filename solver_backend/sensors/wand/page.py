@@ -21,7 +21,7 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
         found: the calibration.
         ground: up and floor, where a Γ gave them.
     """
-    rig, names = found.rig, found.rig.cameras.names
+    array, names = found.array, found.array.cameras.names
     head = [
         Tile("Held-out error", number(found.held_out_px, 2), "px", "of stretches of time that were not fitted"),
         Tile("Moments", str(found.moments), "", "that were solved"),
@@ -32,17 +32,17 @@ def wand_page(found: WandCalibration, ground: Ground | None = None) -> str:
     if ground is not None:
         tilt = np.degrees(ground.tilt_sigma)
         head.append(Tile("Up", f"± {tilt:.2f}", "°", f"by the Γ in {ground.frames} clouds"))
-    words = [*map(sentence, rig.findings), *([place] if (place := found.coverage.next_place()) else [])]
+    words = [*map(sentence, array.findings), *([place] if (place := found.coverage.next_place()) else [])]
     body = [
         tiles(head),
         section(
             "What to look at", "".join(f"<p>{text(word)}</p>" for word in words) or "<p>Nothing unusual was found.</p>"
         ),
-        section("Sensors", facts(_sensors(found)), "Places and deviations, about the whole rig."),
+        section("Sensors", facts(_sensors(found)), "Places and deviations, about the whole array."),
         section("Clocks", facts((name, line) for name, line in zip(names, found.clocks.lines(), strict=True))),
         section("Seen together", _together(found), "Moments at which two sensors saw the wand."),
         section("Where the wand was", "".join(_picture(found, c) for c in range(len(names))), _COVERED),
-        section("How", "".join(f"<p>{text(sentence(note))}</p>" for note in rig.notes)),
+        section("How", "".join(f"<p>{text(sentence(note))}</p>" for note in array.notes)),
     ]
     return page_of("Calibration by wand", f"{len(names)} sensors, {text(', '.join(names))}", "".join(body))
 
@@ -51,19 +51,19 @@ _COVERED = f"Each sensor's picture in cells: dark with {LEAST_IN_CELL} sightings
 
 
 def _sensors(found: WandCalibration) -> list[tuple[str, str]]:
-    rig = found.rig
+    array = found.array
     return [
         (
             name,
-            f"{rig.camera_rmse_px[c]:.2f} px, at ({', '.join(f'{v:.3f}' for v in rig.cameras.centres[c])}) m "
-            f"± {1e3 * rig.centre_sigma_m[c]:.1f} mm, ± {np.degrees(rig.turn_sigma[c]):.3f}°",
+            f"{array.camera_rmse_px[c]:.2f} px, at ({', '.join(f'{v:.3f}' for v in array.cameras.centres[c])}) m "
+            f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°",
         )
-        for c, name in enumerate(rig.cameras.names)
+        for c, name in enumerate(array.cameras.names)
     ]
 
 
 def _together(found: WandCalibration) -> str:
-    names, counts = found.rig.cameras.names, found.together.astype(float)
+    names, counts = found.array.cameras.names, found.together.astype(float)
     return heat_table(counts, names, names, strength=counts / max(counts.max(), 1.0), unit="moments", digits=0)
 
 
@@ -81,7 +81,7 @@ def _picture(found: WandCalibration, c: int) -> str:
         for y in range(rows)
         for x in range(columns)
     )
-    name = escape(found.rig.cameras.names[c])
+    name = escape(found.array.cameras.names[c])
     return (
         f'<svg viewBox="0 0 {width} {height}" width="{width // 2}" height="{height // 2}" role="img">'
         f"<title>{name}</title>{cells}</svg><p>{name}: {found.coverage.shares[c]:.0%}</p>"

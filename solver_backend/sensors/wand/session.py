@@ -1,4 +1,4 @@
-"""A rig's calibration from a wand: by one marker and depth, or by three lights of known lengths."""
+"""The calibration of a sensor array from a wand: by one marker and depth, or by three lights of known lengths."""
 
 from __future__ import annotations
 
@@ -80,15 +80,15 @@ def calibrate_by_wand(
         found, used = adjusted(task, moments)
     clocks = _later(sampled, found) if task.find_delays else clocks
     require_fit(found)
-    rig, depth_rmse = metric(found, moments.where(used), options)
-    scaled = replace(found, cameras=rig.cameras)
+    array, depth_rmse = metric(found, moments.where(used), options)
+    scaled = replace(found, cameras=array.cameras)
     held_out_px, lengths = held_out_errors(task, scaled, moments.where(used), options)
-    at = triangulated(rig.cameras, moments, found.delays)
+    at = triangulated(array.cameras, moments, found.delays)
     together = moments.seen.astype(int) @ moments.seen.astype(int).T
     notes = (*notes_of(moments, together, names, options), *of_clocks)
-    rig = replace(rig, findings=findings_of(views, rig, clocks, options), notes=notes)
-    coverage = coverage_of(rig.cameras, moments.px, at)
-    return WandCalibration(rig, clocks, together, len(used), held_out_px, lengths, depth_rmse, coverage)
+    array = replace(array, findings=findings_of(views, array, clocks, options), notes=notes)
+    coverage = coverage_of(array.cameras, moments.px, at)
+    return WandCalibration(array, clocks, together, len(used), held_out_px, lengths, depth_rmse, coverage)
 
 
 def _require_seen(views: Sequence[WandView]) -> None:

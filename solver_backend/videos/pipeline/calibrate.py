@@ -11,7 +11,7 @@ from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
 from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
-from solver_backend.camera_calibration.extrinsics.result import RigCalibration
+from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras
 from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
@@ -132,7 +132,7 @@ def calibrate_take(request: CalibrationRequest, known: KnownOfCameras, progress:
 
 def _by_person(
     request: CalibrationRequest, lenses: dict[str, Lens], known: KnownOfCameras, progress: Progress
-) -> RigCalibration:
+) -> CalibratedCameras:
     names = request.take.cameras
     keypoints = assembled(request.take.name, request.detections, request.clocks, None, progress).keypoints
     assert keypoints is not None

@@ -80,7 +80,7 @@ def test_a_filmed_board_tells_them_by_the_names_of_the_takes_cameras(
     with pytest.raises(CalibrationMissing, match="far enough"):
         calibrate_take(request, KnownOfCameras(board="charuco:5x7:35mm"), silent)
     footage, board = asked[0]
-    assert footage.rig == {name: tmp_path / f"ext_{c + 1}.mp4" for c, name in enumerate(names)}
+    assert footage.extrinsic == {name: tmp_path / f"ext_{c + 1}.mp4" for c, name in enumerate(names)}
     assert footage.lens == {} and "5" in str(board)
 
 

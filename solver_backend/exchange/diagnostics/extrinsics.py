@@ -82,47 +82,47 @@ _BOARDS: dict[str, DiagnosticEntry] = {
 """Of cameras that filmed a board."""
 
 _PERSONS: dict[str, DiagnosticEntry] = {
-    "rig_scale_by_length": note(
+    "cameras_scale_by_length": note(
         "The scale is by {joint} to {other_joint}, {length:g} m",
         "The distance of two keypoints was given.",
     ),
-    "rig_scale_by_stature": note(
+    "cameras_scale_by_stature": note(
         "The scale is by a stature of {stature:g} m, {percent:.1f} % sure",
         "The person's stature was given.",
     ),
-    "rig_scale_by_mean": note(
+    "cameras_scale_by_mean": note(
         "The scale is by people's mean stature, {percent:.1f} % sure",
         "No stature was given.",
     ),
-    "rig_stature_unknown": warning(
+    "cameras_stature_unknown": warning(
         "The stature is unknown: lengths may be wrong by {percent:.0f} %",
         "No stature was given, and people differ.",
         "Give it with --stature.",
     ),
-    "rig_up_unsure": warning(
+    "cameras_up_unsure": warning(
         "Up is known to {angle:.0f} degrees only",
         "The person stood seldom, or in one place.",
         "Let the person stand tall and walk.",
     ),
-    "rig_person_stayed": warning(
+    "cameras_person_stayed": warning(
         "The person stayed within {size:.1f} m, which constrains cameras poorly",
         "The person hardly walked.",
         "Let them walk through all of the space that takes will use.",
     ),
-    "rig_keypoints_left": warning(
+    "cameras_keypoints_left": warning(
         "{percent:.0f} % of the keypoints fit no cameras",
         "Views show different people, or are not synchronous.",
         "Check that all views show one person and are synchronised.",
     ),
-    "rig_keypoints_off": note(
+    "cameras_keypoints_off": note(
         "Keypoints of {count} frames are off by {size:.1f} px per axis",
         "Cameras were calibrated by a person.",
     ),
-    "rig_kept": note(
+    "cameras_kept": note(
         "Refined cameras explain the take to {after:.1f} px, the calibration to {before:.1f} px: it is kept",
         "The calibration is as good as the take can show.",
     ),
-    "rig_refined": note(
+    "cameras_refined_by_person": note(
         "The take's keypoints are {after:.1f} px from where the cameras agree, and {before:.1f} px as calibrated",
         "Cameras were refined by a person.",
     ),
@@ -209,5 +209,5 @@ _CHECKS: dict[str, DiagnosticEntry] = {
 }
 """Of calibrations that are held against a take."""
 
-RIGS: dict[str, DiagnosticEntry] = {**_LENSES, **_BOARDS, **_PERSONS, **_TOGETHER, **_CHECKS}
+EXTRINSICS: dict[str, DiagnosticEntry] = {**_LENSES, **_BOARDS, **_PERSONS, **_TOGETHER, **_CHECKS}
 """By code."""
