@@ -241,14 +241,14 @@ def _add_workers(verb: argparse.ArgumentParser, what: str) -> None:
 
 def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add = studio.add_argument
-    add("description", type=Path, metavar="SPEC.json", help="description: motions, people, rigs and looks")
+    add("description", type=Path, metavar="SPEC.json", help="description: motions, people, camera arrays and looks")
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; an interrupted run resumes")
     add("--plan", action="store_true", help="check the description; report what would be made and its size")
     add(
         "--benchmark", "--judge", nargs="+", default=[], action=RenamedOption, metavar="METHOD",
         help="also solve by these methods and compare",
     )  # fmt: skip
-    add("--places", action="store_true", help="also map the rigs' errors over the floor")
+    add("--places", action="store_true", help="also map the camera arrays' errors over the floor")
     add("--settings", type=Path, metavar="SETTINGS.json", help="settings of these solves, as in a job file")
     add("--colour-of", default="", metavar="SHOT", help="only render the colour pictures of a shot that was filmed")
     _add_workers(studio, "shots")

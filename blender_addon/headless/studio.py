@@ -33,7 +33,7 @@ class StudioRequest:
     benchmark: tuple[str, ...] = ()
     """Methods to evaluate on it, none for no evaluation."""
     places: bool = False
-    """Also map the rigs' errors over the floor."""
+    """Also map the arrays' errors over the floor."""
     python: Path | None = None
     """Python to solve with."""
     spread: Spread = field(default_factory=Spread)
@@ -51,7 +51,7 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         The ``result`` event: the folder, shots, frames, pictures, seconds, and the table of ``studio-benchmark``.
 
     Raises:
-        SolverStopped: the backend ended with an error: a description, motion, rig or disk that will not do.
+        SolverStopped: the backend ended with an error: a description, motion, array or disk that will not do.
         RenderFailed: this Blender lacks the engine, or cannot render.
     """
     start = time.monotonic()

@@ -273,16 +273,16 @@ def start_cameras(
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))
 
 
-def start_rig(options: Sequence[str], python: Path | None, folder: Path) -> LiveRun:
+def start_sensors(options: Sequence[str], python: Path | None, folder: Path) -> LiveRun:
     """Start sensors: points, and poses or a wand's coverage, while it happens.
 
     Args:
-        options: sensors and what is done with them, as the verb ``rig-live`` takes them.
+        options: sensors and what is done with them, as the verb ``sensors-live`` takes them.
         python: interpreter to use; None for Blender's own.
         folder: working folder.
 
     Raises:
         BackendMissing: solver or interpreter are not there.
     """
-    command = [*backend_command(python), "rig-live", *options, "--with-points", "--json", "--parent-pipe"]
+    command = [*backend_command(python), "sensors-live", *options, "--with-points", "--json", "--parent-pipe"]
     return LiveRun(SolverProcess(command, environment_for_child(python), folder, SENSORS_GRACE_S))

@@ -1,4 +1,4 @@
-"""What the verdicts of ``studio-benchmark`` state about each rig, in a line."""
+"""What the verdicts of ``studio-benchmark`` state about each array, in a line."""
 
 from __future__ import annotations
 
@@ -6,14 +6,14 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 
 
-def rows_of(verdicts: Sequence[Mapping[str, Any]], rigs: Sequence[str]) -> list[tuple[str, str]]:
-    """Return each rig with the mean joint error of each method over its shots.
+def rows_of(verdicts: Sequence[Mapping[str, Any]], arrays: Sequence[str]) -> list[tuple[str, str]]:
+    """Return each array with the mean joint error of each method over its shots.
 
     Args:
         verdicts: rows of the result of ``studio-benchmark``.
-        rigs: names of the rigs, in their order.
+        arrays: names of the arrays, in their order.
     """
-    return [(rig, _line_of([v for v in verdicts if v["rig"] == rig])) for rig in rigs]
+    return [(array, _line_of([v for v in verdicts if v["camera_array"] == array])) for array in arrays]
 
 
 def _line_of(verdicts: Sequence[Mapping[str, Any]]) -> str:

@@ -1,4 +1,4 @@
-"""Errors of rigs by place on the floor, as the benchmark writes them."""
+"""Errors of arrays by place on the floor, as the benchmark writes them."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ FORMAT, VERSION = "manifold_mocap_places", 1
 
 @dataclass(frozen=True)
 class PlaceMap:
-    """Errors of a rig over the floor; Y rows, X columns."""
+    """Errors of an array over the floor; Y rows, X columns."""
 
-    rig: str
+    array: str
     x_m: np.ndarray
     y_m: np.ndarray
     error_mm: np.ndarray
@@ -46,7 +46,7 @@ def read_places(path: Path) -> list[PlaceMap]:
             raise ValueError("another format")
         maps = [
             PlaceMap(
-                str(item["rig"]), np.array(item["x_m"], np.float64), np.array(item["y_m"], np.float64),
+                str(item["camera_array"]), np.array(item["x_m"], np.float64), np.array(item["y_m"], np.float64),
                 np.array(item["error_mm"], np.float64),
             )
             for item in values["places"]
@@ -54,7 +54,7 @@ def read_places(path: Path) -> list[PlaceMap]:
     except (ValueError, KeyError, TypeError, OverflowError) as error:
         raise FileDamaged(f"This is not a map of errors: {error}.", where=str(path)) from error
     if not maps:
-        raise FileDamaged("The map shows no rig.", where=str(path), hint="Run the benchmark again.")
+        raise FileDamaged("The map shows no array.", where=str(path), hint="Run the benchmark again.")
     if any(m.error_mm.shape != (*m.y_m.shape, *m.x_m.shape) or min(m.error_mm.shape, default=0) < 2 for m in maps):
         raise FileDamaged("The map's rows do not fit its places.", where=str(path))
     return maps

@@ -1,4 +1,4 @@
-"""Errors by place shown in Blender: a floor of coloured squares, one object a rig."""
+"""Errors by place shown in Blender: a floor of coloured squares, one object an array."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 from .place_file import PlaceMap
 
 MAP = "mocap_places"
-"""Custom property of a map's object: the rig's name."""
+"""Custom property of a map's object: the array's name."""
 _STEPS = 12
 _RAISED_M = 0.004
 _FILLED = 0.96
@@ -48,8 +48,8 @@ def show_places(scene: bpy.types.Scene, places: PlaceMap, limits_mm: tuple[float
         mesh.materials.append(_material(step_index, limits_mm))
     mesh.polygons.foreach_set("material_index", _step(error, limits_mm).astype(np.int32))
     mesh.update()
-    obj = bpy.data.objects.new(f"error by place, {places.rig}", mesh)
-    obj[MAP] = places.rig
+    obj = bpy.data.objects.new(f"error by place, {places.array}", mesh)
+    obj[MAP] = places.array
     obj.hide_select = True
     scene.collection.objects.link(obj)
     return obj

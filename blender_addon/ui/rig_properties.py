@@ -1,4 +1,4 @@
-"""What the add-on keeps about a rig of infrared and depth sensors."""
+"""What the add-on keeps about an array of infrared and depth sensors."""
 
 from __future__ import annotations
 

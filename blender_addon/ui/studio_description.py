@@ -13,14 +13,14 @@ from .._exchange.outputs import write_text
 from ..animation.takes import take_file
 from ..conventions.file_paths import absolute
 from ..conventions.numbered import next_path
-from ..studio.scene_rig import rig_of_scene
+from ..studio.scene_array import array_of_scene
 from .locations import files_folder, usable
 from .scene_job import capture_file
 from .studio_properties import OWN
 
 _BENCHMARK_FRAMES, _BENCHMARK_FPS = 90, 30
 _FIXED = ("capture", "cameras")
-_AS_IT_STANDS = {"name": "my rig", "stand": "aim"}
+_AS_IT_STANDS = {"name": "my cameras", "stand": "aim"}
 _BENCHMARK_WIDTH = 400
 """Pixels of the widest picture of a benchmark; faults are millimetres at the person and do not know of it."""
 
@@ -36,18 +36,19 @@ def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
     settings = context.scene.mocap.studio
     if not settings.film:
         raise CommandLineInvalid("Nothing is filmed.", hint="Choose at least one kind of picture.")
-    rig = _rig(context) | ({"scale": round(settings.scale, 4)} if settings.scale != 1.0 else {})
+    array = _array(context) | ({"scale": round(settings.scale, 4)} if settings.scale != 1.0 else {})
     return {
         "version": 1, "name": "data set", "seed": settings.seed, "fps": round(settings.fps, 4),
         "frames": settings.frames, "motions": [_motion(context)],
-        "people": {"count": settings.people, "strange": settings.strange}, "rigs": [rig], "looks": [settings.look],
+        "people": {"count": settings.people, "strange": settings.strange}, "camera_arrays": [array],
+        "looks": [settings.look],
         "film": sorted(settings.film), "write": sorted(settings.write), "perturb": settings.faults,
         "rgb": {"engine": settings.engine},
     }  # fmt: skip
 
 
 def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
-    """Return what a benchmark films: one person, three seconds, the rig and those it is compared with.
+    """Return what a benchmark films: one person, three seconds, the array and those it is compared with.
 
     Raises:
         CalibrationMissing: there are no cameras.
@@ -60,15 +61,15 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
         raise CommandLineInvalid("The faults are those of markers, which no cameras of ours measure.", hint=hint)
     if not settings.methods:
         raise CommandLineInvalid("No method is chosen.", hint="Choose at least one method.")
-    own = _rig(context)
+    own = _array(context)
     own = {"name": own.get("preset") or "ring", **own} if own.get("layout") not in _FIXED else {**own, **_AS_IT_STANDS}
-    rigs = [own]
+    arrays = [own]
     if settings.fewer:
-        rigs.append({**own, "name": f"{own['name']} less 1", "leave_out": 1})
-    rigs += [{"preset": name} for name in sorted(settings.against) if own.get("preset") != name]
+        arrays.append({**own, "name": f"{own['name']} less 1", "leave_out": 1})
+    arrays += [{"preset": name} for name in sorted(settings.against) if own.get("preset") != name]
     return {
         "version": 1, "name": "benchmark", "seed": settings.seed, "fps": _BENCHMARK_FPS, "frames": _BENCHMARK_FRAMES,
-        "motions": ["choreography"], "rigs": [{**rig, "widest": _BENCHMARK_WIDTH} for rig in rigs],
+        "motions": ["choreography"], "camera_arrays": [{**array, "widest": _BENCHMARK_WIDTH} for array in arrays],
         "looks": ["everyday"], "film": ["infrared"], "perturb": settings.faults,
     }  # fmt: skip
 
@@ -105,16 +106,16 @@ def _motion(context: bpy.types.Context) -> str:
     return str(take_file(take, "motion_file"))
 
 
-def _rig(context: bpy.types.Context) -> dict[str, Any]:
-    """Return the rig of the settings, as a description has it."""
+def _array(context: bpy.types.Context) -> dict[str, Any]:
+    """Return the array of the settings, as a description has it."""
     settings, capture = context.scene.mocap.studio, context.scene.mocap.capture
-    if settings.rig == OWN and capture.file and len(capture.cameras):
+    if settings.array == OWN and capture.file and len(capture.cameras):
         return {"layout": "capture", "capture": str(capture_file(capture))}
-    if settings.rig in (OWN, "SCENE"):
-        return rig_of_scene(context.scene, context.evaluated_depsgraph_get())
-    if settings.rig == "RING":
+    if settings.array in (OWN, "SCENE"):
+        return array_of_scene(context.scene, context.evaluated_depsgraph_get())
+    if settings.array == "RING":
         return {
             "layout": "ring", "name": "ring", "count": settings.count, "radius_m": round(settings.radius_m, 4),
             "height_m": round(settings.height_m, 4),
         }  # fmt: skip
-    return {"preset": settings.rig}
+    return {"preset": settings.array}

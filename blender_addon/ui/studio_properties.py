@@ -8,17 +8,17 @@ from .._exchange.solve_settings import METHODS
 from .locations import RELATIVE
 
 OWN = "OWN"
-PRESET_RIGS = (
+PRESET_ARRAYS = (
     ("webcam_ring_4", "Four Webcams", "Four common webcams on tripods around a room"),
     ("oak_d_4", "Four OAK-D", "Four OAK-D, their global-shutter mono cameras binned to 640 x 400"),
     ("azure_kinect_3", "Three Azure Kinects", "Three Azure Kinects at 2 m, depth in the near field of view"),
     ("vicon_12", "Twelve Optical", "Twelve optical cameras of 1.3 megapixels under the ceiling"),
 )
-_RIGS = (
+_ARRAYS = (
     (OWN, "My Cameras", "The active capture's cameras, or the scene's where there is no capture"),
     ("SCENE", "Scene's Cameras", "All cameras of the scene that are shown, as they stand now"),
     ("RING", "A Ring", "As many like cameras as below, around the person"),
-    *PRESET_RIGS,
+    *PRESET_ARRAYS,
 )
 _MOTIONS = (
     ("CHOREOGRAPHY", "Choreography", "Walking, reaching, turning and crouching: the motion that ships"),
@@ -72,9 +72,9 @@ def _forget_plan(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> N
 
 
 class MocapBenchmarkRow(bpy.types.PropertyGroup):
-    """What one rig reached in one benchmark."""
+    """What one camera array reached in one benchmark."""
 
-    rig: bpy.props.StringProperty(name="Rig", description="Name of the rig")
+    array: bpy.props.StringProperty(name="Camera Array", description="Name of the camera array")
     faults: bpy.props.EnumProperty(name="Faults", description="What the detector made of the truth", items=FAULTS)
     told: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
     median_mm: bpy.props.FloatProperty(
@@ -108,7 +108,9 @@ class MocapStudio(bpy.types.PropertyGroup):
     seed: bpy.props.IntProperty(
         name="Seed", description="Another number draws other people, clothes and faults", min=0, update=_forget_plan
     )
-    rig: bpy.props.EnumProperty(name="Rig", description="Who films", items=_RIGS, update=_forget_plan)
+    array: bpy.props.EnumProperty(
+        name="Camera Array", description="Cameras that film", items=_ARRAYS, update=_forget_plan
+    )
     count: bpy.props.IntProperty(
         name="Cameras", description="Of the ring", default=4, min=1, max=64, update=_forget_plan
     )
@@ -150,10 +152,10 @@ class MocapStudio(bpy.types.PropertyGroup):
         default={"triangulation", "global"},
     )  # fmt: skip
     against: bpy.props.EnumProperty(
-        name="Compare With", description="Other camera layouts to compare with", items=PRESET_RIGS,
+        name="Compare With", description="Other camera layouts to compare with", items=PRESET_ARRAYS,
         options={"ENUM_FLAG"}, default=set(),
     )  # fmt: skip
-    fewer: bpy.props.BoolProperty(name="One Camera Fewer", description="Also evaluate the rig without its last camera")
+    fewer: bpy.props.BoolProperty(name="One Camera Fewer", description="Also evaluate the cameras without the last")
     rows: bpy.props.CollectionProperty(
         type=MocapBenchmarkRow, name="Rows", description="Expected accuracy per camera layout"
     )

@@ -68,9 +68,9 @@ def refine_calibration(capture: Capture) -> RefinedCalibration:
     fitted, held_out = slice(0, None, 2), slice(1, None, 2)
     handed = [one for one in everybody if one.hands is not None] or [keypoints]
     refined = refined_cameras(cameras, *_with_hands(handed, xy[:, fitted], confidence[:, fitted], fitted))
-    located, moved = (triangulate(rig, xy[:, fitted], confidence[:, fitted]).points for rig in (cameras, refined))
+    located, moved = (triangulate(array, xy[:, fitted], confidence[:, fitted]).points for array in (cameras, refined))
     refined = _in_the_same_world(refined, moved.reshape(-1, 3), located.reshape(-1, 3))
-    before, after = (view_distances(rig, xy[:, held_out], confidence[:, held_out]) for rig in (cameras, refined))
+    before, after = (view_distances(array, xy[:, held_out], confidence[:, held_out]) for array in (cameras, refined))
     if not (np.isfinite(before).any() and np.isfinite(after).any()):
         raise NoDetections("No frame that is measured on shows the person in two views.", where=capture.name)
     turn = log_so3(refined.R @ cameras.R.swapaxes(-1, -2))

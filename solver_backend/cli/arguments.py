@@ -15,8 +15,11 @@ from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.version import VERSION
 
-_EARLIER_VERBS = {"studio-judge": "studio-benchmark"}
-"""Verb of version 0.1, and its name today; known until the next release."""
+_EARLIER_VERBS = {
+    "studio-judge": "studio-benchmark", "studio-rigs": "studio-cameras", "rig-record": "sensors-record",
+    "rig-live": "sensors-live",
+}  # fmt: skip
+"""Verbs of version 0.1, and their names today; known until the next release."""
 
 
 class _Parser(argparse.ArgumentParser):

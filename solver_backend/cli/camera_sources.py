@@ -234,7 +234,7 @@ def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress
     from solver_backend.camera_calibration.frames import VIDEOS
 
     board, options = _board_options(args)
-    footage = board_footage(args.footage).rig
+    footage = board_footage(args.footage).extrinsic
     _known_cameras(tuple(footage), start.names, args.footage)
     sightings = []
     for done, name in enumerate(start.names):

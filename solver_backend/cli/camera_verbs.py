@@ -1,4 +1,4 @@
-"""The verbs of cameras: a board to print, a rig's calibration, and whether one fits."""
+"""The verbs of cameras: a board to print, the calibration of an array, and whether one fits."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The verbs of the marker rig's recordings: a cloud from recorded sensors, and a recording of them."""
+"""The verbs of sensor arrays' recordings: a cloud from recorded sensors, and a recording of them."""
 
 from __future__ import annotations
 
@@ -26,8 +26,8 @@ def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
     _add_source(verb)
 
 
-def rig_record_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of rig-record."""
+def sensors_record_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of sensors-record."""
     verb.add_argument("--out", type=Path, required=True, metavar="FOLDER", help="folder to write")
     _add_source(verb)
 
@@ -88,7 +88,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     return Outcome("\n".join(lines), data)
 
 
-def rig_record(args: argparse.Namespace, progress: Progress) -> Outcome:
+def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record all frames of a source."""
     from solver_backend.sensors.streaming.chain import LiveMoment
 

@@ -1,4 +1,4 @@
-"""The verbs of the studio: make a data set, compare solves on it, and estimate what rigs would reach."""
+"""The verbs of the studio: make a data set, compare solves on it, and estimate what camera arrays would reach."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 def studio_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of studio."""
     verb.add_argument(
-        "description", type=Path, metavar="SPEC.json", help="description: motions, people, rigs and looks"
+        "description", type=Path, metavar="SPEC.json", help="description: motions, people, camera arrays and looks"
     )
     verb.add_argument(
         "--out", type=Path, required=True, metavar="DIR", help="folder of the data set; an interrupted run resumes"
@@ -45,14 +45,14 @@ def studio_benchmark_arguments(verb: argparse.ArgumentParser) -> None:
         choices=("clean", "perturbed"),
         help="with errors added, or without",
     )
-    verb.add_argument("--places", action="store_true", help="also map the rigs' errors over the floor")
+    verb.add_argument("--places", action="store_true", help="also map the camera arrays' errors over the floor")
     verb.add_argument("--settings", type=Path, metavar="SETTINGS.json", help="settings of the solves, as in a job file")
 
 
-def studio_rigs_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of studio-rigs."""
+def studio_cameras_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of studio-cameras."""
     verb.add_argument(
-        "description", type=Path, metavar="SPEC.json", help="description; only its rigs and perturb are used"
+        "description", type=Path, metavar="SPEC.json", help="description; only its camera arrays and perturb are used"
     )
     verb.add_argument(
         "--faults",
@@ -106,14 +106,14 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec, _ = read_data_set(args.data_set)
     settings = SolveSettings() if args.settings is None else _settings(args.settings)
     verdicts = solve_and_compare(args.data_set, args.methods, args.inputs, args.faults, progress, settings)
-    places = [place_errors(rig, spec.perturb, progress=progress) for rig in spec.rigs] if args.places else []
+    places = [place_errors(array, spec.perturb, progress=progress) for array in spec.arrays] if args.places else []
     page = args.data_set / "benchmark.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
     data = {"page": str(page), "table": table(verdicts)}
     if places:
         data["places"] = str(write_text(args.data_set / "places.json", places_text(places), overwrite=True))
     rows = [
-        {"shot": v.shot, "rig": v.rig, "faults": v.faults, "input": v.source, "method": v.method,
+        {"shot": v.shot, "camera_array": v.array, "faults": v.faults, "input": v.source, "method": v.method,
          "mpjpe_mm": _plain(v.mpjpe_mm), "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2),
          "seconds": _plain(v.seconds), "error": v.error}
         for v in verdicts
@@ -121,8 +121,8 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome(f"{data['table']}\n  written     {page}", data | {"rows": rows})
 
 
-def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Map the errors of a description's rigs over the floor."""
+def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
+    """Map the errors of a description's camera arrays over the floor."""
     from solver_backend.exchange.outputs import check_output, write_text
     from solver_backend.synthesis.studio.benchmark.page import page_html
     from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
@@ -133,11 +133,11 @@ def studio_rigs(args: argparse.Namespace, progress: Progress) -> Outcome:
     spec = read_spec(args.description)
     faults = {f", {name}": read_faults(name) for name in args.faults} or {"": spec.perturb}
     places = [
-        replace(place_errors(rig, given, seed=spec.seed, progress=progress), rig=f"{rig.name}{suffix}")
-        for rig in spec.rigs for suffix, given in faults.items()
+        replace(place_errors(array, given, seed=spec.seed, progress=progress), array=f"{array.name}{suffix}")
+        for array in spec.arrays for suffix, given in faults.items()
     ]  # fmt: skip
     write_text(args.out, page_html(args.out.parent, spec.name, (), places), overwrite=bool(args.overwrite))
-    medians = {p.rig: p.median_mm for p in places}
+    medians = {p.array: p.median_mm for p in places}
     message = "\n".join(
         f"{name:<32} {'nobody located' if value is None else f'{value:6.1f} mm'}" for name, value in medians.items()
     )

@@ -57,7 +57,7 @@ def by_board(folder: Path) -> list[Metric]:
     """Return errors of the kept array and of ours, with its lenses, without and with delays."""
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))
-    seen = [find_boards(path, board)[0] for path in board_footage(folder).rig.values()]
+    seen = [find_boards(path, board)[0] for path in board_footage(folder).extrinsic.values()]
     known = [lens_of(kept, c) for c in range(len(kept))]
     metrics = []
     for name, fps in (("plain", None), ("delays", 6.0)):

@@ -76,9 +76,10 @@ def there_and_back(path: Path, frames: int) -> Path:
 
 def described(frames: int, size: tuple[int, int], film: list[str], **more: Any) -> dict[str, Any]:
     """Return a description of one shot."""
-    rig = {"layout": "ring", "count": _VIEWS, "size": list(size), "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0]}
+    array = {"layout": "ring", "count": _VIEWS, "size": list(size), "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0]}
     return {
-        "motions": ["long.npz"], "frames": frames, "fps": FPS, "rigs": [rig], "film": film, "perturb": "detector",
+        "motions": ["long.npz"], "frames": frames, "fps": FPS, "camera_arrays": [array], "film": film,
+        "perturb": "detector",
         **more,
     }  # fmt: skip
 

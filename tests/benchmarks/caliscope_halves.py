@@ -28,7 +28,7 @@ def main() -> int:
     folder = recordings_folder() / CALISCOPE
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))
-    seen = [find_boards(path, board)[0] for path in board_footage(folder).rig.values()]
+    seen = [find_boards(path, board)[0] for path in board_footage(folder).extrinsic.values()]
     known = [lens_of(kept, c) for c in range(len(kept))]
 
     def both(chosen: set[int]) -> tuple[Cameras, Cameras]:

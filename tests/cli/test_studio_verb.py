@@ -11,7 +11,12 @@ from solver_backend.cli.main import main
 
 
 def test_a_motion_that_ends_before_is_said(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    description = {"fps": 5, "frames": 100, "motions": ["choreography"], "rigs": [{"count": 2, "size": [64, 48]}]}
+    description = {
+        "fps": 5,
+        "frames": 100,
+        "motions": ["choreography"],
+        "camera_arrays": [{"count": 2, "size": [64, 48]}],
+    }
     path = tmp_path / "studio.json"
     path.write_text(json.dumps({"version": 1, "name": "short", "film": ["masks"], **description}), encoding="utf-8")
     assert main(["studio", str(path), "--out", str(tmp_path / "set")]) == 0

@@ -106,7 +106,7 @@ def test_every_calibration_format_has_its_row() -> None:
 
 
 def test_a_live_line_has_these_keys() -> None:
-    text = section(_LIVE, "Lines out of `live`, `camera-live` and `rig-live --poses`")
+    text = section(_LIVE, "Lines out of `live`, `camera-live` and `sensors-live --poses`")
     written = {key for path in _STREAMS for found in dictionaries(path) if "state" in found for key in found}
     assert written and written <= code(text), written - code(text)
     sources = "\n".join(path.read_text("utf-8") for path in _STREAMS)

@@ -1,4 +1,4 @@
-"""JSON, TOML and tables of rigs, studio and batches that are odd or cannot be: each is read or refused by name."""
+"""JSON, TOML and tables of arrays, studio and batches that are odd or cannot be: each is read or refused by name."""
 
 from __future__ import annotations
 
@@ -43,7 +43,8 @@ TOLD_POINTS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 SHOTS: tuple[dict[str, Any], ...] = (
     {"version": 7}, {"version": "one"}, {"motions": []}, {"motions": "walk"}, {"motions": [""]},
-    {"looks": ["suit", "suit"]}, {"rigs": []}, {"rigs": "azure_kinect_3"}, {"looks": {}}, {"markers": None},
+    {"looks": ["suit", "suit"]}, {"camera_arrays": []}, {"camera_arrays": "azure_kinect_3"}, {"looks": {}},
+    {"markers": None},
     {"markers": None, "write": ["coco"]}, {"film": ["depth"], "write": ["video"]}, {"write": ["none"]},
     {"looks": ["everyday"]}, {"looks": ["everyday"], "markers": ...}, {"looks": [{"clothes": "everyday"}]},
     {"looks": ["everyday"], "markers": ..., "write": []}, {"looks": ["everyday"], "markers": None, "write": []},
@@ -53,7 +54,7 @@ SHOTS: tuple[dict[str, Any], ...] = (
 )  # fmt: skip
 _CAMERA = {"K": [900, 0, 320, 0, 900, 240, 0, 0, 1], "R": [1, 0, 0, 0, 0, -1, 0, 1, 0], "t": [0, 1, 3]}
 _CAMERA |= {"image_size": [640, 480], "distortion": [0.01, 0.0]}
-RIGS: tuple[dict[str, Any], ...] = (
+ARRAYS: tuple[dict[str, Any], ...] = (
     {}, {"preset": "none"}, {"preset": "azure_kinect_3", "size": [1, 2]}, {"preset": 5}, {"name": "x", "count": 3},
     {"layout": "corners"}, {"layout": "corners", "room_m": [0, 1]}, {"layout": "corners", "count": 2, "height_m": 1.2},
     {"layout": "capture", "capture": "c.npz"}, {"layout": "capture", "capture": "other.npz"},

@@ -1,4 +1,4 @@
-"""Readers of the studio's data sets, of rigs' maps, and of what the add-on's child processes say."""
+"""Readers of the studio's data sets, of arrays' maps, and of what the add-on's child processes say."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ _JSON = {".json": "json"}
 _SPEC: dict[str, Any] = {
     "version": 1, "name": "small", "seed": 3, "fps": 30, "frames": 4, "motions": ["choreography"],
     "people": {"count": 2, "sigma": 0.5, "strange": True},
-    "rigs": ["azure_kinect_3", {"preset": "azure_kinect_3", "name": "again"}], "looks": ["suit"],
+    "camera_arrays": ["azure_kinect_3", {"preset": "azure_kinect_3", "name": "again"}], "looks": ["suit"],
     "film": ["infrared", "depth", "rgb"], "write": ["coco", "c3d"], "markers": "MANIFOLD_53", "joint_set": "BODY_25",
     "perturb": "none", "rgb": {"engine": "workbench", "samples": 2, "noise": 0.01},
 }  # fmt: skip
@@ -106,13 +106,13 @@ _ODD_DATA_SETS: tuple[Write, ...] = (
 )  # fmt: skip
 
 
-def _rig(look: str, rig: dict[str, Any] | None = None) -> Write:
-    """Return what writes a description of shots with a rig, and a capture that one may name."""
+def _array(look: str, array: dict[str, Any] | None = None) -> Write:
+    """Return what writes a description of shots with an array, and a capture that one may name."""
 
     def write(folder: Path) -> None:
         write_capture(folder / "c.npz", small_capture(2, views=2))
-        rigs = [{"layout": "ring", "count": 2} if rig is None else rig]
-        (folder / "a.json").write_text(json.dumps({"version": 1, "rigs": rigs, "looks": [look]}))
+        arrays = [{"layout": "ring", "count": 2} if array is None else array]
+        (folder / "a.json").write_text(json.dumps({"version": 1, "camera_arrays": arrays, "looks": [look]}))
 
     return write
 
@@ -186,11 +186,11 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target(
         "rig of a description",
-        (_rig("suit"),),
+        (_array("suit"),),
         _read_spec,
         {".json": "json", ".npz": "npz"},
         8,
-        tuple(_rig("suit", rig) for rig in odd_values.RIGS),
+        tuple(_array("suit", array) for array in odd_values.ARRAYS),
     ),
     Target("data set", (_data_set,), read_data_set, _JSON, 6, _ODD_DATA_SETS, (nothing,)),
     Target(

@@ -22,7 +22,7 @@ def steps(user: Any) -> Any:
     yield from user.shot("narrow")
     yield from user.narrow(283)
     settings = mocap().studio
-    settings.rig, settings.count = "RING", 4
+    settings.array, settings.count = "RING", 4
     user.viewport.tag_redraw()
     yield 0.3
     yield from benchmark(user)
@@ -37,15 +37,15 @@ def benchmark(user: Any) -> Any:
     yield from user.shot("judging")
     yield from user.solved("the ring is judged")
     rows = mocap().studio.rows
-    user.note(f"rows: {[(row.rig, row.told, round(row.median_mm, 1)) for row in rows]}")
+    user.note(f"rows: {[(row.array, row.told, round(row.median_mm, 1)) for row in rows]}")
     assert len(rows) == 2 and 0 < rows[0].median_mm < rows[1].median_mm
     shown = extension("studio.place_map").MAP
-    assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [rows[0].rig]
+    assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [rows[0].array]
     user.look_at((0.0, 0.0, 0.0), 9.0)
     yield from user.find("mocap.benchmark()")
     yield from user.shot("judged")
     yield from user.press("mocap.show_places(index=1)", 0.83)
-    assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [mocap().studio.rows[1].rig]
+    assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [mocap().studio.rows[1].array]
     yield from user.press("mocap.clear_benchmarks()")
     assert not [obj for obj in bpy.data.objects if shown in obj] and not len(mocap().studio.rows)
     yield from user.key("Z", ctrl=True)

@@ -136,7 +136,7 @@ def test_the_command_line_goes_from_sensors_to_lines_that_live_reads(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     lines, take = tmp_path / "lines.jsonl", tmp_path / "take"
-    command = ["rig-live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
+    command = ["sensors-live", str(recording), "--repeat", "--lines", str(lines), "--record", str(take), "--json"]
     assert main([*command, "--seconds", "3"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["moments"] > 0 and said["latency_ms"] > 0
@@ -159,7 +159,15 @@ def test_who_stops_while_the_recording_is_written_keeps_it(
 
     monkeypatch.setattr(MarkerChain, "__exit__", stopped)
     take = tmp_path / "take"
-    command = ["rig-live", str(recording), "--wand", "--lines", str(tmp_path / "lines.jsonl"), "--record", str(take)]
+    command = [
+        "sensors-live",
+        str(recording),
+        "--wand",
+        "--lines",
+        str(tmp_path / "lines.jsonl"),
+        "--record",
+        str(take),
+    ]
     assert main([*command, "--json"]) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["recorded"] == str(take)
     with cancel_on_signals(), pytest.raises(Cancelled):  # afterwards a signal cancels again
@@ -171,7 +179,7 @@ def test_a_wand_is_told_where_it_was_and_where_to_go(
 ) -> None:
     """Eight markers are no wand: it is said so, and nothing counts as covered."""
     lines = tmp_path / "lines.jsonl"
-    command = ["rig-live", str(recording), "--wand", "--repeat", "--seconds", "2", "--lines", str(lines), "--json"]
+    command = ["sensors-live", str(recording), "--wand", "--repeat", "--seconds", "2", "--lines", str(lines), "--json"]
     assert main(command) == 0
     assert json.loads(capsys.readouterr().out.splitlines()[-1])["moments"] > 0
     told = [line for line in map(json.loads, lines.read_text("utf-8").splitlines()) if "coverage" in line]
@@ -221,7 +229,7 @@ def test_what_does_not_go_together_is_refused_before_a_sensor_opens(
         (["--oak", "webcam:1"], "sensor_unknown"),
         (["--oak", "1=a", "--oak", "2=a"], "command_line_invalid"),
     ):
-        assert main(["rig-live", *arguments, "--json"]) != 0
+        assert main(["sensors-live", *arguments, "--json"]) != 0
         assert json.loads(capsys.readouterr().out.splitlines()[-1])["code"] == code, arguments
     assert not list(tmp_path.iterdir())
 
@@ -233,7 +241,7 @@ def test_oaks_without_depthai_are_named_at_once(
     calibration = tmp_path / "rig.toml"
     write_calibration(calibration, CAMERAS)
     told = ["--oak", "1=sensor0", "--calibration", str(calibration), "--json"]
-    for command in (["rig-live", *told], ["record-oak", str(tmp_path / "take"), *told], ["oaks", "--json"]):
+    for command in (["sensors-live", *told], ["record-oak", str(tmp_path / "take"), *told], ["oaks", "--json"]):
         assert main(command) != 0
         error = json.loads(capsys.readouterr().out.splitlines()[-1])
         assert error["code"] == "backend_missing" and "manifold-mocap[oak]" in error["hint"]

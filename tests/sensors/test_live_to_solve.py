@@ -25,7 +25,7 @@ def shot(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of a shot of infrared and depth, 53 markers."""
     place = tmp_path_factory.mktemp("studio")
     spec = spec_of({
-        "seed": 5, "fps": FPS, "frames": FRAMES, "motions": ["choreography"], "rigs": ["azure_kinect_3"],
+        "seed": 5, "fps": FPS, "frames": FRAMES, "motions": ["choreography"], "camera_arrays": ["azure_kinect_3"],
         "looks": ["suit"], "film": ["infrared", "depth"],
     })  # fmt: skip
     make_data_set(spec, place)
@@ -37,7 +37,7 @@ def test_what_was_live_is_recorded_and_solved(
     shot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:  # fmt: skip
     take, out, lines = tmp_path / "take", tmp_path / "motion.npz", tmp_path / "poses.jsonl"
-    command = ["rig-live", str(shot), "--poses", "--record", str(take), "--solve", str(out), "--lines", str(lines)]
+    command = ["sensors-live", str(shot), "--poses", "--record", str(take), "--solve", str(out), "--lines", str(lines)]
     receiver = Receiver()
     assert main([*command, "--send", receiver.address, "--json"]) == 0
     packets = receiver.close()

@@ -201,7 +201,9 @@ def test_a_disk_that_is_nearly_full_is_left_alone(tmp_path: Path, monkeypatch: p
 
 
 def test_a_shot_of_the_studio_is_a_folder_of_sensors(tmp_path: Path) -> None:
-    spec = spec_of({"rigs": [{"preset": "azure_kinect_3", "scale": 0.5}], "frames": 2, "film": ["infrared", "depth"]})
+    spec = spec_of(
+        {"camera_arrays": [{"preset": "azure_kinect_3", "scale": 0.5}], "frames": 2, "film": ["infrared", "depth"]}
+    )
     shot = list_shots(spec)[0]
     make_shot(spec, shot, tmp_path / "shots")
     folder = open_folder(tmp_path)

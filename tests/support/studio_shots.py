@@ -21,8 +21,8 @@ QUIET = {"noise": 0.0}
 
 def colour_shot(folder: Path, **given: Any) -> Path:
     """Write a shot that awaits its colour pictures and return its folder."""
-    rig = {"preset": "webcam_ring_4", "scale": 0.5}
-    values = {"film": ["rgb"], "rigs": [rig], "frames": 1, "rgb": QUIET, **given}
+    array = {"preset": "webcam_ring_4", "scale": 0.5}
+    values = {"film": ["rgb"], "camera_arrays": [array], "frames": 1, "rgb": QUIET, **given}
     spec = spec_of(values)
     shot = list_shots(spec)[0]
     make_shot(spec, shot, folder)

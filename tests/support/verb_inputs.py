@@ -127,8 +127,8 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "record-colour": ("record-colour", "out", "--oak", "1=left", "--oak", "2=right", "--seconds", "600"),
     "calibrate-wand": ("calibrate-wand", "wand", "--lenses", "lenses.toml", "--out", "out.toml"),
     "markers-from-sensors": ("markers-from-sensors", "recording", "--out", "out.c3d"),
-    "rig-record": ("rig-record", "recording", "--out", "out"),
-    "rig-live": ("rig-live", "recording", "--repeat", "--poses", "--lines", "out.jsonl"),
+    "sensors-record": ("sensors-record", "recording", "--out", "out"),
+    "sensors-live": ("sensors-live", "recording", "--repeat", "--poses", "--lines", "out.jsonl"),
     "live": ("live", "take.c3d", "--repeat", "--lines", "out.jsonl", "--record", "out.c3d"),
     "camera-live": (
         "camera-live", "footage/videos/cam01.mp4", "footage/videos/cam02.mp4", "--calibration", "rig.toml",
@@ -143,7 +143,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "sample": ("sample", "out.npz", "--count", "100"),
     "studio": ("studio", "spec.json", "--out", "out"),
     "studio-benchmark": ("studio-benchmark", "set"),
-    "studio-rigs": ("studio-rigs", "floor.json", "--out", "out.html"),
+    "studio-cameras": ("studio-cameras", "floor.json", "--out", "out.html"),
     "train": ("train", "rvposer", "--data", "data", "--out", "out"),
     "export-network": ("export-network", "--out", "out.onnx"),
 }  # fmt: skip

@@ -150,7 +150,7 @@ _TOGETHER: dict[str, DiagnosticEntry] = {
     ),
     "source_contradicts": warning(
         "What {camera} saw of the {source} is {after:.1f} px off beside the other sources, {before:.1f} px alone",
-        "The camera was moved between the sources, or one of them is of another rig or size.",
+        "The camera was moved between the sources, or one of them is of another camera array or size.",
         "Leave one of the sources out, or record it again.",
     ),
     "camera_off_held": warning(

@@ -1,4 +1,4 @@
-"""The rig of sensors: which are there, the wand and the Γ, points and body while they are seen, and the take."""
+"""The sensor array: which are there, the wand and the Γ, points and body while they are seen, and the take."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the sensors' process and make what shows it."""
-        from ...solving.live import start_rig
+        from ...solving.live import start_sensors
 
         scene, rig, part = context.scene, context.scene.mocap.rig, self.part
         require_there(rig.subject, rig.source if rig.kind == "FOLDER" else "")
@@ -81,7 +81,7 @@ class MOCAP_OT_rig_start(MocapOperator, bpy.types.Operator):
             options += ["--subject", str(absolute(rig.subject))]
         if rig.record:
             options += ["--record", str(next_path(folder, PARTS[part][2]))]
-        run = start_rig([*rig.sensors(), *options], chosen_python(context), folder)
+        run = start_sensors([*rig.sensors(), *options], chosen_python(context), folder)
         live.begin(run, scene, body=part == "TAKE", on_recorded=partial(_keep_recording, scene.name, part))
         return {"FINISHED"}
 
@@ -108,7 +108,7 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
         rig = context.scene.mocap.rig
         require_there(rig.wand, rig.gamma)
         folder = usable(files_folder(context.scene))
-        out = next_path(folder, "rig", ".toml")
+        out = next_path(folder, "sensor_array", ".toml")
         return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
@@ -123,7 +123,7 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
 
 
 def _keep_recording(scene: str, part: str, recorded: str) -> None:
-    """Keep where a run recorded as one of the rig's folders, once it has."""
+    """Keep where a run recorded as one of the sensor array's folders, once it has."""
     found = bpy.data.scenes.get(scene)
     if found is not None and recorded:
         setattr(found.mocap.rig, PARTS[part][2], recorded)

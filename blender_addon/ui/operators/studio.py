@@ -1,4 +1,4 @@
-"""Operators of the studio: a data set made, and what the user's own rig would reach."""
+"""Operators of the studio: a data set made, and what the user's own array would reach."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ class _Films(SolverOperator):
 
 
 class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
-    """Films a person with the rig, adds a detector's errors, solves, and compares with the truth."""
+    """Films a person with the array, adds a detector's errors, solves, and compares with the truth."""
 
     bl_idname = "mocap.benchmark"
     bl_label = "Benchmark"
@@ -50,21 +50,21 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         return self.film(context, path, folder, ["--benchmark", *methods, "--places"])
 
     def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
-        """Add a row a rig and show the first rig's map on the floor."""
+        """Add a row an array and show the first array's map on the floor."""
         from ...studio.benchmark_rows import rows_of
         from ...studio.place_file import read_places
 
         settings = context.scene.mocap.studio
         places = read_places(Path(result["places"]))
         first, faults = len(settings.rows), self._faults
-        for rig, reached in rows_of(result["rows"], [item.rig for item in places]):
+        for array, reached in rows_of(result["rows"], [item.array for item in places]):
             row = settings.rows.add()
-            row.rig, row.told, row.faults = rig, reached, faults
-            median = next(item.median_mm for item in places if item.rig == rig)
+            row.array, row.told, row.faults = array, reached, faults
+            median = next(item.median_mm for item in places if item.array == array)
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(result["places"])
         show_row(context, first)
-        self.report({"INFO"}, f"{settings.rows[first].rig}: {settings.rows[first].told}")
+        self.report({"INFO"}, f"{settings.rows[first].array}: {settings.rows[first].told}")
         return {"FINISHED"}
 
 
@@ -129,11 +129,11 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
 
 
 class MOCAP_OT_show_places(MocapOperator, bpy.types.Operator):
-    """Shows a rig's errors on the floor."""
+    """Shows an array's errors on the floor."""
 
     bl_idname = "mocap.show_places"
     bl_label = "Show on the Floor"
-    bl_description = "Show the rig's errors by place as coloured squares on the floor"
+    bl_description = "Show the array's errors by place as coloured squares on the floor"
 
     index: bpy.props.IntProperty(name="Row", description="Of the table", default=0, min=0)
 
@@ -162,7 +162,7 @@ class MOCAP_OT_open_benchmark(MocapOperator, bpy.types.Operator):
 
 
 class MOCAP_OT_clear_benchmarks(MocapOperator, bpy.types.Operator):
-    """Empties the table of rigs."""
+    """Empties the table of arrays."""
 
     bl_idname = "mocap.clear_benchmarks"
     bl_label = "Clear"
@@ -186,12 +186,12 @@ def show_row(context: bpy.types.Context, index: int) -> None:
     from ...studio.place_file import read_places, shared_limits
     from ...studio.place_map import show_places
 
-    rig = context.scene.mocap.studio.rows[index].rig
+    array = context.scene.mocap.studio.rows[index].array
     maps = read_places(_row(context, index)[1])
     limits = shared_limits(maps)
-    chosen = next((item for item in maps if item.rig == rig), None)
+    chosen = next((item for item in maps if item.array == array), None)
     if chosen is None:
-        raise FileMissing("The benchmark has no map of this rig.", where=rig, hint="Run the benchmark again.")
+        raise FileMissing("The benchmark has no map of this array.", where=array, hint="Run the benchmark again.")
     show_places(context.scene, chosen, limits)
     context.scene.mocap.studio.shown_mm = limits
 

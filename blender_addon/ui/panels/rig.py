@@ -1,4 +1,4 @@
-"""Rig: sensors, wand and Γ, coverage, points and body while they are seen, the take."""
+"""Sensor array: sensors, wand and Γ, coverage, points and body while they are seen, the take."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ class VIEW3D_PT_mocap_rig(AcquisitionPanel, bpy.types.Panel):
     """Infrared and depth sensors that see markers."""
 
     bl_idname = "VIEW3D_PT_mocap_rig"
-    bl_label = "Rig"
-    bl_order = 7
+    bl_label = "Sensor Array"
+    bl_order = 8
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -51,7 +51,7 @@ def _draw_sensors(layout: bpy.types.UILayout, rig: MocapRig) -> None:
 
 def _draw_calibration(layout: bpy.types.UILayout, context: bpy.types.Context, rig: MocapRig) -> None:
     box = layout.box()
-    box.prop(rig, "calibration", text="", icon="ORIENTATION_GIMBAL", placeholder="Rig Calibration")
+    box.prop(rig, "calibration", text="", icon="ORIENTATION_GIMBAL", placeholder="Calibration")
     for part, icon in (("WAND", "CURVE_PATH"), ("GAMMA", "EMPTY_AXIS")):
         column = box.column(align=True)
         column.operator(MOCAP_OT_rig_start.bl_idname, text=PARTS[part][0], icon=icon).part = part

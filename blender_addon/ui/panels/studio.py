@@ -20,11 +20,11 @@ _VERBS = ("studio",)
 
 
 class VIEW3D_PT_mocap_studio(AcquisitionPanel, bpy.types.Panel):
-    """The rig and its faults, and how the last run went."""
+    """The array and its faults, and how the last run went."""
 
     bl_idname = "VIEW3D_PT_mocap_studio"
     bl_label = "Studio"
-    bl_order = 7
+    bl_order = 9
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
 
     def draw(self, context: bpy.types.Context) -> None:
@@ -33,8 +33,8 @@ class VIEW3D_PT_mocap_studio(AcquisitionPanel, bpy.types.Panel):
         column = layout.column()
         column.enabled = not current.busy
         settings_layout(column, context)
-        draw_setting(column, context, settings, "rig")
-        if settings.rig == "RING":
+        draw_setting(column, context, settings, "array")
+        if settings.array == "RING":
             for name in ("count", "radius_m", "height_m"):
                 draw_setting(column, context, settings, name)
         draw_setting(column, context, settings, "faults")
@@ -47,14 +47,14 @@ class VIEW3D_PT_mocap_studio(AcquisitionPanel, bpy.types.Panel):
 
 
 class VIEW3D_PT_mocap_benchmark(AcquisitionPanel, bpy.types.Panel):
-    """What the rig would reach."""
+    """What the array would reach."""
 
     bl_idname = "VIEW3D_PT_mocap_benchmark"
     bl_parent_id = VIEW3D_PT_mocap_studio.bl_idname
     bl_label = "Benchmark"
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the button and the table of rigs."""
+        """Draw the button and the table of arrays."""
         layout, settings = self.layout, context.scene.mocap.studio
         column = layout.column(align=True)
         column.enabled = not current.busy
@@ -107,9 +107,9 @@ class VIEW3D_PT_mocap_data_set(AcquisitionPanel, bpy.types.Panel):
 def _draw_row(
     layout: bpy.types.UILayout, context: bpy.types.Context, index: int, item: bpy.types.PropertyGroup
 ) -> None:
-    """Draw what a rig reached."""
+    """Draw what an array reached."""
     row = layout.row(align=True)
-    row.label(text=item.rig, icon="CAMERA_DATA", translate=False)
+    row.label(text=item.array, icon="CAMERA_DATA", translate=False)
     row.operator(MOCAP_OT_show_places.bl_idname, text="", icon="MESH_GRID").index = index
     row.operator(MOCAP_OT_open_benchmark.bl_idname, text="", icon="URL").index = index
     faults = item.bl_rna.properties["faults"].enum_items[item.faults].name

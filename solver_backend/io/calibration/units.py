@@ -23,7 +23,7 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
 
     Args:
         entries: cameras in the file's unit.
-        unit: a key of ``METRES``, or None to infer it from the distances between the cameras: a rig wider than
+        unit: a key of ``METRES``, or None to infer it from the distances between the cameras: an array wider than
             ``WIDEST_ARRAY_M`` cannot be in metres and is read as millimetres.
 
     Raises:

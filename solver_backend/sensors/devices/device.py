@@ -1,4 +1,4 @@
-"""What every sensor of the rig gives, and how it is asked for it."""
+"""What every sensor of the array gives, and how it is asked for it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The lenses that OAKs have of themselves, with which a rig is recorded before it is calibrated."""
+"""The lenses that OAKs have of themselves, with which an array is recorded before it is calibrated."""
 
 from __future__ import annotations
 

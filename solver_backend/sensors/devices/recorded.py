@@ -1,4 +1,4 @@
-"""Sensors from disk: recordings that rig-record wrote, and shots of the studio."""
+"""Sensors from disk: recordings that sensors-record wrote, and shots of the studio."""
 
 from __future__ import annotations
 

@@ -94,7 +94,7 @@ def read_about(folder: Path) -> RecordingAbout:
     if not path.is_file():
         raise RecordingInvalid(
             f"The folder holds no {ABOUT}.", where=str(folder),
-            hint="Name a folder that rig-record wrote, or the folder of one shot of the studio.",
+            hint="Name a folder that sensors-record wrote, or the folder of one shot of the studio.",
         )  # fmt: skip
     values = read_json(path)
     try:

@@ -55,7 +55,7 @@ def open_folder(path: Path, calibration: Path | None = None) -> SensorFolder:
     raise RecordingInvalid(
         f"The folder is not a recording of sensors{f', but holds {len(shots)} shots' if shots else ''}.",
         where=str(path),
-        hint="Name a folder that rig-record wrote, or the folder of one shot of the studio.",
+        hint="Name a folder that sensors-record wrote, or the folder of one shot of the studio.",
     )  # fmt: skip
 
 

@@ -29,7 +29,7 @@ MOST_POINTS = 24
 FRAMES_PER_NEWS = 3.0
 """Frames with correlated errors: a sensor's noise on a marker that stands has some memory."""
 SHARED_SIGMA_M = 0.5e-3
-"""How far a marker is off in all frames together, of a well calibrated rig."""
+"""How far a marker is off in all frames together, of a well calibrated array."""
 _ROUNDS = 20
 """Rounds at most; chosen by hand."""
 

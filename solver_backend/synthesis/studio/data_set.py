@@ -62,7 +62,7 @@ def plan(spec: Spec) -> Plan:
     shots = list_shots(spec)
     total, pictures = 0.0, 0
     for shot in shots:
-        sizes = shot.rig.cameras.image_size
+        sizes = shot.array.cameras.image_size
         views = len(sizes)
         area = float((sizes[:, 0] * sizes[:, 1]).sum())
         pictures += views * spec.frames * (len(spec.film) + ("exr" in spec.write))
@@ -192,8 +192,8 @@ def digest(spec: Spec) -> str:
 
 
 def _one_of_each(shots: list[Shot]) -> list[Shot]:
-    """Return one shot of each motion, rig and look: who the person is hardly changes what is seen of them."""
-    return list({(s.motion.name, s.rig.name): s for s in reversed(shots)}.values())[::-1]
+    """Return one shot of each motion, array and look: who the person is hardly changes what is seen of them."""
+    return list({(s.motion.name, s.array.name): s for s in reversed(shots)}.values())[::-1]
 
 
 def _require_own(spec: Spec, out: Path) -> None:

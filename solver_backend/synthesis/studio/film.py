@@ -76,7 +76,7 @@ def _shoot(
         if "infrared" in kinds:
             keep("infrared", view, frame, infrared(seen.depth, seen.cosine, seen.label, light, model, rng))
         if "depth" in kinds:
-            sensor = TimeOfFlightModel(range_m=stage.shot.rig.range_m)
+            sensor = TimeOfFlightModel(range_m=stage.shot.array.range_m)
             keep("depth", view, frame, measure_depth(seen.depth, seen.cosine, light, seen.spheres, sensor, rng))
     if "masks" in kinds:
         keep("masks", view, frame, seen.label)

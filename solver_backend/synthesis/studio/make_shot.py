@@ -70,6 +70,8 @@ def make_shot(
         record = _write_shot(spec, stage, unfinished, on_frame)
         (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
         publish(unfinished, folder, f"{folder.name}/{DONE}")
+    if "rig" in record:  # its name until 0.1
+        record.setdefault("camera_array", record["rig"])
     return record
 
 
@@ -84,6 +86,8 @@ def read_shot(folder: Path) -> dict[str, Any]:
         raise FileDamaged(
             "The shot's record is not an object.", where=str(folder / DONE), hint="Remove the shot's folder."
         )
+    if "rig" in record:  # its name until 0.1
+        record.setdefault("camera_array", record["rig"])
     return record
 
 
@@ -136,7 +140,7 @@ def _record(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> dict[str,
         "name": stage.shot.name, "frames": stage.num_frames, "fps": spec.fps, "seed": spec.seed,
         "motion": stage.shot.motion.name, "motion_file": getattr(stage.shot.motion.path, "name", ""),
         "person": stage.shot.person, "betas": [round(float(b), 6) for b in motion.betas], "body": motion.body,
-        "rig": stage.shot.rig.name, "cameras": list(stage.cameras.names),
+        "camera_array": stage.shot.array.name, "cameras": list(stage.cameras.names),
         "size": stage.cameras.image_size.tolist(), "look": stage.shot.look.name, "clothes": stage.outfit[0],
         "hair": stage.outfit[1], "light": stage.light, "markers": len(stage.labels), "film": list(spec.film),
         "visible": round(float(visible.mean()), 4), "inside": round(float(truth.inside.mean()), 4),

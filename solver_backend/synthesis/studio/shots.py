@@ -1,4 +1,4 @@
-"""Shots: every combination of motion, person, rig and look, each seeded by its own name."""
+"""Shots: every combination of motion, person, array and look, each seeded by its own name."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ import numpy as np
 
 from solver_backend.body.body import Body, load_body
 from solver_backend.synthesis.simulation.strange_body import strange_body
+from solver_backend.synthesis.studio.camera_arrays import CameraRing
 from solver_backend.synthesis.studio.looks import StudioLook
 from solver_backend.synthesis.studio.motions import MotionSource, find_motions
-from solver_backend.synthesis.studio.rigs import CameraRing
 from solver_backend.synthesis.studio.spec import Spec
 from solver_backend.types import NUM_BETAS
 
@@ -23,13 +23,13 @@ _MOST_BETA = 2.5
 
 @dataclass(frozen=True)
 class Shot:
-    """One take of one person before one rig."""
+    """One take of one person before one array."""
 
     name: str
     """Unique in its data set, and a folder's name."""
     motion: MotionSource
     person: int
-    rig: CameraRing
+    array: CameraRing
     look: StudioLook
 
     def rng(self, spec: Spec, stream: str) -> np.random.Generator:
@@ -55,10 +55,10 @@ def list_shots(spec: Spec) -> tuple[Shot, ...]:
 def _shots(spec: Spec, motions: tuple[MotionSource, ...]) -> Iterator[Shot]:
     for motion in motions:
         for person in range(spec.people.count):
-            for rig in spec.rigs:
+            for array in spec.arrays:
                 for look in spec.looks:
-                    parts = (motion.name, f"person{person:03d}", rig.name, look.name)
-                    yield Shot("-".join(re.sub(r"[^\w.~+]", "_", part) for part in parts), motion, person, rig, look)
+                    parts = (motion.name, f"person{person:03d}", array.name, look.name)
+                    yield Shot("-".join(re.sub(r"[^\w.~+]", "_", part) for part in parts), motion, person, array, look)
 
 
 def cast(spec: Spec, person: int) -> tuple[Body, np.ndarray]:

@@ -1,8 +1,9 @@
-"""The description of a data set: motions x people x rigs x looks, what is filmed and what is written."""
+"""The description of a data set: motions x people x arrays x looks, what is filmed and what is written."""
 
 from __future__ import annotations
 
 import json
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,12 +12,12 @@ from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.faults import Faults
+from solver_backend.synthesis.studio.camera_arrays import CameraRing, build_camera_array
 from solver_backend.synthesis.studio.checked_values import CheckedValues
 from solver_backend.synthesis.studio.errors import StudioInvalid
 from solver_backend.synthesis.studio.looks import StudioLook, read_look
 from solver_backend.synthesis.studio.motions import CHOREOGRAPHY
 from solver_backend.synthesis.studio.perturbation import PRESETS, read_faults
-from solver_backend.synthesis.studio.rigs import CameraRing, build_rig
 from solver_backend.types import JointSet
 
 VERSION = 1
@@ -25,8 +26,8 @@ KINDS = ("infrared", "depth", "masks", "normals", "rgb")
 FORMATS = ("pose2sim", "coco", *MARKER_FORMATS, "video", "exr")
 """What can be written beside our own capture."""
 _KEYS = (
-    "version", "name", "seed", "fps", "frames", "motions", "people", "rigs", "looks", "film", "write", "markers",
-    "joint_set", "perturb", "rgb", "hands",
+    "version", "name", "seed", "fps", "frames", "motions", "people", "camera_arrays", "looks", "film", "write",
+    "markers", "joint_set", "perturb", "rgb", "hands",
 )  # fmt: skip
 ENGINES = ("workbench", "cycles", "eevee")
 
@@ -73,7 +74,7 @@ class Spec:
     motions: tuple[str, ...]
     """Files, folders, or the choreography that ships."""
     people: People
-    rigs: tuple[CameraRing, ...]
+    arrays: tuple[CameraRing, ...]
     looks: tuple[StudioLook, ...]
     film: tuple[str, ...]
     """Some of ``KINDS``."""
@@ -110,25 +111,27 @@ def spec_of(values: Any, folder: Path = Path()) -> Spec:
 
     Raises:
         StudioInvalid: a key or preset is unknown, a type is wrong, or a value is impossible.
-        MocapError: the capture of a rig cannot be read.
+        MocapError: the capture of an array cannot be read.
     """
+    if isinstance(values, Mapping) and "rigs" in values and "camera_arrays" not in values:  # its name until 0.1
+        values = {"camera_arrays": values["rigs"], **{key: value for key, value in values.items() if key != "rigs"}}
     top = CheckedValues(values, "description", _KEYS)
     if top.whole("version", VERSION, 0, 10**6) != VERSION:
         raise StudioInvalid(f"The description is of version {top.raw('version')}; {VERSION} is read.", where="version")
     layouts = sorted(load_layouts().layouts)
     markers = top.raw("markers", "MANIFOLD_53")
     markers = "" if markers is None else top.choice("markers", "MANIFOLD_53", layouts)
-    rigs = tuple(build_rig(item, folder) for item in _several(top, "rigs", ["azure_kinect_3"]))
+    arrays = tuple(build_camera_array(item, folder) for item in _several(top, "camera_arrays", ["azure_kinect_3"]))
     looks = tuple(read_look(item) for item in _several(top, "looks", ["suit"]))
     motions = top.raw("motions", [CHOREOGRAPHY])
     if not isinstance(motions, list) or not motions or not all(isinstance(m, str) and m for m in motions):
         raise StudioInvalid("motions must be a list of files, folders or 'choreography'.", where="description: motions")
-    for what, names in (("rigs", [r.name for r in rigs]), ("looks", [k.name for k in looks])):
+    for what, names in (("camera_arrays", [r.name for r in arrays]), ("looks", [k.name for k in looks])):
         if len(set(names)) < len(names):
             raise StudioInvalid(f"Two {what} have the same name: {', '.join(names)}.", where=f"description: {what}")
     spec = Spec(
         name=top.text("name", "studio"), seed=top.whole("seed", 0, 0, 2**31), fps=top.number("fps", 30.0, 1.0, 1000.0),
-        frames=top.whole("frames", 60, 1, 100_000), motions=tuple(motions), people=_people(top), rigs=rigs,
+        frames=top.whole("frames", 60, 1, 100_000), motions=tuple(motions), people=_people(top), arrays=arrays,
         looks=looks, film=top.choices("film", ("infrared", "depth", "masks"), KINDS),
         write=top.choices("write", (), FORMATS), markers=markers,
         joint_set=JointSet(top.choice("joint_set", "BODY_25", [s.value for s in JointSet])),
@@ -149,7 +152,7 @@ def _require_sense(spec: Spec) -> Spec:
         raise StudioInvalid("Videos are made of colour pictures.", where="description: film", hint="Add 'rgb'.")
     if spec.hands and spec.people.strange:
         raise StudioInvalid("People of unusual proportions have no finger joints.", where="description: hands")
-    alone = [rig.name for rig in spec.rigs if len(rig.cameras) < 2]
+    alone = [array.name for array in spec.arrays if len(array.cameras) < 2]
     if "pose2sim" in spec.write and alone:
         raise StudioInvalid(
             f"A trial of Pose2Sim has two cameras at least, {', '.join(alone)} has one.", where="description: write",

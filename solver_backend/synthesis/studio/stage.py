@@ -71,11 +71,11 @@ def set_up(spec: Spec, shot: Shot) -> Stage:
     person = shot.motion.play(body, betas, spec.fps, spec.frames)
     joints = person.landmarks(JointSet.SMPL_24).points
     middle = 0.5 * (joints[:, 0].min(axis=0) + joints[:, 0].max(axis=0))
-    if shot.rig.stand is not None:
-        move = np.array([*(shot.rig.stand - middle[:2]), 0.0])
+    if shot.array.stand is not None:
+        move = np.array([*(shot.array.stand - middle[:2]), 0.0])
         person, joints, middle = replace(person, transl=person.transl + move), joints + move, middle + move
     pelvis = joints[:, 0]
-    cameras = shot.rig.around(middle)
+    cameras = shot.array.around(middle)
     rng = shot.rng(spec, "scene")
     clothes, hair = draw_outfit(shot.look.clothes, shot.look.hair, rng)
     costume = dress(body, clothes, hair, rng)
@@ -116,12 +116,12 @@ def require_sight(stage: Stage) -> None:
             raise CameraInsideBody(
                 f"The camera stands {100 * off:.0f} cm from the person's skin or inside it.",
                 where=f"shot {stage.shot.name}, camera {stage.cameras.names[view]}",
-                hint="Move the rig away from the person's path, or choose another motion.",
+                hint="Move the array away from the person's path, or choose another motion.",
             )
     if not seen.any():
         raise NobodySeen(
             "No camera sees the person in any frame.", where=f"shot {stage.shot.name}",
-            hint="Aim the rig at where the person moves; rings and corners do so by themselves.",
+            hint="Aim the array at where the person moves; rings and corners do so by themselves.",
         )  # fmt: skip
 
 

@@ -47,11 +47,11 @@ class HandTake:
 
 def draw_take(seed: int, frames: int, fps: float, radius_m: float, faults: HandFaults | None = None) -> HandTake:
     """Return one drawn person of the studio, who does its choreography, in four views that err as detectors do."""
-    rig = {
+    array = {
         "layout": "ring", "count": 4, "size": [1920, 1080], "radius_m": radius_m,
         "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0],
     }  # fmt: skip
-    values = {"seed": seed, "frames": frames, "fps": fps, "rigs": [rig], "perturb": "detector"}
+    values = {"seed": seed, "frames": frames, "fps": fps, "camera_arrays": [array], "perturb": "detector"}
     spec = spec_of(values)
     stage = set_up(spec, list_shots(spec)[0])
     truth = find_truth(stage, fps)

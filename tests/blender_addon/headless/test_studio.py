@@ -12,7 +12,7 @@ from blender_addon.headless.main import main
 from blender_addon.studio import engines
 
 SPEC: dict[str, Any] = {
-    "film": ["rgb", "masks"], "rigs": [{"preset": "webcam_ring_4", "scale": 0.2}], "frames": 2, "fps": 4,
+    "film": ["rgb", "masks"], "camera_arrays": [{"preset": "webcam_ring_4", "scale": 0.2}], "frames": 2, "fps": 4,
     "looks": ["everyday"], "write": ["video"],
 }  # fmt: skip
 
@@ -53,7 +53,7 @@ def test_an_engine_that_this_blender_lacks_is_named_before_anything_is_made(
 
 @pytest.mark.parametrize(
     ("change", "code", "name"),
-    [({"rigs": ["nobody_has_it"]}, 2, "studio_invalid"), ({"motions": ["gone.bvh"]}, 3, "file_missing")],
+    [({"camera_arrays": ["nobody_has_it"]}, 2, "studio_invalid"), ({"motions": ["gone.bvh"]}, 3, "file_missing")],
 )
 def test_errors_come_before_anything_is_made(
     tmp_path: Path, capfd: pytest.CaptureFixture[str], change: dict[str, Any], code: int, name: str

@@ -31,7 +31,7 @@ def cameras_of(folder: Path) -> Cameras:
 
 @pytest.mark.slow
 def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_path: Path) -> None:
-    folder = colour_shot(tmp_path, rigs=[PAIR], seed=4)
+    folder = colour_shot(tmp_path, camera_arrays=[PAIR], seed=4)
     capture = read_capture(folder / "clean.npz")
     points = np.asarray(capture.truth["keypoints3d"])
     assert film_in_colour(folder, stand_in=dots(points)) == 2
@@ -53,7 +53,7 @@ def test_keypoints_drawn_as_dots_are_found_within_three_tenths_of_a_pixel(tmp_pa
 @pytest.mark.slow
 def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> None:
     turns = [(0.1, -0.2)]
-    folder = colour_shot(tmp_path, frames=len(turns), rigs=[PAIR])
+    folder = colour_shot(tmp_path, frames=len(turns), camera_arrays=[PAIR])
     cameras = cameras_of(folder)
     # The board stands where both cameras look, and faces a place between them.
     middle = triangulated(cameras, [0, 1], cameras.K[:, :2, 2])

@@ -12,14 +12,14 @@ from blender_addon.studio.colour_film import film_in_colour
 from solver_backend.io.png import read_png
 from tests.support.studio_shots import QUIET, colour_shot
 
-RIG = {"layout": "ring", "count": 1, "size": [192, 144], "radius_m": 2.6, "turn_deg": 60}
+ARRAY = {"layout": "ring", "count": 1, "size": [192, 144], "radius_m": 2.6, "turn_deg": 60}
 
 
 def picture(folder: Path, light: str = "day", people: dict[str, Any] | None = None, **rgb: float) -> np.ndarray:
     """Return a picture of somebody who moves, (h, w, 3) floats."""
     look = {"clothes": "tee_shorts", "hair": "short", "light": light}
     shot = colour_shot(
-        folder, rigs=[RIG], frames=2, fps=2, seed=3, looks=[look], people=people or {}, rgb={**QUIET, **rgb}
+        folder, camera_arrays=[ARRAY], frames=2, fps=2, seed=3, looks=[look], people=people or {}, rgb={**QUIET, **rgb}
     )
     film_in_colour(shot)
     return read_png(shot / "rgb" / "cam01" / "000001.png").astype(float)

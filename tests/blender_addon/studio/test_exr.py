@@ -34,9 +34,12 @@ def test_blender_reads_what_was_written(scene: bpy.types.Scene, tmp_path: Path) 
 
 
 def test_depth_and_normals_of_a_shot_are_floats_of_the_same_scene(scene: bpy.types.Scene, tmp_path: Path) -> None:
-    rig = {"preset": "azure_kinect_3", "scale": 0.2}
+    array = {"preset": "azure_kinect_3", "scale": 0.2}
     make_data_set(
-        spec_of({"rigs": [rig], "frames": 2, "film": ["normals", "masks"], "write": ["exr"], "markers": None}), tmp_path
+        spec_of(
+            {"camera_arrays": [array], "frames": 2, "film": ["normals", "masks"], "write": ["exr"], "markers": None}
+        ),
+        tmp_path,
     )
     shot = next((tmp_path / SHOTS).iterdir())
     files = sorted((shot / "exr").rglob("*.exr"))

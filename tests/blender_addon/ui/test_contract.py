@@ -60,7 +60,7 @@ def test_operators_that_change_the_scene_can_be_undone(registered):
 
 def test_panels_stand_in_the_order_of_the_work_and_acquisition_in_a_tab_of_its_own(registered):
     panels = classes_of(bpy.types.Panel)
-    acquisition = {"Run", "Live", "Rig", "Studio", "Benchmark", "Data Set"}
+    acquisition = {"Run", "Live", "Sensor Array", "Studio", "Benchmark", "Data Set"}
     assert {panel.bl_label for panel in panels if panel.bl_category == "Acquire"} == acquisition
     assert {panel.bl_category for panel in panels} == {"MoCap", "Acquire"}
     stages = {panel.stage for panel in panels if panel.bl_category == "MoCap" and hasattr(panel, "stage")}
@@ -77,7 +77,7 @@ def test_panels_stand_in_the_order_of_the_work_and_acquisition_in_a_tab_of_its_o
         "Export",
         "Retarget",
         "Live",
-        "Rig",
+        "Sensor Array",
         "Studio",
     ]
     parents = {panel.bl_idname for panel in top}

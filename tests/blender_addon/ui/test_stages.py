@@ -118,7 +118,9 @@ def test_acquisition_is_a_tab_that_is_asked_for(mocap, monkeypatch) -> None:
     monkeypatch.setattr(preferences, "_preferences", lambda context: cast(Any, wanted))
     assert not [cls for cls in shown_panels() if cls.bl_category == "Acquire"]
     wanted.acquisition = True
-    assert {"Live", "Rig", "Studio"} <= {cls.bl_label for cls in shown_panels() if cls.bl_category == "Acquire"}
+    assert {"Live", "Sensor Array", "Studio"} <= {
+        cls.bl_label for cls in shown_panels() if cls.bl_category == "Acquire"
+    }
 
 
 def test_a_warning_has_a_button_where_its_remedy_is_one(mocap, solved, scene, monkeypatch) -> None:

@@ -1,4 +1,4 @@
-"""The Studio panel: the user's rig benchmarked, shown on the floor, and a data set checked, made and resumed."""
+"""The Studio panel: the user's array benchmarked, shown on the floor, and a data set checked, made and resumed."""
 
 from __future__ import annotations
 
@@ -16,20 +16,20 @@ from blender_addon._exchange.errors import FileDamaged, FileMissing
 from blender_addon.scene.cameras import create_camera
 from blender_addon.studio.place_file import read_places, shared_limits
 from blender_addon.studio.place_map import MAP
-from blender_addon.studio.scene_rig import rig_of_scene
+from blender_addon.studio.scene_array import array_of_scene
 from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from blender_addon.ui.panels import studio as panels
 from blender_addon.ui.studio_description import benchmark_description, data_set_description
-from blender_addon.ui.studio_properties import FAULTS, PRESET_RIGS
+from blender_addon.ui.studio_properties import FAULTS, PRESET_ARRAYS
+from solver_backend.synthesis.studio.camera_arrays import CameraRing, build_camera_array, camera_array_presets
 from solver_backend.synthesis.studio.perturbation import PRESETS
-from solver_backend.synthesis.studio.rigs import CameraRing, build_rig, rig_presets
 from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, spec_of
 from tests.support.panel_layout import Layout
 
 
-def film_with(rig: CameraRing) -> None:
-    """Stand a rig's cameras into the scene, as pinholes."""
-    c = rig.cameras
+def film_with(array: CameraRing) -> None:
+    """Stand an array's cameras into the scene, as pinholes."""
+    c = array.cameras
     for i, name in enumerate(c.names):
         size = int(c.image_size[i, 0]), int(c.image_size[i, 1])
         source = CameraFile(name, c.K[i], c.R[i], c.t[i], size, np.zeros(8), "opencv", None)
@@ -39,11 +39,11 @@ def film_with(rig: CameraRing) -> None:
 
 @pytest.fixture
 def ring() -> CameraRing:
-    return build_rig({"count": 4, "radius_m": 2.5, "height_m": 1.5, "size": [320, 240]})
+    return build_camera_array({"count": 4, "radius_m": 2.5, "height_m": 1.5, "size": [320, 240]})
 
 
 def test_the_panel_offers_what_the_backend_knows(mocap) -> None:
-    assert {item[0] for item in PRESET_RIGS} == set(rig_presets())
+    assert {item[0] for item in PRESET_ARRAYS} == set(camera_array_presets())
     assert {item[0] for item in FAULTS} == set(PRESETS)
     items = {name: mocap.studio.bl_rna.properties[name].enum_items.keys() for name in ("film", "write", "engine")}
     assert set(items["film"]) == set(KINDS) and set(items["write"]) == set(FORMATS)
@@ -57,7 +57,7 @@ def test_the_panel_offers_what_the_backend_knows(mocap) -> None:
 def test_the_scenes_cameras_are_filmed_with_as_they_stand(mocap, ring, fit) -> None:
     film_with(ring)
     scene, graph = bpy.context.scene, bpy.context.evaluated_depsgraph_get()
-    found = build_rig(rig_of_scene(scene, graph)).cameras
+    found = build_camera_array(array_of_scene(scene, graph)).cameras
     for name in ("K", "R", "t", "image_size"):
         assert np.abs(getattr(found, name) - getattr(ring.cameras, name)).max() < 2e-4, name
     data = bpy.data.cameras.new("own")
@@ -70,7 +70,7 @@ def test_the_scenes_cameras_are_filmed_with_as_they_stand(mocap, ring, fit) -> N
     for obj in (own, holder):
         scene.collection.objects.link(obj)
     bpy.context.view_layer.update()
-    camera = rig_of_scene(scene, bpy.context.evaluated_depsgraph_get())["cameras"][-1]
+    camera = array_of_scene(scene, bpy.context.evaluated_depsgraph_get())["cameras"][-1]
     from bpy_extras.object_utils import world_to_camera_view
     from mathutils import Vector
 
@@ -82,14 +82,14 @@ def test_the_scenes_cameras_are_filmed_with_as_they_stand(mocap, ring, fit) -> N
 
 
 def test_cameras_that_cannot_film_are_named(mocap, ring) -> None:
-    mocap.studio.rig = "SCENE"
+    mocap.studio.array = "SCENE"
     with pytest.raises(RuntimeError, match="no cameras to film with"):
         bpy.ops.mocap.benchmark()
     film_with(ring)
     next(obj for obj in bpy.data.objects if obj.name == "cam02").data.type = "ORTHO"
     with pytest.raises(RuntimeError, match=r"cam02.*perspective"):
         bpy.ops.mocap.benchmark()
-    mocap.studio.rig, mocap.studio.faults = "RING", "depth_markers"
+    mocap.studio.array, mocap.studio.faults = "RING", "depth_markers"
     with pytest.raises(RuntimeError, match="those of markers"):
         bpy.ops.mocap.benchmark()
 
@@ -101,11 +101,11 @@ def test_a_button_says_what_the_users_cameras_would_reach(mocap, ring, monkeypat
     studio = mocap.studio
     studio.fewer, studio.methods = True, {"triangulation", "frame"}
     assert bpy.ops.mocap.benchmark() == {"FINISHED"}
-    assert [row.rig for row in studio.rows] == ["my rig", "my rig less 1"]
+    assert [row.array for row in studio.rows] == ["my cameras", "my cameras less 1"]
     more, less = studio.rows
     assert "triangulation" in more.told and 2 < more.median_mm < less.median_mm
     shown = [obj for obj in bpy.data.objects if MAP in obj]
-    assert len(shown) == 1 and shown[0][MAP] == "my rig"
+    assert len(shown) == 1 and shown[0][MAP] == "my cameras"
     mesh, maps = shown[0].data, read_places(Path(more.places))
     assert len(mesh.polygons) == maps[0].error_mm.size == 81
     colours = np.array([p.material_index for p in mesh.polygons])
@@ -117,9 +117,9 @@ def test_a_button_says_what_the_users_cameras_would_reach(mocap, ring, monkeypat
     assert abs(centre.x - maps[0].x_m[int(np.nanargmin(error)) % 9]) < 1e-5
     assert tuple(studio.shown_mm) == pytest.approx(shared_limits(maps))
     assert bpy.ops.mocap.show_places(index=1) == {"FINISHED"}
-    assert [obj[MAP] for obj in bpy.data.objects if MAP in obj] == ["my rig less 1"]
+    assert [obj[MAP] for obj in bpy.data.objects if MAP in obj] == ["my cameras less 1"]
     page = Path(more.page)
-    assert "my rig less 1" in page.read_text("utf-8") and "Worst frames" in page.read_text("utf-8")
+    assert "my cameras less 1" in page.read_text("utf-8") and "Worst frames" in page.read_text("utf-8")
     layout = Layout()
     panels.VIEW3D_PT_mocap_benchmark.draw(SimpleNamespace(layout=layout), panel_context())
     assert f"label:{more.told}" in layout.drawn or any("triangulation" in line for line in layout.drawn)
@@ -141,21 +141,24 @@ def test_a_benchmark_is_of_the_captures_own_lenses_where_there_is_a_capture(moca
 
     take_capture(bpy.context.scene, solved.read)
     described = benchmark_description(bpy.context)
-    assert described["rigs"][0]["layout"] == "capture" and Path(described["rigs"][0]["capture"]).is_file()
-    rig = spec_of(described).rigs[0]
-    assert rig.cameras.image_size.max() == 400 and rig.stand is not None and len(rig.cameras) == 4
+    assert (
+        described["camera_arrays"][0]["layout"] == "capture"
+        and Path(described["camera_arrays"][0]["capture"]).is_file()
+    )
+    array = spec_of(described).arrays[0]
+    assert array.cameras.image_size.max() == 400 and array.stand is not None and len(array.cameras) == 4
     mocap.studio.motion = "TAKE"
     with pytest.raises(FileMissing, match="no solved take"):
         data_set_description(bpy.context)
-    mocap.studio.rig, mocap.studio.motion = "vicon_12", "CHOREOGRAPHY"
+    mocap.studio.array, mocap.studio.motion = "vicon_12", "CHOREOGRAPHY"
     mocap.studio.against = {"vicon_12", "oak_d_4"}
-    assert [rig.name for rig in spec_of(benchmark_description(bpy.context)).rigs] == ["vicon_12", "oak_d_4"]
+    assert [array.name for array in spec_of(benchmark_description(bpy.context)).arrays] == ["vicon_12", "oak_d_4"]
 
 
 @pytest.mark.slow
 def test_a_data_set_is_checked_made_and_gone_on_with(mocap, tmp_path) -> None:
     studio = mocap.studio
-    studio.rig, studio.scale, studio.frames, studio.people = "azure_kinect_3", 0.15, 3, 2
+    studio.array, studio.scale, studio.frames, studio.people = "azure_kinect_3", 0.15, 3, 2
     studio.film = {"masks"}
     assert not bpy.ops.mocap.make_data_set.poll()
     assert bpy.ops.mocap.check_data_set() == {"FINISHED"}
@@ -185,7 +188,7 @@ def test_a_cancelled_run_says_that_it_goes_on(mocap, monkeypatch) -> None:
     layout = Layout()
     panels.VIEW3D_PT_mocap_studio.draw(SimpleNamespace(layout=layout), panel_context())
     assert any("goes on where it was" in line for line in layout.drawn)
-    mocap.studio.rig = "RING"
+    mocap.studio.array = "RING"
     panels.VIEW3D_PT_mocap_studio.draw(SimpleNamespace(layout=layout), panel_context())
     assert "prop:MocapStudio.count" in layout.drawn
     mocap.studio.film = {"rgb"}
@@ -198,10 +201,10 @@ def test_a_map_of_another_kind_is_refused(tmp_path) -> None:
     path = tmp_path / "places.json"
     with pytest.raises(FileMissing):
         read_places(path)
-    path.write_text(json.dumps({"format": "manifold_mocap_places", "version": 1, "places": [{"rig": "a"}]}))
+    path.write_text(json.dumps({"format": "manifold_mocap_places", "version": 1, "places": [{"camera_array": "a"}]}))
     with pytest.raises(FileDamaged):
         read_places(path)
-    item = {"rig": "a", "x_m": [0, 1], "y_m": [0, 1], "error_mm": [[1, None]]}
+    item = {"camera_array": "a", "x_m": [0, 1], "y_m": [0, 1], "error_mm": [[1, None]]}
     path.write_text(json.dumps({"format": "manifold_mocap_places", "version": 1, "places": [item]}))
     with pytest.raises(FileDamaged, match="rows"):
         read_places(path)

@@ -20,10 +20,16 @@ from tests.support.blob_reading import lift, sightings, triangulated
 
 @cache
 def filmed(
-    rig: str, frames: int, furniture: int = 0
+    array: str, frames: int, furniture: int = 0
 ) -> tuple[Spec, Stage, dict[tuple[str, int, int], np.ndarray], np.ndarray]:
     spec = spec_of(
-        {"rigs": [rig], "frames": frames, "fps": 4, "looks": [{"preset": "suit", "furniture": furniture}], "seed": 3}
+        {
+            "camera_arrays": [array],
+            "frames": frames,
+            "fps": 4,
+            "looks": [{"preset": "suit", "furniture": furniture}],
+            "seed": 3,
+        }
     )
     stage = set_up(spec, list_shots(spec)[0])
     pictures: dict[tuple[str, int, int], np.ndarray] = {}

@@ -22,16 +22,17 @@ from solver_backend.io.png import read_png
 from solver_backend.synthesis.studio.benchmark.page import page_html, table
 from solver_backend.synthesis.studio.benchmark.place_errors import place_errors
 from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare
+from solver_backend.synthesis.studio.camera_arrays import build_camera_array
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set, plan, read_data_set
 from solver_backend.synthesis.studio.perturbation import read_faults
-from solver_backend.synthesis.studio.rigs import build_rig
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.writers.contact_sheet import card_text
 from solver_backend.types import Motion
 
-RIG = {"preset": "azure_kinect_3", "scale": 0.3}
+ARRAY = {"preset": "azure_kinect_3", "scale": 0.3}
 SMALL: dict[str, Any] = {
-    "rigs": [RIG], "frames": 5, "fps": 10, "film": ["infrared", "depth", "masks", "normals"], "people": {"count": 2},
+    "camera_arrays": [ARRAY], "frames": 5, "fps": 10, "film": ["infrared", "depth", "masks", "normals"],
+    "people": {"count": 2},
     "write": ["pose2sim", "coco", "c3d", "trc"], "perturb": "detector", "seed": 9,
 }  # fmt: skip
 
@@ -155,8 +156,8 @@ def test_the_benchmark_solves_with_given_settings_and_compares_rigs_by_their_fau
     assert main(["studio-benchmark", str(made), "--settings", str(given), "--json"]) == 2
     assert "smoothing" in json.loads(capsys.readouterr().out.splitlines()[-1])["hint"]
     spec, page = tmp_path / "rigs.json", tmp_path / "rigs.html"
-    spec.write_text(json.dumps({"rigs": ["oak_d_4"]}))
-    asked = ["studio-rigs", str(spec), "--out", str(page), "--faults", "jitter", "detector", "--json"]
+    spec.write_text(json.dumps({"camera_arrays": ["oak_d_4"]}))
+    asked = ["studio-cameras", str(spec), "--out", str(page), "--faults", "jitter", "detector", "--json"]
     assert main(asked) == 0
     medians = json.loads(capsys.readouterr().out.splitlines()[-1])["median_mm"]
     assert list(medians) == ["oak_d_4, jitter", "oak_d_4, detector"]
@@ -185,10 +186,10 @@ def test_the_card_counts_views_and_poses(made: Path) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("rig", [{"preset": "azure_kinect_3"}, {"count": 2, "size": [160, 120]}])
-def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Path, rig: dict[str, Any]) -> None:
+@pytest.mark.parametrize("array", [{"preset": "azure_kinect_3"}, {"count": 2, "size": [160, 120]}])
+def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Path, array: dict[str, Any]) -> None:
     kinds = ["infrared", "depth", "masks", "normals"]
-    spec = spec_of({"rigs": [rig], "frames": 4, "fps": 2, "film": kinds, "write": ["pose2sim", "coco"]})
+    spec = spec_of({"camera_arrays": [array], "frames": 4, "fps": 2, "film": kinds, "write": ["pose2sim", "coco"]})
     needed = plan(spec).bytes
     make_data_set(spec, tmp_path)
     taken = sum(path.stat().st_size for path in (tmp_path / SHOTS).rglob("*") if path.is_file())
@@ -197,7 +198,7 @@ def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Pat
 
 def test_the_error_by_place_grows_with_the_noise_and_falls_with_the_cameras() -> None:
     ring = {"count": 6, "radius_m": 3.0, "size": [640, 480]}
-    few, many = build_rig({**ring, "count": 2, "turn_deg": 0}), build_rig(ring)
+    few, many = build_camera_array({**ring, "count": 2, "turn_deg": 0}), build_camera_array(ring)
     small = {"half_m": 0.5, "step_m": 0.5}
     quiet = place_errors(many, read_faults({"jitter_mm": 3}), **small)
     loud = place_errors(many, read_faults({"jitter_mm": 12}), **small)
@@ -211,12 +212,12 @@ def test_the_command_line_makes_a_data_set_and_names_its_errors(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     spec = tmp_path / "spec.json"
-    spec.write_text(json.dumps({"film": ["masks"], "frames": 2, "rigs": [RIG]}))
+    spec.write_text(json.dumps({"film": ["masks"], "frames": 2, "camera_arrays": [ARRAY]}))
     assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) == 0
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["event"] == "result" and said["frames"] == 2 and said["needed_mb"] > 0
     assert (tmp_path / "set" / "card.md").is_file() and (tmp_path / "set" / "contact_sheet.png").is_file()
-    spec.write_text(json.dumps({"rigs": ["nobody_has_it"]}))
+    spec.write_text(json.dumps({"camera_arrays": ["nobody_has_it"]}))
     assert main(["studio", str(spec), "--out", str(tmp_path / "other"), "--json"]) == 2
     said = json.loads(capsys.readouterr().out.splitlines()[-1])
     assert said["code"] == "studio_invalid" and "azure_kinect_3" in said["hint"]

@@ -23,7 +23,8 @@ from solver_backend.synthesis.studio.stage import set_up
 from tests.support.open_hand import open_hand
 
 SPEC = {
-    "rigs": [{"preset": "azure_kinect_3", "scale": 0.15}], "frames": 5, "fps": 10, "film": ["masks"], "seed": 3,
+    "camera_arrays": [{"preset": "azure_kinect_3", "scale": 0.15}], "frames": 5, "fps": 10, "film": ["masks"],
+    "seed": 3,
     "markers": None, "perturb": "detector", "hands": True,
 }  # fmt: skip
 

@@ -35,7 +35,7 @@ def test_angles_fall_into_their_sectors() -> None:
 
 
 def test_every_frame_and_view_is_counted_once() -> None:
-    spec = spec_of({"frames": 20, "fps": 4, "rigs": [{"count": 5}]})
+    spec = spec_of({"frames": 20, "fps": 4, "camera_arrays": [{"count": 5}]})
     stage = set_up(spec, list_shots(spec)[0])
     assert sum(views_of(stage)) == 5 * stage.num_frames
     for name, counts in poses_of(stage.joints).items():

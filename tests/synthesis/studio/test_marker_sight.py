@@ -14,7 +14,7 @@ from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import set_up
 
-RIG = {"preset": "azure_kinect_3", "count": 4}
+ARRAY = {"preset": "azure_kinect_3", "count": 4}
 
 
 def refuse(kind: str, view: int, frame: int, picture: np.ndarray) -> None:
@@ -25,7 +25,14 @@ def refuse(kind: str, view: int, frame: int, picture: np.ndarray) -> None:
 def test_sight_lines_see_what_the_picture_shows() -> None:
     look = {"preset": "suit", "furniture": 3}
     spec = spec_of(
-        {"rigs": [RIG], "frames": 10, "fps": 2, "looks": [look], "film": ["rgb"], "people": {"count": 2, "sigma": 1.5}}
+        {
+            "camera_arrays": [ARRAY],
+            "frames": 10,
+            "fps": 2,
+            "looks": [look],
+            "film": ["rgb"],
+            "people": {"count": 2, "sigma": 1.5},
+        }
     )
     for shot in list_shots(spec):
         stage = set_up(spec, shot)
@@ -36,7 +43,7 @@ def test_sight_lines_see_what_the_picture_shows() -> None:
 
 
 def test_a_marker_that_too_few_cameras_see_is_lost(tmp_path: Path) -> None:
-    given = {"rigs": [RIG], "frames": 6, "fps": 2, "film": [], "perturb": {"marker_views": 2}}
+    given = {"camera_arrays": [ARRAY], "frames": 6, "fps": 2, "film": [], "perturb": {"marker_views": 2}}
     make_data_set(spec_of(given), tmp_path)
     shot = next(path for path in (tmp_path / SHOTS).iterdir() if not path.name.startswith("."))
     clean, perturbed = (read_capture(shot / f"{name}.npz") for name in ("clean", "perturbed"))

@@ -56,7 +56,9 @@ def test_half_the_rate_takes_every_other_frame(tmp_path: Path) -> None:
 
 def test_recorded_bvh_files_of_three_families_are_filmed_and_stand_on_the_floor(shared_data: Path) -> None:
     folder = shared_data / "bvh_samples"
-    spec = spec_of({"motions": ["bvh_samples"], "frames": 30, "fps": 10, "rigs": [{"count": 4}]}, folder.parent)
+    spec = spec_of(
+        {"motions": ["bvh_samples"], "frames": 30, "fps": 10, "camera_arrays": [{"count": 4}]}, folder.parent
+    )
     shots = list_shots(spec)
     assert len(shots) == len(list(folder.glob("*.bvh"))) >= 3
     for shot in shots:

@@ -8,8 +8,8 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.studio.camera_arrays import build_camera_array
 from solver_backend.synthesis.studio.perturb import clean_capture, perturbed_capture
-from solver_backend.synthesis.studio.rigs import build_rig
 from solver_backend.synthesis.studio.scene.costume import CornerSums, dress
 from solver_backend.synthesis.studio.scene.room import pixel_rays, unit_box
 from solver_backend.synthesis.studio.scene.z_buffer import in_camera, rasterise
@@ -21,7 +21,7 @@ from solver_backend.types import SMPL_JOINTS, JointSet
 
 
 def test_depth_of_a_box_through_a_bent_lens_is_where_its_rays_meet_it() -> None:
-    cameras = build_rig({"preset": "azure_kinect_3", "scale": 0.4}).cameras
+    cameras = build_camera_array({"preset": "azure_kinect_3", "scale": 0.4}).cameras
     corner, faces = unit_box(10)
     vertices = corner * [0.3, 0.2, 0.4] + [0.1, -0.2, 0.9]
     width, height = cameras.image_size[0].tolist()
@@ -68,7 +68,7 @@ def test_no_skin_pierces_garments_in_extreme_poses(clothes: str) -> None:
     upright = np.tile(exp_so3(np.array([np.pi / 2, 0, 0])), (len(EXTREME), 1, 1))
     skin = pose_mesh(body, np.zeros(10), upright, exp_so3(local), np.tile([0.0, 0.0, 1.0], (len(EXTREME), 1)))
     surface = costume.posed(skin, CornerSums(body.faces, len(body.v_template)))
-    cameras = build_rig({"count": 4, "size": [320, 320], "fov_deg": 50}).cameras
+    cameras = build_camera_array({"count": 4, "size": [320, 320], "fov_deg": 50}).cameras
     # A triangle of skin over which a garment's lies shows through it where it is seen.
     bare = costume.label == 1
     under = np.isin(costume.body_face, costume.body_face[~bare]) & bare
@@ -85,7 +85,9 @@ def test_no_skin_pierces_garments_in_extreme_poses(clothes: str) -> None:
 
 
 def test_what_is_hidden_and_what_is_seen_agrees_with_the_picture() -> None:
-    spec = spec_of({"rigs": [{"preset": "azure_kinect_3"}], "frames": 8, "fps": 2, "looks": ["bare"], "markers": None})
+    spec = spec_of(
+        {"camera_arrays": [{"preset": "azure_kinect_3"}], "frames": 8, "fps": 2, "looks": ["bare"], "markers": None}
+    )
     stage = set_up(spec, list_shots(spec)[0])
     truth = find_truth(stage, spec.fps)
     names = JointSet.COCO_17.keypoints
@@ -110,7 +112,7 @@ def test_what_is_hidden_and_what_is_seen_agrees_with_the_picture() -> None:
 
 
 def test_clean_is_the_truth_and_every_fault_has_its_size() -> None:
-    base = {"rigs": ["vicon_12"], "frames": 60, "people": {"count": 1}, "film": []}
+    base = {"camera_arrays": ["vicon_12"], "frames": 60, "people": {"count": 1}, "film": []}
     spec = spec_of({**base, "perturb": {"jitter_mm": 10, "marker_mm": 2, "marker_gaps": 0.1, "missing": 0.05}})
     stage = set_up(spec, list_shots(spec)[0])
     truth = find_truth(stage, spec.fps, sight=False)

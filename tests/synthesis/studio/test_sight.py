@@ -17,7 +17,9 @@ from solver_backend.synthesis.studio.truth import FURNITURE_HIDDEN, OUTSIDE, SEL
 from solver_backend.types import JointSet
 
 SPEC: dict[str, Any] = {
-    "rigs": [{"count": 4, "radius_m": 3, "size": [640, 480], "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0]}],
+    "camera_arrays": [
+        {"count": 4, "radius_m": 3, "size": [640, 480], "distortion": [-0.09, 0.06, 0.0005, -0.0004, 0.0]}
+    ],
     "frames": 60, "fps": 10, "looks": ["cluttered"], "seed": 3,
 }  # fmt: skip
 
@@ -77,7 +79,9 @@ def test_boxes_and_shares_are_those_of_the_whole_skin() -> None:
 
 
 def test_a_point_behind_the_body_is_hidden_and_one_before_it_is_not() -> None:
-    spec = spec_of(SPEC | {"looks": ["bare"], "frames": 1, "rigs": [{"count": 2, "turn_deg": 90, "radius_m": 3}]})
+    spec = spec_of(
+        SPEC | {"looks": ["bare"], "frames": 1, "camera_arrays": [{"count": 2, "turn_deg": 90, "radius_m": 3}]}
+    )
     stage = set_up(spec, list_shots(spec)[0])
     ways = np.einsum("fij,cfi->cfj", stage.person.orient, (c := stage.cameras.centres)[:, None] - stage.joints[:, 0])
     names = list(JointSet.BODY_25.keypoints)

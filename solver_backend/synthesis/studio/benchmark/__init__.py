@@ -1,1 +1,1 @@
-"""Solves compared with the truth, and what a rig would reach before it is bought."""
+"""Solves compared with the truth, and what an array would reach before it is bought."""

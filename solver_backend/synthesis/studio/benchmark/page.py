@@ -30,18 +30,18 @@ _TRUE, _FOUND = (60, 220, 110), (255, 80, 60)
 
 
 def table(verdicts: Sequence[Verdict]) -> str:
-    """Return the verdicts as lines of text, means over shots: rigs, clean and perturbed beside each other."""
-    wide = max((len(v.rig) for v in verdicts), default=0) + 2
+    """Return the verdicts as lines of text, means over shots: arrays, clean and perturbed beside each other."""
+    wide = max((len(v.array) for v in verdicts), default=0) + 2
     lines = [
-        f"{'rig':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>11}{'accel':>8}"
+        f"{'array':<{wide}}{'input':<9}{'method':<15}{'faults':<11}{'shots':>6}{'MPJPE':>9}{'PA':>11}{'accel':>8}"
         f"{'time':>8}  failed"
     ]
-    for rig, source, method, kind in _groups(verdicts):
-        found = [v for v in verdicts if (v.rig, v.source, v.method, v.faults) == (rig, source, method, kind)]
+    for array, source, method, kind in _groups(verdicts):
+        found = [v for v in verdicts if (v.array, v.source, v.method, v.faults) == (array, source, method, kind)]
         good = [v for v in found if not v.error]
         means = _means(good)
         lines.append(
-            f"{rig:<{wide}}{source:<9}{method:<15}{kind:<11}{len(found):>6}{means[0]:>6.1f} mm"
+            f"{array:<{wide}}{source:<9}{method:<15}{kind:<11}{len(found):>6}{means[0]:>6.1f} mm"
             f"{means[1]:>8.1f} mm{means[2]:>8.2f}{means[3]:>6.1f} s  {len(found) - len(good) or '-'}"
         )
     return "\n".join(lines)
@@ -54,7 +54,7 @@ def page_html(out: Path, name: str, verdicts: Sequence[Verdict], places: Sequenc
         out: folder of the data set.
         name: its name.
         verdicts: from ``solve_and_compare``.
-        places: errors by place of some rigs.
+        places: errors by place of some arrays.
     """
     parts = []
     if verdicts:
@@ -121,12 +121,12 @@ def place_map(places: PlaceErrors, low_mm: float, high_mm: float) -> str:
     return (
         f"<figure><svg viewBox='{low[0]:.0f} {low[1]:.0f} {size[0]:.0f} {size[1]:.0f}' "
         f"width='{size[0]:.0f}' height='{size[1]:.0f}' role='img' aria-label='error by place'>{''.join(drawn)}</svg>"
-        f"<figcaption>{text(places.rig)}: {message}</figcaption></figure>"
+        f"<figcaption>{text(places.array)}: {message}</figcaption></figure>"
     )
 
 
 def _groups(verdicts: Sequence[Verdict]) -> list[tuple[str, str, str, str]]:
-    return list(dict.fromkeys((v.rig, v.source, v.method, v.faults) for v in verdicts))
+    return list(dict.fromkeys((v.array, v.source, v.method, v.faults) for v in verdicts))
 
 
 def _means(verdicts: Sequence[Verdict]) -> list[float]:

@@ -1,4 +1,4 @@
-"""What a rig would reach: the error of triangulated keypoints at every place of the floor."""
+"""What an array would reach: the error of triangulated keypoints at every place of the floor."""
 
 from __future__ import annotations
 
@@ -19,10 +19,10 @@ from solver_backend.synthesis.faults import Faults
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated, px_per_mm
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.simulation.keypoint_detector import Sight, detect_keypoints
+from solver_backend.synthesis.studio.aim import aim_point
 from solver_backend.synthesis.studio.body_sight import BodySight, pose_proxy
+from solver_backend.synthesis.studio.camera_arrays import CameraRing
 from solver_backend.synthesis.studio.motions import MotionSource
-from solver_backend.synthesis.studio.rig_aim import aim_point
-from solver_backend.synthesis.studio.rigs import CameraRing
 from solver_backend.synthesis.studio.shots import seeded
 from solver_backend.synthesis.studio.sight import sight_lines
 from solver_backend.types import Cameras, JointSet
@@ -37,7 +37,7 @@ _FPS = 30.0
 class PlaceErrors:
     """Errors over the floor; Y rows, X columns."""
 
-    rig: str
+    array: str
     x_m: np.ndarray
     """(X,) metres."""
     y_m: np.ndarray
@@ -56,16 +56,16 @@ class PlaceErrors:
 
 
 def place_errors(
-    rig: CameraRing, faults: Faults, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
+    array: CameraRing, faults: Faults, *, half_m: float = 2.0, step_m: float = 0.5, seed: int = 0,
     joint_set: JointSet = JointSet.BODY_25, progress: Progress = silent,
 ) -> PlaceErrors:  # fmt: skip
-    """Return the error of a rig over a square of the floor.
+    """Return the error of an array over a square of the floor.
 
     At each place a person stands in some poses of the choreography; a detector looks at each several times, and what
     two cameras or more see is triangulated as a solve would.
 
     Args:
-        rig: the cameras.
+        array: the cameras.
         faults: of the detector and the calibration.
         half_m: half the square's side.
         step_m: between places.
@@ -82,15 +82,15 @@ def place_errors(
     points = still.landmarks(joint_set).points
     sight = BodySight(body, betas, _keypoints(body, joint_set))
     posed = pose_proxy(sight, still, slice(None))
-    true = rig.around(np.zeros(3))
-    centre = aim_point(true)[:2] if rig.fixed else np.zeros(2)
-    rng = seeded(seed, rig.name, "places")
+    true = array.around(np.zeros(3))
+    centre = aim_point(true)[:2] if array.fixed else np.zeros(2)
+    rng = seeded(seed, array.name, "places")
     room = np.array([*centre, 0.95])
     off_mm = faults.cameras.calibration_mm
     known = miscalibrated(true, room, off_mm, rng) if off_mm and len(true) > 1 else true
     ticks = np.arange(-half_m, half_m + 1e-9, step_m)
     moves = np.array([[centre[0] + x, centre[1] + y, 0.0] for y in ticks.tolist() for x in ticks.tolist()])
-    looked, stage = [], f"rig {rig.name}"
+    looked, stage = [], f"camera array {array.name}"
     for i, move in enumerate(moves):
         centres = true.centres - move  # as seen from where the person is
         hidden = sight.hidden(centres, sight_lines(centres, points), points, posed).swapaxes(0, 1)
@@ -109,7 +109,7 @@ def place_errors(
         mean = np.where(good, off**2, 0).sum(axis=2) / np.maximum(good.sum(axis=2), 1)
         error = np.where(good.mean(axis=2) > 0.5, 1e3 * np.sqrt(mean), np.nan)
     progress(stage, len(moves) + 1, len(moves) + 1)
-    return PlaceErrors(rig.name, centre[0] + ticks, centre[1] + ticks, error, views, true.centres)
+    return PlaceErrors(array.name, centre[0] + ticks, centre[1] + ticks, error, views, true.centres)
 
 
 @lru_cache(maxsize=8)
@@ -141,7 +141,7 @@ def _look(
 def places_text(places: Sequence[PlaceErrors]) -> str:
     """Return maps as JSON for programs that show them, with null where nobody is located."""
     maps = [
-        {"rig": p.rig, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist(),
+        {"camera_array": p.array, "x_m": p.x_m.tolist(), "y_m": p.y_m.tolist(), "cameras": p.cameras.tolist(),
          "views": p.views.tolist(), "median_mm": p.median_mm,
          "error_mm": [[round(v, 3) if v == v else None for v in row] for row in p.error_mm.tolist()]}
         for p in places

@@ -34,7 +34,7 @@ class Verdict:
     source: str
     """'views' or 'markers'."""
     method: str
-    rig: str = ""
+    array: str = ""
     mpjpe_mm: float = np.nan
     pa_mpjpe_mm: float = np.nan
     accel_m_s2: float = np.nan
@@ -76,7 +76,7 @@ def solve_and_compare(
         if touched
     )  # fmt: skip
     work = [
-        (record["name"], kind, source, method, record["rig"])
+        (record["name"], kind, source, method, record["camera_array"])
         for record in records for kind in faults for source in chosen for method in methods
         if not (source == "markers" and (method == YARDSTICK or not record["markers"]))
         if not (source == "views" and len(record["cameras"]) < 2)

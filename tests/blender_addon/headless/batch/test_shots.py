@@ -26,7 +26,7 @@ from solver_backend.synthesis.studio.data_set import make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
 
 SPEC: dict[str, Any] = {
-    "film": ["masks"], "rigs": [{"preset": "webcam_ring_4", "scale": 0.1}], "frames": 2, "fps": 4,
+    "film": ["masks"], "camera_arrays": [{"preset": "webcam_ring_4", "scale": 0.1}], "frames": 2, "fps": 4,
     "people": {"count": 3}, "seed": 5,
 }  # fmt: skip
 

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationMissing
+from solver_backend.synthesis.studio.aim import aim_point, scaled
 from solver_backend.synthesis.studio.checked_values import CheckedValues
 from solver_backend.synthesis.studio.errors import StudioInvalid
-from solver_backend.synthesis.studio.rig_aim import aim_point, scaled
 from solver_backend.types import Cameras
 
-PRESETS = Path(__file__).parents[2] / "assets" / "studio_rigs.json"
+PRESETS = Path(__file__).parents[2] / "assets" / "studio_camera_arrays.json"
 LAYOUTS = ("ring", "corners", "capture", "cameras")
 STANDS = ("world", "aim")
 """Where the person is before cameras that stand fixed: where the motion has them, or where the cameras look."""
@@ -35,7 +35,7 @@ class CameraRing:
     """Cameras with names, before they are set up around a person."""
 
     name: str
-    """Name of the rig, part of a shot's name."""
+    """Name of the camera array, part of a shot's name."""
     cameras: Cameras
     """Where they stand about the origin; the middle of the person's way is put there."""
     range_m: tuple[float, float]
@@ -58,13 +58,13 @@ class CameraRing:
 
 
 @cache
-def rig_presets() -> dict[str, dict[str, Any]]:
+def camera_array_presets() -> dict[str, dict[str, Any]]:
     """Return the presets by name, from the data file that ships."""
     return json.loads(PRESETS.read_text(encoding="utf-8"))["presets"]
 
 
-def build_rig(description: Any, folder: Path = Path()) -> CameraRing:
-    """Return a rig from its description: the name of a preset, or an object.
+def build_camera_array(description: Any, folder: Path = Path()) -> CameraRing:
+    """Return an array from its description: the name of a preset, or an object.
 
     Args:
         description: as read from JSON.
@@ -76,27 +76,33 @@ def build_rig(description: Any, folder: Path = Path()) -> CameraRing:
         MocapError: a capture cannot be read.
     """
     given = {"preset": description} if isinstance(description, str) else description
-    values = CheckedValues(given, "rig", _KNOWN)
+    values = CheckedValues(given, "camera array", _KNOWN)
     if "preset" in values:
-        name, presets = values.raw("preset"), rig_presets()
+        name, presets = values.raw("preset"), camera_array_presets()
         if not isinstance(name, str) or name not in presets:
             raise StudioInvalid(
-                f"There is no rig '{name}'.", where="rig: preset", hint=f"Known are {', '.join(sorted(presets))}."
+                f"There is no camera array '{name}'.",
+                where="camera array: preset",
+                hint=f"Known are {', '.join(sorted(presets))}.",
             )
         rest = {key: value for key, value in given.items() if key != "preset"}
-        values = CheckedValues({"name": name, **presets[name], **rest}, f"rig {name}", _KNOWN)
+        values = CheckedValues({"name": name, **presets[name], **rest}, f"camera array {name}", _KNOWN)
     layout = values.choice("layout", "ring", LAYOUTS)
     name = values.text("name", layout)
     low, high = values.numbers("range_m", 2).tolist() if "range_m" in values else (0.3, 10.0)
     if not 0 <= low < high:
-        raise StudioInvalid("range_m is empty; a nearest and a farther depth are expected.", where=f"rig {name}")
+        raise StudioInvalid(
+            "range_m is empty; a nearest and a farther depth are expected.", where=f"camera array {name}"
+        )
     cameras = _LAYOUTS[layout](values, folder)
     fixed = layout in ("capture", "cameras")
     if fixed:
         cameras = scaled(cameras, values.number("scale", 1.0, 0.05, 4.0))
     fewer = len(cameras) - values.whole("leave_out", 0, 0, 64)
     if fewer < 1:
-        raise StudioInvalid(f"leave_out leaves none of {len(cameras)} cameras.", where=f"rig {name}: leave_out")
+        raise StudioInvalid(
+            f"leave_out leaves none of {len(cameras)} cameras.", where=f"camera array {name}: leave_out"
+        )
     cameras = cameras.subset(list(range(fewer)))
     widest = int(cameras.image_size[:, 0].max())
     cameras = scaled(cameras, min(1.0, values.whole("widest", widest, 16, 8192) / widest))

@@ -32,8 +32,8 @@ COVERAGE_INTERVAL_S = 0.5
 """Time from one report of the wand's coverage to the next."""
 
 
-def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of rig-live."""
+def sensors_live_arguments(verb: argparse.ArgumentParser) -> None:
+    """Add the arguments of sensors-live."""
     verb.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
     verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, instead of FOLDER")
     add_oak_options(verb)
@@ -52,7 +52,7 @@ def rig_live_arguments(verb: argparse.ArgumentParser) -> None:
     add_chain_options(verb)
 
 
-def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
+def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
     overwrite = bool(args.overwrite)
     _check(args)
@@ -90,7 +90,7 @@ def rig_live(args: argparse.Namespace, progress: Progress) -> Outcome:
             data["solved"] = _solved(args.record, args.solve, progress, overwrite=overwrite)
     stream.require_whole()
     # Standard output may be another program's points: for people it holds nothing else.
-    text = "" if args.lines is None else f"rig-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
+    text = "" if args.lines is None else f"sensors-live: {', '.join(f'{name} {value}' for name, value in data.items())}"
     return Outcome(text, data)
 
 

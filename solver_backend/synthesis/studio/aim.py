@@ -1,4 +1,4 @@
-"""What a rig looks at, and the same rig with smaller pictures."""
+"""What an array looks at, and the same array with smaller pictures."""
 
 from __future__ import annotations
 

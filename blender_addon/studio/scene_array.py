@@ -1,4 +1,4 @@
-"""A rig of the scene's own cameras, as the studio's descriptions have it."""
+"""An array of the scene's own cameras, as the studio's descriptions have it."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from .._exchange.errors import CalibrationMissing
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
-def rig_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
+def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """Return the cameras that are shown in a scene, in the order of their names; they film as they stand now.
 
     Raises:
@@ -21,7 +21,7 @@ def rig_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict
     found = sorted((obj for obj in scene.objects if obj.type == "CAMERA" and not obj.hide_get()), key=lambda o: o.name)
     if not found:
         raise CalibrationMissing(
-            "The scene has no cameras to film with.", hint="Add cameras, import a capture, or choose another rig."
+            "The scene has no cameras to film with.", hint="Add cameras, import a capture, or choose another array."
         )
     flat = next((obj for obj in found if obj.data.type != "PERSP"), None)
     if flat is not None:
