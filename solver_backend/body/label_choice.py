@@ -6,7 +6,10 @@ from collections.abc import Collection, Mapping
 
 from solver_backend.body.marker_layouts import LayoutFile
 
-_LIMBS = {"elbow": "arm", "wrist": "arm", "hand": "arm", "knee": "leg", "ankle": "leg", "foot": "leg"}
+_ARM, _LEG = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot")
+_LIMBS = dict.fromkeys(_ARM, "arm") | dict.fromkeys(_LEG, "leg")
+_WAIST = ("FWT", "MWT")
+"""Places of the pelvis whose skin moves with the hips."""
 
 
 def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[str], file: LayoutFile) -> dict[str, str]:
@@ -27,6 +30,17 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
         if len(left) == 1:
             found[label] = left[0]
     return found
+
+
+def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
+    """Return whether places are all of one arm with its shoulder, or of one leg."""
+    rules = [file.sided.get(place[1:]) for place in places]
+    joints = {
+        "" if rule is None or place[1:] in _WAIST else str(rule["joint"])
+        for place, rule in zip(places, rules, strict=True)
+    }
+    one_side = len({place[:1] for place in places}) == 1
+    return one_side and any(joints and joints <= limb for limb in ({*_ARM, "shoulder"}, {*_LEG, "hip"}))
 
 
 def _limb(place: str, file: LayoutFile) -> str:

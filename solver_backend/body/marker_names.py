@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from types import MappingProxyType
 
 from solver_backend.body.joint_names import joint_centre_places
 from solver_backend.body.label_affixes import Affixes
-from solver_backend.body.label_choice import chosen_places
+from solver_backend.body.label_choice import chosen_places, of_one_limb
 from solver_backend.body.label_context import context_of
 from solver_backend.body.marker_layouts import load_layouts
 
@@ -22,6 +22,8 @@ _UNNAMED = re.compile(
 )
 LEAST_MARKERS = 8
 """Fewer do not fix a person: a body is placed by six, and some are hidden at times."""
+LEAST_LIMB_MARKERS = 6
+"""The same where all are of one arm or leg: a leg of Plug-in Gait has six, an arm with its shoulder seven."""
 LEAST_NETWORK_PLACES = 20
 """Places that the labelling network names at least where it knows a layout; fewer points are not worth a try."""
 
@@ -42,6 +44,11 @@ class MarkerNames:
     """Places that a label may name, of labels that may name several; they are among the unknown."""
     affixes: Affixes = field(default_factory=Affixes)
     """What nearly all labels begin and end with, which is no part of their names."""
+
+
+def least_markers(places: Collection[str]) -> int:
+    """Return how many markers at these places are needed: fewer where they are all of one arm or one leg."""
+    return LEAST_LIMB_MARKERS if of_one_limb(places, load_layouts()) else LEAST_MARKERS
 
 
 def is_unnamed(label: str) -> bool:

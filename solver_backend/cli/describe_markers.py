@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of
@@ -76,7 +76,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
 def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
     """Return the parts of the body that no known marker informs; none where too few are known for a solve."""
     labels = [label for label in cloud.labels or () if label in known]
-    if len(labels) < LEAST_MARKERS:
+    if len(labels) < least_markers([known[label] for label in labels]):
         return ()
     columns = [(cloud.labels or ()).index(label) for label in labels]
     body = load_body()

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.body.marker_names import LEAST_MARKERS, LEAST_NETWORK_PLACES, is_unnamed, name_markers
+from solver_backend.body.marker_names import (
+    LEAST_MARKERS,
+    LEAST_NETWORK_PLACES,
+    is_unnamed,
+    least_markers,
+    name_markers,
+)
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
@@ -37,7 +43,7 @@ def needs_labels(cloud: MarkerCloud) -> bool:
     if cloud.labels is None:
         return True
     names = name_markers([label for label in cloud.labels if not is_unnamed(label)])
-    if len(names.known) < LEAST_MARKERS:
+    if len(names.known) < least_markers(names.known.values()):
         return True
     if len(names.unknown) >= LEAST_MARKERS:
         return False  # somebody named them, in words of their own: the solve finds their bones

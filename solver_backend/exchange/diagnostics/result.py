@@ -92,9 +92,9 @@ RESULT: dict[str, DiagnosticEntry] = {
         "Their posture is assumed, and its stated deviation is what people do; add markers if it matters.",
     ),
     "place_assumed": warning(
-        "Nothing measures pelvis, trunk or thighs: where the body is above what is seen is assumed",
-        "Markers or keypoints are of the feet or lower legs alone.",
-        "Use what is seen; add markers at the pelvis for the rest.",
+        "Nothing is seen near {part}: their places are assumed, to ± {mm:.0f} mm",
+        "Markers or keypoints are of a limb or two, of the feet, or of an upper body without the pelvis.",
+        "Use what is seen; add markers at the pelvis and trunk for the rest.",
     ),
     "views_disagree_with_result": warning(
         "Only {percent:.0f} % of the detections agree with the solved body",

@@ -12,7 +12,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.label_segments import named_bone
-from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
+from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, least_markers, name_markers
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
@@ -185,7 +185,7 @@ def calibrated(
     places, misplaced = problem.measurements.landmarks.names, list[tuple[str, str, float]]()
     # Again after each: a name that is wrong bends the body, and hides others.
     while far := off_place(places, off := distances(found, problem.measurements.points)):
-        if len(places) - len(far) < LEAST_MARKERS:
+        if len(places) - len(far) < least_markers(places):
             break
         labels = known.labels or ()
         misplaced += [(labels[m], places[m], round(float(off[m]), 3)) for m in far]
@@ -197,7 +197,7 @@ def calibrated(
     takes = np.repeat(np.arange(len(clouds)), [len(one.positions) for one in clouds])
     for _ in range(LEAST_MARKERS if len(clouds) > 1 else 0):
         two = two_places(found, problem.measurements.points, takes)
-        if not two or len(places) - len(two) < LEAST_MARKERS:
+        if not two or len(places) - len(two) < least_markers(places):
             break
         labels, gone = known.labels or (), {m for m, *_ in two}
         doubled += [(labels[m], round(apart, 3), a + 1, b + 1) for m, apart, a, b in two]

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_layouts import label_key
-from solver_backend.body.marker_names import LEAST_MARKERS
+from solver_backend.body.marker_names import least_markers
 from solver_backend.body.markers import MARKER_OFFSET_M, ON_BONE, marker_landmarks, skin_normals
 from solver_backend.exchange.errors import SubjectInvalid
 from solver_backend.exchange.version import VERSION
@@ -73,7 +73,7 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
     Labels match without regard to prefix, case and punctuation.
 
     Raises:
-        SubjectInvalid: fewer than ``LEAST_MARKERS`` match.
+        SubjectInvalid: fewer match than ``least_markers``.
     """
     # The label itself goes first: parts of one person may have a Marker1 each.
     columns = {key(label): i for key in (label_key, str) for i, label in reversed(list(enumerate(labels)))}
@@ -82,9 +82,10 @@ def matched(record: MarkerSubject, labels: tuple[str, ...]) -> tuple[MarkerSubje
         for m, label in enumerate(record.labels)
         if (key := label if label in columns else label_key(label)) in columns
     ]
-    if len(found) < LEAST_MARKERS:
+    least = least_markers(record.places)
+    if len(found) < least:
         raise SubjectInvalid(
-            f"Only {len(found)} of the subject's {len(record.labels)} markers are in the take; {LEAST_MARKERS} are "
+            f"Only {len(found)} of the subject's {len(record.labels)} markers are in the take; {least} are "
             "needed.", where="subject", hint="Choose the subject of this person and layout, or calibrate on the take.",
         )  # fmt: skip
     kept = [m for m, _ in found]

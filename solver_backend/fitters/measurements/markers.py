@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.body.marker_names import LEAST_MARKERS, name_markers
+from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersUnknown, NoDetections
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
@@ -27,11 +27,11 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
     """Return the markers whose labels a layout knows, or whose place the user gave (see ``name_markers``).
 
     Raises:
-        MarkersUnknown: there are no labels, or fewer than ``LEAST_MARKERS`` of them are known.
+        MarkersUnknown: there are no labels, or fewer of them are known than ``least_markers``.
     """
     labels = _require_labels(cloud)
     names = name_markers(labels, own)
-    if len(names.known) < LEAST_MARKERS:
+    if len(names.known) < least_markers(names.known.values()):
         read = [label for label in labels if label not in names.virtual]
         words = load_layouts().words
         sideless = [label for label in names.unknown if words.lacks_side(names.affixes.bare(label))]
@@ -42,8 +42,9 @@ def known_markers_of(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyTy
                 "RWRA) with `layout`, and solve with --layout."
             )
         raise MarkersUnknown(
-            f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows; {len(names.known)} of the "
-            f"{len(labels)} labels are known: {_listed(tuple(names.known))}. Read were {_listed(tuple(read))}.",
+            f"A body is solved from at least {LEAST_MARKERS} markers that a layout knows, an arm or a leg alone from "
+            f"{LEAST_LIMB_MARKERS}; {len(names.known)} of the {len(labels)} labels are known: "
+            f"{_listed(tuple(names.known))}. Read were {_listed(tuple(read))}.",
             where="markers",
             hint=hint,
         )

@@ -1,6 +1,8 @@
-"""Feet alone, or lower legs alone: where the rest of the body is above them, nothing measures and a posture assumes."""
+"""Joints beyond what is measured: the pelvis of an upper body, what is above legs or feet, behind an arm alone."""
 
 from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
 
 import numpy as np
 
@@ -9,54 +11,87 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.geometry.symmetric import packed, unpacked
 
-NEAR_ROOT = (
-    "pelvis", "left_hip", "right_hip", "spine1", "spine2", "spine3", "neck", "left_collar", "right_collar", "head",
-)  # fmt: skip
-"""Bones whose landmarks place the body: pelvis, trunk, head, thighs."""
-NEAR_KNEE_M = 0.12
-"""A landmark of the thigh so near to the knee is the knee's: an epicondyle is 68 mm from it, the patella 73."""
-KNEE_SIGMA_M, ABOVE_FEET_SIGMA_M, ABOVE_SHANKS_SIGMA_M = 0.04, 0.08, 0.055
-"""Deviation per axis of knees above feet, of all that is above them, and of what is above measured lower legs: two
-takes, CMU's walk and the demo, are off by 25 and 90 mm, 61 and 183, 23 and 131 from the solve of all their markers."""
+CORE = ("pelvis", "spine1", "spine2", "spine3", "neck", "head")
+"""Joints that place the body where one of them is measured."""
+NEAR_M, NEAR_HIP_M = 0.13, 0.17
+"""A joint is measured by a landmark so near: the pelvis' markers are 114 mm from its joint and 150 from the hips,
+which are 124 from it; the acromion's is 153 from the neck, and a wand on the thigh, which shows no hip,
+230 from that."""
+BEYOND_CHEST_RAD, BEYOND_LIMBS_RAD, BEYOND_LIMB_RAD = 0.15, 0.25, 0.60
+"""Deviation per axis of an assumed joint by its distance from the nearest landmark: where trunk or head is measured,
+where two limbs are, and where one is. Of CMU's 02_01 and 135_02 and four takes of UI-PRMD with the other markers
+removed, the pelvis is 33 mm off below a chest, 85 above legs or lower legs, 90 between arms, 155 above one leg and 290
+below one arm (rms per axis, from the solve of all markers)."""
+_LEG = ("hip", "knee", "ankle", "foot")
+_WORDS = {
+    "pelvis": "pelvis", "hip": "hips", "knee": "knees", "spine": "trunk", "collar": "shoulders",
+    "shoulder": "shoulders", "neck": "head", "head": "head",
+}  # fmt: skip
 
 
-def assumed_joints(body: Body, landmarks: Landmarks, located: np.ndarray) -> tuple[str, ...]:
-    """Return the joints whose places only a posture determines; none where a landmark near the root is ever located.
+def assumed_joints(body: Body, landmarks: Landmarks, located: np.ndarray) -> dict[str, float]:
+    """Return the deviation per axis, metres, of the joints whose places only a posture determines.
 
-    A landmark measures the joint of the bone that carries it and the joints below that bone. One on the thigh near the
-    knee shows where the knee is, and not where the thigh comes from.
+    A joint is measured where a landmark is near it, and where it lies between such joints: between any two where one of
+    ``CORE`` is among them, else along one limb alone, as two thighs may both point anywhere from their knees. An arm
+    without a trunk does not show its shoulder: the acromion's marker has the joint on an unknown side of it.
 
     Args:
         body: whose tree.
         landmarks: L landmarks.
         located: (F, L) bool.
     """
-    names, parents = body.layout.joints, body.parents
-    carriers = set(_carriers(body, landmarks)[located.any(axis=0)].tolist())
-    if not carriers or any(names[j] in NEAR_ROOT for j in carriers):
-        return ()
-    measured = carriers | {j for j, parent in enumerate(parents) if parent in carriers}
-    return tuple(name for j, name in enumerate(names) if j not in measured)
+    names, ever = body.layout.joints, located.any(axis=0)
+    if not ever.any():
+        return {}
+    places = landmarks.anchors.sum(axis=1)[ever]
+    away = np.linalg.norm(body.joints_template[:, None] - places, axis=-1).min(axis=1)
+    near = {j for j, name in enumerate(names) if away[j] < (NEAR_HIP_M if name.endswith("hip") else NEAR_M)}
+    core = any(names[j] in CORE for j in near)
+    if not core:
+        near -= {j for j in near if away[j] > 0.0 and names[j].endswith(("collar", "shoulder"))}
+    measured, parents = _between(near, body.parents, across=core), body.parents
+    limbs = {(name.split("_")[0], name.endswith(_LEG)) for name in (names[j] for j in near)}
+    share = BEYOND_CHEST_RAD if core else BEYOND_LIMBS_RAD if len(limbs) > 1 else BEYOND_LIMB_RAD
+    below = set(measured)
+    for j, parent in enumerate(parents):
+        below |= {j} if parent in below else set()
+    return {name: share * float(away[j]) for j, name in enumerate(names) if j not in below}
 
 
-def _carriers(body: Body, landmarks: Landmarks) -> np.ndarray:
-    """Return (L,) the joint of the bone that carries each landmark; of a thigh's lower end the knee."""
-    carriers, places = np.argmax(landmarks.weights, axis=1), landmarks.anchors.sum(axis=1)
-    for side in ("left", "right"):
-        if {f"{side}_hip", f"{side}_knee"} <= set(body.layout.joints):
-            hip, knee = (body.layout.joints.index(f"{side}_{part}") for part in ("hip", "knee"))
-            near = np.linalg.norm(places - body.joints_template[knee], axis=1) < NEAR_KNEE_M
-            carriers = np.where((carriers == hip) & near, knee, carriers)
-    return carriers
-
-
-def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: tuple[str, ...]) -> np.ndarray:
-    """Return (F, J, 6) covariances in m² with ``σ² I`` added to those of assumed joints, see the constants."""
+def with_assumed_spread(covariance: np.ndarray, layout: BodyLayout, assumed: Mapping[str, float]) -> np.ndarray:
+    """Return (F, J, 6) covariances in m² with ``σ² I`` added to those of assumed joints."""
     found = unpacked(covariance)
-    feet_alone = any(name.endswith("knee") for name in assumed)
-    above = ABOVE_FEET_SIGMA_M if feet_alone else ABOVE_SHANKS_SIGMA_M
-    for name in assumed:
+    for name, sigma in assumed.items():
         if name in layout.joints:
-            sigma = KNEE_SIGMA_M if name.endswith("knee") else above
             found[:, layout.joints.index(name)] += sigma**2 * np.eye(3)
     return packed(found)
+
+
+def assumed_places(assumed: Mapping[str, float], at_rest: Collection[str]) -> tuple[str, float]:
+    """Return the words for assumed joints that are not at rest, and the largest deviation among them in metres."""
+    kept = {name: sigma for name, sigma in assumed.items() if name not in at_rest}
+    words = list(dict.fromkeys(word for name in kept if (word := _WORDS.get(name.split("_")[-1].rstrip("123")))))
+    return " and ".join([", ".join(words[:-1]), words[-1]] if len(words) > 1 else words), max(kept.values(), default=0)
+
+
+def _between(near: Collection[int], parents: Sequence[int], *, across: bool) -> set[int]:
+    """Return the joints on the paths between joints of a tree; not across, only where one is above the other."""
+    lines = {j: _line(j, parents) for j in near}
+    found = set(near)
+    for line in lines.values():
+        above = [k for k, a in enumerate(line) if k and a in near]
+        found |= set(line[: above[-1]]) if above else set()
+    if across and near:
+        shared = set.intersection(*map(set, lines.values()))
+        top = max(shared, key=lambda j: len(_line(j, parents)))
+        found |= {a for line in lines.values() for a in line[: line.index(top) + 1]}
+    return found
+
+
+def _line(j: int, parents: Sequence[int]) -> list[int]:
+    """Return a joint and those above it, up to the root."""
+    line = [j]
+    while parents[line[-1]] >= 0:
+        line.append(int(parents[line[-1]]))
+    return line

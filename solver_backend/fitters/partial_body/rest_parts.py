@@ -20,7 +20,7 @@ from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.partial_body.assumed_above import assumed_joints, with_assumed_spread
+from solver_backend.fitters.partial_body.assumed_above import assumed_joints, assumed_places, with_assumed_spread
 from solver_backend.fitters.partial_body.informed_parts import resting_shares
 from solver_backend.fitters.partial_body.resting_spread import with_resting_spread
 from solver_backend.fitters.solution import SolvedFrames
@@ -49,7 +49,8 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     below = {part: _below(layout, part) for part in found.spread}
     if not shares:  # every part is informed, some of them not to the take's ends
         return replace(solved, covariance=_spread_out(solved, layout, below, found.spread))
-    assumed = () if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
+    assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
+    where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
     fitted, frames = frames, replace(frames, local=constant(local, frames.local))
     resting = np.zeros((len(local), layout.num_joints))
@@ -57,9 +58,10 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         columns = [layout.joints.index(name) for name in below[part]]
         resting[:, columns] = np.maximum(resting[:, columns], share[:, None])
     resting[:, [j for j, name in enumerate(layout.joints) if name in assumed]] = 1.0
-    covariance, contacts = _spread_out(replace(solved, frames=frames), layout, below, found.spread), solved.contacts
+    covariance, contacts = solved.covariance, solved.contacts
     if covariance is not None:
         covariance = constant(with_assumed_spread(to_numpy(covariance), layout, assumed), covariance)
+    covariance = _spread_out(replace(solved, frames=frames, covariance=covariance), layout, below, found.spread)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
@@ -67,7 +69,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
         diagnostics=(
             *solved.diagnostics, *_diagnose(shares, markers=measurements.marker_labels is not None),
-            *([diagnostic("place_assumed")] if assumed else []),
+            *([diagnostic("place_assumed", part=where, mm=1000 * sigma_m)] if where else []),
         ),
     )  # fmt: skip
 

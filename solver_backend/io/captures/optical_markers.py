@@ -5,7 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 
 from solver_backend.body.joint_names import is_joint_centre
-from solver_backend.body.marker_names import LEAST_MARKERS, LEAST_NETWORK_PLACES, MarkerNames, is_unnamed, name_markers
+from solver_backend.body.marker_names import (
+    LEAST_MARKERS,
+    LEAST_NETWORK_PLACES,
+    MarkerNames,
+    is_unnamed,
+    least_markers,
+    name_markers,
+)
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
@@ -80,7 +87,7 @@ def left_to_network(names: MarkerNames) -> bool:
 
 def _few(names: MarkerNames) -> list[Diagnostic]:
     """Return a diagnostic if the known markers are too few for a solve."""
-    if len(names.known) >= LEAST_MARKERS or left_to_network(names):
+    known, least = list(names.known), least_markers(names.known.values())
+    if len(known) >= least or left_to_network(names):
         return []
-    known = list(names.known)
-    return [diagnostic("few_markers_known", markers=known, count=len(known), least=LEAST_MARKERS)]
+    return [diagnostic("few_markers_known", markers=known, count=len(known), least=least)]
