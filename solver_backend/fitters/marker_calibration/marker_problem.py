@@ -176,10 +176,10 @@ def calibrated(
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
     check_sides(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names
-    exchanged = exchanged_labels(problem, like)
+    exchanged = [(labels[a], places[a], labels[b], places[b]) for a, b in exchanged_labels(problem, like)]
     if exchanged:
-        for a, b in exchanged:
-            own = {**own, labels[a]: places[b], labels[b]: places[a]}
+        for a, place_a, b, place_b in exchanged:
+            own = {**own, a: place_b, b: place_a}
         problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
     found = calibrate(problem, like, settings, progress)
     places, misplaced = problem.measurements.landmarks.names, list[tuple[str, str, float]]()
@@ -208,8 +208,9 @@ def calibrated(
     record = {"frames": found.frames.tolist(), **(provenance or {})}
     if doubled:
         record[TWO_PLACES] = [list(item) for item in doubled]
-    if exchanged:
-        record[EXCHANGED] = [sorted((labels[a], labels[b])) for a, b in exchanged]
+    # What is left out after all, because it is exchanged in a part of the take, is not corrected.
+    if corrected := [sorted((a, b)) for a, _, b, _ in exchanged if not {a, b} & {label for label, *_ in misplaced}]:
+        record[EXCHANGED] = corrected
     if misplaced:
         record[MISPLACED] = [list(item) for item in misplaced]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)

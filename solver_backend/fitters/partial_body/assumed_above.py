@@ -29,7 +29,7 @@ _WORDS = {
 }  # fmt: skip
 
 
-def assumed_joints(body: Body, landmarks: Landmarks, located: np.ndarray) -> dict[str, float]:
+def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, located: np.ndarray) -> dict[str, float]:
     """Return the deviation per axis, metres, of the joints whose places only a posture determines.
 
     A joint is measured where a landmark is near it, and where it lies between such joints: between any two where one of
@@ -39,12 +39,13 @@ def assumed_joints(body: Body, landmarks: Landmarks, located: np.ndarray) -> dic
     Args:
         body: whose tree.
         landmarks: L landmarks.
+        offsets: (L, 3) of the landmarks in the rest frame, metres.
         located: (F, L) bool.
     """
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
         return {}
-    places = landmarks.anchors.sum(axis=1)[ever]
+    places = (landmarks.anchors.sum(axis=1) + offsets)[ever]
     away = np.linalg.norm(body.joints_template[:, None] - places, axis=-1).min(axis=1)
     near = {j for j, name in enumerate(names) if away[j] < (NEAR_HIP_M if name.endswith("hip") else NEAR_M)}
     core = any(names[j] in CORE for j in near)

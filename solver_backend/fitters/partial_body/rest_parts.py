@@ -49,7 +49,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     below = {part: _below(layout, part) for part in found.spread}
     if not shares:  # every part is informed, some of them not to the take's ends
         return replace(solved, covariance=_spread_out(solved, layout, below, found.spread))
-    assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, measurements.located)
+    assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, offsets, measurements.located)
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
     fitted, frames = frames, replace(frames, local=constant(local, frames.local))

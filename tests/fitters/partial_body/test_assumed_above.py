@@ -20,8 +20,9 @@ HANDS = (*ARM[1:], *("R" + place[1:] for place in ARM[1:]))
 PELVIS = ("pelvis", "left_hip", "right_hip", "spine1")
 
 
-def assumed(landmarks):
-    return assumed_joints(load_body(), landmarks, np.ones((1, len(landmarks)), bool))
+def assumed(landmarks, offsets=0.0):
+    offsets = np.full((len(landmarks), 3), offsets)
+    return assumed_joints(load_body(), landmarks, offsets, np.ones((1, len(landmarks)), bool))
 
 
 @pytest.mark.parametrize("joint_set", [*JointSet])
@@ -39,6 +40,11 @@ def test_a_pelvis_without_markers_is_assumed_unless_legs_are_seen():
     assert set(PELVIS) < set(found) and not {"spine2", "spine3", "head", "left_elbow"} & set(found)
     assert 0.03 < found["pelvis"] < 0.06
     assert not assumed(marker_landmarks(load_body(), (*CHEST, *LEG)))
+
+
+def test_a_marker_is_where_its_offset_puts_it():
+    on_thigh = marker_landmarks(load_body(), (*LEG, "@right_hip"))
+    assert "right_hip" not in assumed(on_thigh) and "right_hip" in assumed(on_thigh, offsets=0.2)
 
 
 def test_limbs_alone_do_not_show_where_they_come_from():
