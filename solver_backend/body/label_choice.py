@@ -22,11 +22,11 @@ def chosen_places(ambiguous: Mapping[str, tuple[str, ...]], known: Collection[st
         known: places that other labels name.
         file: of the layouts.
     """
-    limbs = {limb for place in known if (limb := _limb(place, file))}
+    limbs = {limb for place in known if (limb := limb_of(place, file))}
     found: dict[str, str] = {}
     for label, places in ambiguous.items():
         free = [place for place in places if place not in known]
-        left = [place for place in free if _limb(place, file) in limbs] if len(free) > 1 else free
+        left = [place for place in free if limb_of(place, file) in limbs] if len(free) > 1 else free
         if len(left) == 1:
             found[label] = left[0]
     return found
@@ -43,7 +43,7 @@ def of_one_limb(places: Collection[str], file: LayoutFile) -> bool:
     return one_side and any(joints and joints <= limb for limb in ({*_ARM, "shoulder"}, {*_LEG, "hip"}))
 
 
-def _limb(place: str, file: LayoutFile) -> str:
+def limb_of(place: str, file: LayoutFile) -> str:
     """Return arm or leg of a sided place of the layouts below the shoulder or hip, empty elsewhere."""
     rule = file.sided.get(place[1:]) if place[:1] in ("L", "R") else None
     return "" if rule is None else _LIMBS.get(rule["joint"], "")

@@ -104,9 +104,13 @@ class LabelWords:
 
     def lacks_side(self, label: str) -> bool:
         """Return whether a label's words name a place that is there on both sides, and no side."""
+        return bool(self.without_side(label))
+
+    def without_side(self, label: str) -> tuple[str, ...]:
+        """Return the places, without side, that a label's words name where they name none; nothing of the midline."""
         side, words = self.of(label)
-        parts = self.phrases.get(tuple(sorted(set(words))), ()) if words else ()
-        return not side and any(part[0] != "-" for part in parts) and not any(part[0] == "-" for part in parts)
+        parts = self.phrases.get(tuple(sorted(set(words))), ()) if words and not side else ()
+        return () if any(part[0] == "-" for part in parts) else parts
 
     def _split(self, token: str) -> list[str] | None:
         """Return the known words that a token is made of, the longest first; None where it is not made of any."""

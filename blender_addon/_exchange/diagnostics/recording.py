@@ -17,6 +17,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "moves with, or leaves it out.",
         "Write how labels are read with `layout`, correct the places, and solve with `--layout`.",
     ),
+    "limb_side_found": note(
+        "{markers} name no side: read as the {side} one's, where they are beside the trunk",
+        "The set is of one arm or leg.",
+        "Write the labels' places with `layout`, and solve with `--layout`, if it is the other one.",
+    ),
     "marker_in_two_places": warning(
         "Markers sit elsewhere in one take than in another: {places}. They are left out of the person",
         "Two different markers have one name in different takes, or a marker fell off and was attached elsewhere.",

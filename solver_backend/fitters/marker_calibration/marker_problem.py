@@ -23,8 +23,9 @@ from solver_backend.fitters.marker_calibration.handedness import check_handednes
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
 from solver_backend.fitters.marker_calibration.one_body import check_one_body
-from solver_backend.fitters.marker_calibration.person_doubts import MISPLACED, TWO_PLACES, doubts_of
+from solver_backend.fitters.marker_calibration.person_doubts import MISPLACED, SIDE_FOUND, TWO_PLACES, doubts_of
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
+from solver_backend.fitters.marker_calibration.side_by_place import places_by_side
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.two_places import two_places
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
@@ -73,7 +74,7 @@ def marker_problem(
     worn = cloud.columns(columns, person.labels)
     subject = subject_of(person, body, like)
 
-    check_one_body(worn.positions, subject.landmarks, body)
+    check_one_body(worn.positions, subject.landmarks, body, person.offsets)
     check_handedness(worn.positions, subject.landmarks)
     check_sides(worn.positions, subject.landmarks)
 
@@ -167,6 +168,8 @@ def calibrated(
     """
     cloud = joined(clouds)
     own = places_given(settings.layout)
+    by_side = places_by_side(cloud, own)
+    own |= by_side
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
     # The chosen labels alone may identify less than all together: their places go with them.
@@ -206,6 +209,8 @@ def calibrated(
         problem = Problem.of(body, prior, measure_markers(known, body, like, own=own))
         places, found = problem.measurements.landmarks.names, calibrate(problem, like, settings, progress)
     record = {"frames": found.frames.tolist(), **(provenance or {})}
+    if by_side:
+        record[SIDE_FOUND] = [list(item) for item in by_side.items()]
     if doubled:
         record[TWO_PLACES] = [list(item) for item in doubled]
     # What is left out after all, because it is exchanged in a part of the take, is not corrected.

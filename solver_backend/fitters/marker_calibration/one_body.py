@@ -21,7 +21,7 @@ NEAREST = 5
 """Pairs across the gap by which it is tested: those that are nearest on a body."""
 
 
-def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body) -> None:
+def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
     """Make sure that the markers are not two groups that are farther apart than a body reaches.
 
     The groups are those that the longest edge of the minimum spanning tree of the median distances parts. They are of
@@ -32,6 +32,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body) -> None
         points: (F, L, 3) metres, NaN where missing.
         landmarks: the L places.
         body: of average shape.
+        offsets: (L, 3) metres of the markers from their places in the rest frame: those on a bone are at its joint.
 
     Raises:
         MarkersUnknown: they are.
@@ -45,7 +46,7 @@ def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body) -> None
     parts = _parted(between)
     if min(parts.sum(), (~parts).sum()) < LEAST_GROUP:
         return
-    along = _along_skeleton(landmarks, body)[np.ix_(known, known)][parts][:, ~parts].ravel()
+    along = _along_skeleton(landmarks, body, offsets)[np.ix_(known, known)][parts][:, ~parts].ravel()
     apart = between[parts][:, ~parts].ravel()
     nearest = np.argsort(along, kind="stable")[:NEAREST]
     if (apart[nearest] > LARGEST * along[nearest] + SLACK_M).all():
@@ -76,9 +77,9 @@ def _parted(distance: np.ndarray) -> np.ndarray:
     return beyond
 
 
-def _along_skeleton(landmarks: Landmarks, body: Body) -> np.ndarray:
+def _along_skeleton(landmarks: Landmarks, body: Body, offsets: np.ndarray | float) -> np.ndarray:
     """Return (L, L) metres from place to place along the skeleton: to the joint, the way from joint to joint, back."""
-    places, carriers = landmarks.anchors.sum(axis=1), np.argmax(landmarks.weights, axis=1)
+    places, carriers = landmarks.anchors.sum(axis=1) + offsets, np.argmax(landmarks.weights, axis=1)
     joints, parents = body.joints_template, body.parents
     way = np.zeros((len(joints), len(joints)))
     for j, p in enumerate(parents):

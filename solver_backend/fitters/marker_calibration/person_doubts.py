@@ -13,10 +13,21 @@ TWO_PLACES = "two_places"
 """What it calls labels that are left out since two takes show them at different places, each with the distance in
 metres and the takes' numbers, from 1."""
 
+SIDE_FOUND = "side_found"
+"""What it calls labels that name a limb without its side, each with the place that was found."""
+
 
 def doubts_of(person: MarkerSubject) -> list[Diagnostic]:
-    """Return which names of markers were not used, and which markers were left out."""
-    return [*_misplaced(person), *_two_places(person)]
+    """Return which names of markers were not used, which markers were left out, and which sides were found."""
+    return [*_side_found(person), *_misplaced(person), *_two_places(person)]
+
+
+def _side_found(person: MarkerSubject) -> list[Diagnostic]:
+    """Return on which side a limb is whose labels name none."""
+    found = person.provenance.get(SIDE_FOUND, ())
+    labels = [label for label, _ in found]
+    side = "right" if found and found[0][1].startswith("R") else "left"
+    return [diagnostic("limb_side_found", markers=labels, side=side)] if found else []
 
 
 def _misplaced(person: MarkerSubject) -> list[Diagnostic]:

@@ -7,9 +7,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import MarkersUnknown
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.io.load import load_capture
+from solver_backend.report.diagnose import recorded_diagnostics
 from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Motion
 from tests.support.recordings import ABSENT, recordings_folder
 
@@ -60,12 +61,17 @@ def test_rigid_bodies_named_by_bones_go_with_the_body() -> None:
     assert {label.partition(":")[0] for label in capture.markers.labels or ()} == {"BodyL", "ArmL", "ForearmL"}
 
 
-def test_an_arm_without_its_side_is_refused_so() -> None:
+def test_an_arm_without_its_side_is_that_of_the_side_it_is_on() -> None:
     capture = load_capture(CASES / "side_letter_glued_last" / "upper_body.c3d")
-    known = ("ASISr", "ASISl", "PSISr", "PSISl", "XIPH", "T1", "T10")
-    with pytest.raises(MarkersUnknown, match=", ".join(f"Person:{label}" for label in known)) as refused:
-        solve(capture)
-    assert "Labels name a limb without its side: Person:ACRO_tip, Person:WRIST" in (refused.value.hint or "")
+    motion = solve(capture, SolveSettings(contacts=False)).motion
+    assert motion.resting is not None and capture.markers is not None
+    rests = motion.resting.all(axis=0)
+    assert rests[SMPL_JOINTS.index("left_wrist")] and not rests[SMPL_JOINTS.index("right_wrist")]
+    labels = capture.markers.labels or ()
+    elbow = capture.markers.positions[:, [labels.index(f"Person:EPIC{end}") for end in "lm"]].mean(axis=1)
+    assert np.median(np.linalg.norm(places(motion, "right_elbow") - elbow, axis=-1)) < 0.03
+    found = [item for item in recorded_diagnostics(motion) if item.code == "limb_side_found"]
+    assert len(found) == 1 and "right" in sentence(found[0])
 
 
 def test_rotations_of_segments_are_solved_as_a_skeleton() -> None:

@@ -17,6 +17,7 @@ from tests.support.worn_markers import worn_markers
 
 LABELS = marker_layout("CMU_41")
 LEGS = np.array([label[1:] in ("FWT", "BWT", "THI", "KNE", "SHN", "ANK", "HEE", "MT5", "TOE") for label in LABELS])
+ARMS = np.array([label[1:] in ("UPA", "ELB", "FRM", "WRA", "WRB", "FIN") for label in LABELS])
 ARM = np.array([label in ("LELB", "LFRM", "LWRA", "LWRB", "LFIN") for label in LABELS])
 
 
@@ -44,3 +45,17 @@ def test_an_arm_of_somebody_else_is_no_part(cloud):
     points = cloud.positions + np.where(ARM, 1.4, 0.0)[:, None] * [0.0, 1.0, 0.0]
     with pytest.raises(MarkersUnknown, match="LELB, LFRM, LWRA, LWRB, LFIN and LFHD.* and 30 more"):
         check_one_body(points, marker_landmarks(load_body(), LABELS), load_body())
+
+
+def test_markers_that_are_known_by_their_bone_alone_are_where_they_are(cloud):
+    """As of a running laboratory, whose waist and back are known by the bone: joints 0.1 m apart, markers 0.4."""
+    body, places = load_body(), marker_landmarks(load_body(), LABELS)
+    bones = {"LFWT": "@pelvis", "RFWT": "@pelvis", "LBWT": "@pelvis", "RBWT": "@pelvis", "C7": "@spine1",
+             "CLAV": "@spine1"}  # fmt: skip
+    landmarks = marker_landmarks(body, tuple(bones.get(label, label) for label in LABELS))
+    offsets = places.anchors.sum(axis=1) - landmarks.anchors.sum(axis=1)
+    points = cloud.positions.copy()
+    points[:, [label in ("T10", "STRN", "RBAC") or label in np.array(LABELS)[ARMS] for label in LABELS]] = np.nan
+    check_one_body(points, landmarks, body, offsets)
+    with pytest.raises(MarkersUnknown):
+        check_one_body(points, landmarks, body)
