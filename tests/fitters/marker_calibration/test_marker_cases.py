@@ -55,6 +55,25 @@ def test_a_file_is_solved(name: str) -> None:
         assert np.abs(motion.betas).max() < 4.0
 
 
+def test_joints_of_a_suit_are_where_it_records_them() -> None:
+    """Its hips, neck, toes and fingers are at other places than this body's joints of these names."""
+    capture = load_capture(CASES / "joint_centres_as_markers" / "shadow_joints.c3d")
+    motion = solve(capture, SolveSettings(contacts=False)).motion
+    assert capture.markers is not None and np.abs(motion.betas).max() < 3.0
+    labels, names = (
+        capture.markers.labels or (),
+        dict(zip(motion.marker_labels or (), motion.layout or (), strict=True)),
+    )
+    limbs = {
+        label: place[1:] for label, place in names.items()
+        if place.endswith(("hip", "knee", "ankle", "shoulder", "elbow", "wrist", "=head"))
+    }  # fmt: skip
+    assert len(limbs) == 13
+    for label, joint in limbs.items():
+        off = np.linalg.norm(capture.markers.positions[:, labels.index(label)] - places(motion, joint), axis=-1)
+        assert np.median(off) < 0.015
+
+
 def test_rigid_bodies_named_by_bones_go_with_the_body() -> None:
     capture = load_capture(CASES / "one_person_many_prefixes" / "rigid_bodies.c3d")
     assert capture.markers is not None
