@@ -19,7 +19,6 @@ OTHER_NUMBERS = {
     "solver_backend/videos/detect/child/pose_workers/litert_hands.py": "points of a hand, in a Python of its own",
     "solver_backend/videos/detect/child/pose_workers/mediapipe_pose.py": "points of a hand, in a Python of its own",
     "solver_backend/synthesis/studio/writers/contact_sheet.py": "a grey value",
-    "solver_backend/fitters/partial_body/resting_spread.py": "millimetres",
     "solver_backend/io/markers/motive_csv.py": "lines of a file",
     "blender_addon/export/writers/whole_files.py": "bytes of a file",
     "blender_addon/studio/room.py": "corners of a box",

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Iterator
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +19,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.partial_body.resting_spread import SPREAD_MM, growth
+from solver_backend.fitters.partial_body.resting_spread import SPREAD_MM, Stance, growth, stance
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
@@ -52,19 +52,42 @@ NIMBLE = (
 )  # fmt: skip
 
 
-def recorded_poses(data: Path) -> np.ndarray:
-    """Return (N, 22, 3, 3) rotations of CMU's takes, the pelvis' world first, Z up."""
-    poses = []
+@dataclass(frozen=True)
+class Poses:
+    """N poses of several takes."""
+
+    rotations: np.ndarray
+    """(N, 22, 3, 3), the pelvis' world first, Z up."""
+    shown: Stance
+    """By the pelvis."""
+
+
+def joined(takes: list[tuple[np.ndarray, Stance]], every: list[int]) -> Poses:
+    """Return poses of takes, each of which counts every so many frames."""
+    parts = [
+        (rotations[::step], shown.lean[::step], shown.walking[::step], shown.low[::step])
+        for (rotations, shown), step in zip(takes, every, strict=True)
+    ]
+    rotations, *shown = (np.concatenate(part).astype(np.float64) for part in zip(*parts, strict=True))
+    return Poses(rotations, Stance(*shown))
+
+
+def recorded_poses(data: Path) -> Poses:
+    """Return poses of CMU's takes."""
+    takes = []
     for path in sorted((data / "motion_cmu" / "asfamc").glob("*.npz")):
-        rotations = body_rotations(read_clip(path))[::EVERY]
+        clip = read_clip(path)
+        rotations = body_rotations(clip)
         rotations[:, 1:] = with_shoulder_rhythm(rotations[:, 1:])
         rotations[:, 0] = UP @ rotations[:, 0]
-        poses.append(rotations)
-    return np.concatenate(poses).astype(np.float64)
+        with np.load(path) as file:
+            places = file["root"][-len(rotations) :].astype(np.float64) @ UP.T
+        takes.append((rotations, stance(rotations[:, 0], places, clip.fps)))
+    return joined(takes, [EVERY] * len(takes))
 
 
-def solved_poses(takes: Iterator[MarkerCloud]) -> np.ndarray:
-    """Return (N, 22, 3, 3) rotations of takes, solved with all their markers."""
+def solved_poses(takes: Iterator[MarkerCloud]) -> Poses:
+    """Return poses of takes, solved with all their markers."""
     poses = []
     for cloud in takes:
         step = max(1, int(cloud.fps // RATE))
@@ -72,8 +95,8 @@ def solved_poses(takes: Iterator[MarkerCloud]) -> np.ndarray:
         motion = solve(Capture("take", markers=cloud), SolveSettings(contacts=False)).motion
         local = exp_so3(motion.body_pose[:, :63].reshape(-1, 21, 3))
         rotations = np.concatenate([exp_so3(motion.global_orient)[:, None], local], axis=1)
-        poses.append(rotations[:: max(1, len(rotations) // KEPT)][:KEPT])
-    return np.concatenate(poses)
+        poses.append((rotations, stance(rotations[:, 0], motion.joints[:, 0], motion.fps)))
+    return joined(poses, [max(1, len(rotations) // KEPT) for rotations, _ in poses])
 
 
 def marker_takes(data: Path) -> dict[str, Iterator[MarkerCloud]]:
@@ -89,18 +112,18 @@ def marker_takes(data: Path) -> dict[str, Iterator[MarkerCloud]]:
     }
 
 
-def distances(poses: np.ndarray, anchor: str, joint: str) -> np.ndarray:
-    """Return (N, 3) of a joint from its place at rest in the anchor's frame, as of one upright: right sides mirrored.
+def distances(recorded: Poses, anchor: str, joint: str) -> np.ndarray:
+    """Return (N, 3) of a joint from its place at rest in the anchor's frame, right sides mirrored.
 
-    Metres, divided by how much the spread grows as the pelvis leans.
+    Metres, divided by ``growth``: as of one who stands upright.
     """
+    poses = recorded.rotations
     body, still = load_body(), (np.zeros(10), poses[:, 0])
     wanted = tuple(part for part in PARTS if part.removeprefix("left_").removeprefix("right_") in RESTING[anchor])
     rested = rest_rotations(body, poses[:, 0], poses[:, 1:], wanted)
     true, rest = (
         forward_kinematics(body, *still, local, np.zeros((len(poses), 3))) for local in (poses[:, 1:], rested)
     )
-    lean = np.degrees(np.arccos(np.clip(poses[:, 0, 2, 1], -1.0, 1.0)))
     sides = ("left_", "right_") if f"left_{joint}" in SMPL_JOINTS else ("",)
     found = []
     for side in sides:
@@ -108,7 +131,7 @@ def distances(poses: np.ndarray, anchor: str, joint: str) -> np.ndarray:
         j = SMPL_JOINTS.index(side + joint)
         away = (true.joints[:, j] - true.joints[:, a]) - (rest.joints[:, j] - rest.joints[:, a])
         own = (np.swapaxes(true.G[:, a], -1, -2) @ away[..., None])[..., 0] * [-1 if side == "right_" else 1, 1, 1]
-        found.append(own / growth(lean, anchor, joint)[:, None])
+        found.append(own / growth(recorded.shown, anchor, joint)[:, None])
     return np.concatenate(found)
 
 

@@ -22,7 +22,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.partial_body.assumed_above import assumed_joints, assumed_places, with_assumed_spread
 from solver_backend.fitters.partial_body.informed_parts import resting_shares
-from solver_backend.fitters.partial_body.resting_spread import with_resting_spread
+from solver_backend.fitters.partial_body.resting_spread import stance, with_resting_spread
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3
@@ -48,7 +48,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
         return solved
     below = {part: _below(layout, part) for part in found.spread}
     if not shares:  # every part is informed, some of them not to the take's ends
-        return replace(solved, covariance=_spread_out(solved, layout, below, found.spread))
+        return replace(solved, covariance=_spread_out(solved, measurements.fps, layout, below, found.spread))
     assumed = {} if len(pinned) else assumed_joints(body, subject.landmarks, offsets, measurements.located)
     where, sigma_m = assumed_places(assumed, {name for part in shares for name in below[part]})
     local = _rested(body, to_numpy(frames.root), to_numpy(frames.local), shares)
@@ -61,7 +61,8 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     covariance, contacts = solved.covariance, solved.contacts
     if covariance is not None:
         covariance = constant(with_assumed_spread(to_numpy(covariance), layout, assumed), covariance)
-    covariance = _spread_out(replace(solved, frames=frames, covariance=covariance), layout, below, found.spread)
+    known = replace(solved, frames=frames, covariance=covariance)
+    covariance = _spread_out(known, measurements.fps, layout, below, found.spread)
     if contacts is not None:
         feet = [layout.joints.index(f"{side}_foot") for side in ("left", "right")]
         contacts = contacts & (resting[:, feet] == 0.0)
@@ -75,14 +76,26 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
 
 
 def _spread_out(
-    solved: SolvedFrames, layout: BodyLayout, below: dict[str, tuple[str, ...]], shares: dict[str, np.ndarray]
+    solved: SolvedFrames,
+    fps: float,
+    layout: BodyLayout,
+    below: dict[str, tuple[str, ...]],
+    shares: dict[str, np.ndarray],
 ) -> Array | None:
     """Return the covariances with the spread of what is hardly known, None where there are none."""
     if solved.covariance is None:
         return None
     body, frames = solved.subject.body, solved.frames
-    G = to_numpy(forward_kinematics(body, solved.subject.betas, frames.root, frames.local, frames.transl).G)
-    spread = with_resting_spread(to_numpy(solved.covariance), G[:, list(body.recorded_joints)], layout, below, shares)
+    posed = forward_kinematics(body, solved.subject.betas, frames.root, frames.local, frames.transl)
+    G, pelvis = to_numpy(posed.G), to_numpy(posed.joints)[:, 0]
+    spread = with_resting_spread(
+        to_numpy(solved.covariance),
+        G[:, list(body.recorded_joints)],
+        stance(G[:, 0], pelvis, fps),
+        layout,
+        below,
+        shares,
+    )
     return constant(spread, solved.covariance)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
@@ -16,8 +18,8 @@ ANCHORS = {
 read backwards."""
 SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
     "pelvis": {
-        "spine2": (7, 12, 14), "spine3": (9, 24, 23), "neck": (20, 41, 40), "head": (22, 70, 43),
-        "collar": (18, 39, 30), "shoulder": (22, 21, 41), "elbow": (113, 362, 119), "wrist": (132, 522, 234),
+        "spine2": (9, 20, 36), "spine3": (12, 30, 45), "neck": (24, 41, 72), "head": (26, 70, 85),
+        "collar": (22, 39, 62), "shoulder": (26, 28, 66), "elbow": (113, 362, 119), "wrist": (132, 522, 234),
         "hand": (152, 554, 298), "knee": (44, 131, 69), "ankle": (38, 211, 161), "foot": (42, 250, 252),
     },
     "spine3": {"head": (7, 38, 10), "elbow": (140, 252, 84), "wrist": (281, 411, 131), "hand": (145, 590, 199)},
@@ -27,36 +29,70 @@ SPREAD_MM: dict[str, dict[str, tuple[float, float, float]]] = {
 """Standard deviations along the anchor bone's axes (left, up and front of the body at rest) of a person whose pelvis is
 upright, millimetres, by anchor without its side: fitted to the distances between joints and ``rest_rotations`` in
 recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as near as one can to 50, 80 and 95 %.
-``python -m tests.benchmarks.resting_spread`` finds them; those of the trunk and head are 1.1 to 1.35 times as large, as
-solves without their markers need (``dev.py bench partial``), whose bones have other lengths too. Poses have heavier
-tails than a normal distribution, and a take is one activity: of CMU's clips 58, 82 and 94 % are inside, of partial
-takes of CMU, UI-PRMD and nimble 58, 78 and 90."""
+``python -m tests.benchmarks.resting_spread`` finds them; those of trunk and head are 1.2 to 2.5 times as large, as a
+solve without their markers needs: of five other takes its pelvis leans 8 degrees off and its trunk has another length
+(deviations along up and front of 16 and 45 mm at spine2, 24 and 79 at the neck)."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Degrees by which the pelvis leans where the spread of trunk, head and legs is twice that of one upright, and beyond
 which it grows no more: who bends, sits, kneels or lies has them three times as far from their rest as who stands."""
 ARM_TILT_DEG, ARM_MOST_DEG = 100.0, 45.0
 """The same of arms beyond a lean of ``TILT_DEG``: who bends reaches for something. Of CMU's 229 clips their ellipsoids
 are right up to 15 degrees, and 1.1, 1.3 and 1.5 times too small at 25, 40 and 60."""
-_ARM = ("elbow", "wrist", "hand")
+SLOW_M_S, FAST_M_S, WINDOW_S = 0.3, 0.8, 0.5
+"""Metres per second along the ground up to which a pelvis stays where it is, and from which the person walks; seconds
+over which its speed is taken."""
+WALKING = {"arm": 0.62, "upper": 0.75}
+"""How large the spread of arms, and of head and shoulders above a seen pelvis, is in who walks by that of who stays: a
+walk's arms hang, a stander's do anything. Radii that hold 50, 80 and 95 % of the arms of CMU's walks are 0.47, 0.66 and
+0.81 times as large as those of who stays, of the upper body 0.74, 0.73 and 0.75."""
+LOW_M, LOWEST_M, LOW = 0.03, 0.14, 1.35
+"""Metres of the pelvis below its highest in the take from which legs bend and from which their spread grows no more,
+and how large it is then: 1.4 (knees), 1.2 (ankles) in CMU's clips."""
+_ARM, _LEG, _UPPER = ("elbow", "wrist", "hand"), ("knee", "ankle", "foot"), ("neck", "head", "collar", "shoulder")
+
+
+@dataclass(frozen=True)
+class Stance:
+    """What a pelvis shows of what the rest of the body does, (F,) each."""
+
+    lean: np.ndarray
+    """Degrees between its axis and the vertical."""
+    walking: np.ndarray
+    """0 of who stays in place to 1 of who walks."""
+    low: np.ndarray
+    """0 of who stands to 1 of who sits, squats, kneels or lies."""
+
+
+def stance(rotations: np.ndarray, places: np.ndarray, fps: float) -> Stance:
+    """Return what (F, 3, 3) rotations and (F, 3) places of a pelvis show, metres, Z up."""
+    lean = np.degrees(np.arccos(np.clip(rotations[:, 2, 1], -1.0, 1.0)))
+    half, every = max(1, round(0.5 * WINDOW_S * fps)), np.arange(len(places))
+    first, last = np.maximum(every - half, 0), np.minimum(every + half, len(places) - 1)
+    speed = np.linalg.norm(places[last, :2] - places[first, :2], axis=-1) * fps / np.maximum(last - first, 1)
+    drop = float(np.quantile(places[:, 2], 0.95)) - places[:, 2]
+    return Stance(
+        lean, np.clip((speed - SLOW_M_S) / (FAST_M_S - SLOW_M_S), 0.0, 1.0),
+        np.clip((drop - LOW_M) / (LOWEST_M - LOW_M), 0.0, 1.0),
+    )  # fmt: skip
 
 
 def with_resting_spread(
-    covariance: np.ndarray, rotations: np.ndarray, layout: BodyLayout, below: dict[str, tuple[str, ...]],
-    shares: dict[str, np.ndarray],
+    covariance: np.ndarray, rotations: np.ndarray, shown: Stance, layout: BodyLayout,
+    below: dict[str, tuple[str, ...]], shares: dict[str, np.ndarray],
 ) -> np.ndarray:  # fmt: skip
     """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth`` by the pelvis' lean.
+    k is ``growth`` by what the pelvis shows.
 
     Args:
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
         rotations: (F, J, 3, 3) global rotations G.
+        shown: by the pelvis.
         layout: names of the J joints.
         below: joints whose places each part's turns move.
         shares: (F,) of each part, s.
     """
     found = unpacked(covariance)
-    lean = np.degrees(np.arccos(np.clip(rotations[:, layout.joints.index("pelvis"), 2, 1], -1.0, 1.0)))
     for part in reversed(ANCHORS):
         if part not in shares:
             continue
@@ -66,27 +102,33 @@ def with_resting_spread(
         for name in below[part]:
             if _bare(name) in table:  # a body may have joints that no recording shows
                 variance = (1e-3 * np.array(table[_bare(name)])) ** 2
-                k = growth(lean, _bare(ANCHORS[part]), _bare(name))[:, None, None]
+                k = growth(shown, _bare(ANCHORS[part]), _bare(name))[:, None, None]
                 own = k**2 * ((G * variance) @ np.swapaxes(G, -1, -2))
                 j = layout.joints.index(name)
                 found[:, j] += share * (found[:, anchor] + own - found[:, j])
     return packed(found)
 
 
-def growth(lean: np.ndarray, anchor: str, joint: str) -> np.ndarray:
-    """Return by how much the spread of a joint about its anchor, both without sides, grows as the pelvis leans.
+def growth(shown: Stance, anchor: str, joint: str) -> np.ndarray:
+    """Return by how much the spread of a joint about its anchor, both without sides, differs from an upright stander's.
 
     ``1 + min(θ, MOST_DEG) / TILT_DEG`` of trunk, head and legs, ``1 + clip(θ - TILT_DEG, 0, ARM_MOST_DEG) /
-    ARM_TILT_DEG`` of arms, 1 of a head on a chest that is seen.
+    ARM_TILT_DEG`` of arms, 1 of a head on a chest that is seen; times ``WALKING`` and, of legs, ``LOW``.
 
     Args:
-        lean: (F,) degrees θ.
+        shown: by the pelvis, which leans by θ.
         anchor: without its side.
         joint: without its side.
     """
     if joint in _ARM:
-        return 1.0 + np.clip(lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
-    return 1.0 + np.minimum(lean, MOST_DEG) / TILT_DEG if anchor in ("pelvis", "hip") else np.ones_like(lean)
+        leaning = 1.0 + np.clip(shown.lean - TILT_DEG, 0.0, ARM_MOST_DEG) / ARM_TILT_DEG
+        return leaning * (1.0 + (WALKING["arm"] - 1.0) * shown.walking)
+    if anchor not in ("pelvis", "hip"):
+        return np.ones_like(shown.lean)
+    leaning = 1.0 + np.minimum(shown.lean, MOST_DEG) / TILT_DEG
+    if joint in _LEG:
+        return leaning * (1.0 + (LOW - 1.0) * shown.low)
+    return leaning * (1.0 + (WALKING["upper"] - 1.0) * shown.walking) if joint in _UPPER else leaning
 
 
 def _bare(name: str) -> str:

@@ -12,6 +12,8 @@ from solver_backend.fitters.partial_body.resting_spread import (
     MOST_DEG,
     SPREAD_MM,
     TILT_DEG,
+    growth,
+    stance,
     with_resting_spread,
 )
 from solver_backend.geometry.rotations import exp_so3
@@ -28,7 +30,8 @@ def sigma_mm(lean_deg: float, part: str, joint: str) -> np.ndarray:
     turned = exp_so3(np.array([np.radians(lean_deg), 0.0, 0.0])) @ UPRIGHT
     G = np.broadcast_to(turned, (1, layout.num_joints, 3, 3))
     nothing = np.zeros((1, layout.num_joints, 6))
-    found = unpacked(with_resting_spread(nothing, G, layout, {part: (joint,)}, {part: np.ones(1)}))
+    shown = stance(G[:, 0], np.zeros((1, 3)), 30.0)
+    found = unpacked(with_resting_spread(nothing, G, shown, layout, {part: (joint,)}, {part: np.ones(1)}))
     own = turned.T @ found[0, SMPL_JOINTS.index(joint)] @ turned
     assert np.abs(own - np.diag(np.diag(own))).max() < 1e-12
     return 1000 * np.sqrt(np.diag(own))
@@ -51,3 +54,16 @@ def test_spread_grows_with_the_lean_of_the_pelvis(
     table = np.array(SPREAD_MM[anchor][joint.removeprefix("left_")], dtype=float)
     for lean, factor in zip((0.0, TILT_DEG, 150.0), factors, strict=True):
         np.testing.assert_allclose(sigma_mm(lean, part, joint), factor * table, rtol=1e-6)
+
+
+def test_who_walks_has_arms_nearer_to_their_rest_and_who_squats_legs_farther() -> None:
+    places = np.zeros((90, 3))
+    places[:, 0] = np.clip(np.arange(90) - 30, 0, 30) / 30.0 * 1.5  # walks in the middle second, then squats
+    places[60:, 2] = -0.3
+    shown = stance(np.broadcast_to(UPRIGHT, (90, 3, 3)), places, 30.0)
+    walking, low = shown.walking, shown.low
+    assert walking[45] == 1.0 and not walking[[10, 80]].any() and low[80] == 1.0 and not low[:60].any()
+    assert 0.3 < growth(shown, "spine3", "wrist")[45] < 0.9 and growth(shown, "pelvis", "wrist")[80] == 1.0
+    assert growth(shown, "pelvis", "knee")[80] > 1.2 and growth(shown, "spine3", "head")[45] == 1.0
+    far = stance(np.broadcast_to(UPRIGHT, (90, 3, 3)), places + [50.0, -20.0, 900.0], 30.0)
+    assert all(np.allclose(a, b) for a, b in zip(vars(shown).values(), vars(far).values(), strict=True))
