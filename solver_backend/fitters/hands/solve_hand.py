@@ -24,9 +24,9 @@ WINDOW = 12
 """Frames at 60 a second of a window with three keys: fingers open and close in a fifth of a second."""
 INFORMED = 0.7
 """A finger is seen where its knuckle's bend is known to less than this share of what is known of unseen fingers."""
-CALIBRATION = 0.65
-"""Share of the inflated posterior's variance that is found; see ``keyframes/posterior``. Set so that 95 % ellipsoids
-hold 96 % of the studio's finger joints; with other noise they hold 91 to 97 (docs/research-log/hands.md)."""
+CALIBRATION = 0.5
+"""Share of the inflated posterior's variance that is found; see ``keyframes/posterior``. The least with which 95 %
+ellipsoids hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
 CONSTANT_M = 0.004
 """Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
 
