@@ -1,8 +1,9 @@
 """Tables 1 and 7 of the paper: one landmark network trained on two people's motions and on as many poses of many.
 
-Reads what `python -m tests.benchmarks.landmark_rows.train_sources` left under build/landmark_sources (four minutes of
-a processor for three seeds of 500 steps). RMSE and MPJPE in our clouds of 53 markers, on held-out people's ordinary
-poses, the thesis' tail groups, and lying on the floor. Medians over seeds; ``spread`` as in `bench landmark_rows`.
+Reads what `python -m tests.benchmarks.landmark_rows.train_sources` left under build/landmark_sources (ten minutes of a
+processor for three seeds of 500 steps, the reading of recordings included). RMSE and MPJPE in our clouds of 53 markers,
+on held-out people's ordinary poses, the thesis' tail groups, and lying on the floor. Medians over seeds; ``spread`` as
+in `bench landmark_rows`.
 """
 
 from __future__ import annotations
