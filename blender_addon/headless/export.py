@@ -82,7 +82,7 @@ def _check_free(request: ExportRequest, paths: list[Path]) -> None:
         raise OutputExists(
             f"{', '.join(dict.fromkeys(existing))} would be overwritten.",
             where=str(request.out),
-            hint="Choose another folder, or ask for overwriting.",
+            hint="Choose another folder, or allow overwriting (--overwrite).",
         )
 
 

@@ -193,7 +193,7 @@ def _exists(path: Path) -> OutputExists:
     return OutputExists(
         "The output is already there and is not overwritten.",
         where=str(path),
-        hint="Choose another name, delete it, or ask for overwriting.",
+        hint="Choose another name, delete it, or allow overwriting (--overwrite).",
     )
 
 

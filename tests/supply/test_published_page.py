@@ -58,7 +58,7 @@ def test_nearer_to_one_than_chance_is_not_found_or_undecided(this: float, publis
 @pytest.mark.parametrize(("published", "seeds"), [(0.95, "4 seeds"), (0.99, "12 seeds"), (1.0, "more than 50 seeds")])
 def test_an_undecided_row_says_how_many_seeds_would_tell(published: float, seeds: str):
     row = PublishedRow("A", "1", "W", published, 0.99, spread=0.02, seeds=3)
-    assert row.what_decides == f"Chance is ±0.020 by 3 seeds; {seeds} would tell."
+    assert row.what_decides == f"Chance is ±0.020 by 3 seeds; {seeds} would decide."
 
 
 def test_what_has_no_published_figure_is_called_so_and_has_its_day():
@@ -116,5 +116,5 @@ def test_a_row_of_the_page_shows_both_ratios_and_the_reason_of_a_contradiction_a
         assert row.verdict in line and (row.reason in line) == (
             row.verdict not in (REPRODUCED, UNDECIDED) or not row.reason
         )
-        assert (row.verdict == UNDECIDED) == ("would tell." in line)
+        assert (row.verdict == UNDECIDED) == ("would decide." in line)
     assert isinstance(rows()[0], PublishedRow)

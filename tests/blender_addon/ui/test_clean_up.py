@@ -36,7 +36,7 @@ def test_a_detectors_noise_goes_into_the_job_and_is_missed_by_name(solved_take, 
     mocap.solve.noise = str(path)
     assert prepare_job(bpy.context.scene, None)[0].settings["noise"] == str(path)
     path.unlink()
-    with pytest.raises(TakeMissing, match="noise is gone"):
+    with pytest.raises(TakeMissing, match="noise no longer exists"):
         prepare_job(bpy.context.scene, None)
 
 
