@@ -29,8 +29,8 @@ class MocapPreferences(bpy.types.AddonPreferences):
     )
     detector: bpy.props.StringProperty(
         name="Python with MediaPipe",
-        description="A Python 3.9 or later that has MediaPipe and NumPy, or onnxruntime for models of yours, in which "
-        "people are found in videos; empty for the environment that Set Up Detector makes",
+        description="A Python 3.9 or later that finds people in videos: with NumPy and MediaPipe, or onnxruntime for "
+        "your own models. Empty for the environment that Set Up Detector makes",
         subtype="FILE_PATH",
     )
     acquisition: bpy.props.BoolProperty(

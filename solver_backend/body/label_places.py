@@ -68,7 +68,7 @@ def _place(label: str, place: str, path: Path) -> str:
     if found is None:
         raise MarkersUnknown(
             f"The place {place!r} of the label {label} is not known.", where=str(path),
-            hint="Write a marker's name such as LASI, a hand's such as L_FT2, @ and a joint such as @left_knee, an "
-            "empty text to leave the marker out, or null to let the solve find its bone.",
+            hint="Write a marker's name (LASI, or L_FT2 of a hand) or a joint (@left_knee). An empty text leaves the "
+            "marker out; null lets the solve find its bone.",
         )  # fmt: skip
     return found

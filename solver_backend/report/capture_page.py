@@ -151,8 +151,9 @@ def _agreement_section(capture: Capture, views: _SharedViews | None) -> str:
     table = _camera_table(names, views)
     lead += (
         f" Detections agree where the views' common point lies within {INLIER_SIGMAS:g} standard deviations. A strip "
-        "that is empty throughout is a camera of another place, size or name; one that is empty for a while is a "
-        "camera that was touched, or somebody else; gaps in all strips are cameras that did not start together."
+        "that is empty throughout points at a camera of another place, size or name. One that is empty for a while "
+        "points at a camera that was touched, or at somebody else. Gaps in all strips point at cameras that did not "
+        "start together."
     )
     shown = f"<h3>Detections that agree with the other views</h3>{strip_plot(_strips(names, agrees), rate)}{shown}"
     return section("Views", f"{shown}<h3>Camera by camera</h3>{table}", lead, "views")

@@ -23,8 +23,8 @@ OPEN_CODES = ("limb_depth_open",)
 """Diagnostics that name limbs whose depth is open."""
 TRUNK = "pelvis"
 _LEAD = (
-    "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey, which all joints share with the "
-    "distance and size of the person. Dashed limbs are open in depth: they may point towards the camera or away. "
+    "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
+    "with the person's distance and size. Dashed limbs are open in depth: they may point towards the camera or away. "
     "From the side the camera is on the left."
 )
 

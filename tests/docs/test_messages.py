@@ -17,8 +17,16 @@ WORDS = re.compile(
     flags=re.IGNORECASE,
 )
 """Left column of the style's table, and what else was met: the program reports, estimates, corrects; X is not a Y."""
-TEMPLATES = re.compile(r"<(?:!doctype|svg|figure|section|table|div|rect|circle|line|path|polygon)\b")
-"""Markup, of which no word is shown as such."""
+MOST_WORDS = 30
+"""Of a sentence; twenty is the style's measure."""
+_NO_SENTENCES = (
+    "solver_backend/training/",
+    "solver_backend/synthesis/studio/writers/",
+    "solver_backend/camera_calibration/formats/",
+)
+"""Model cards and files' contents."""
+_NO_PROSE = re.compile(r"<|:root|\bimport (?:sys|json)\b|--json")
+"""Markup, style sheets, programs and the table of exit codes."""
 
 
 @pytest.mark.parametrize(("package", "least"), [("solver_backend", 1000), ("blender_addon", 1000), ("dev.py", 20)])
@@ -35,6 +43,14 @@ def test_the_list_of_texts_has_each_once_and_leaves_no_package_out() -> None:
     assert len(found) > 3000 and len(shown) == len(set(shown))
     assert {path.parts[0] for path, _, _ in found} == {"solver_backend", "blender_addon", "dev.py"}
     assert any("Pose limbs from their ends (IK)" in text for text in shown)
+
+
+def test_a_sentence_of_a_message_is_read_in_one_breath() -> None:
+    shown = [(f"{path}", text) for path, _, text in texts() if not str(path).startswith(_NO_SENTENCES)]
+    prose = [(path, text) for path, text in shown if not _NO_PROSE.search(text)]
+    sentences = [(path, part) for path, text in prose for part in re.split(r"(?<=[.!?])\s+", text)]
+    long = [(path, part) for path, part in sentences if len(part.split()) > MOST_WORDS]
+    assert not long, f"more than {MOST_WORDS} words: {long}"
 
 
 def test_every_argument_of_a_verb_has_a_line_of_help() -> None:

@@ -111,7 +111,7 @@ def test_labels_that_say_nothing_are_persistent_tracks(demo):
     numbered = MarkerCloud(positions, demo.fps, tuple(f"Point {k}" for k in range(positions.shape[1])))
     capture, take = labelled_capture(Capture("take", markers=numbered))
     assert take is not None and capture.markers is not None
-    assert "The labels of the markers name no places: a network named" in words(capture.notes)[-1]
+    assert "The labels name no places. A network named" in words(capture.notes)[-1]
     known = name_markers(demo.labels or ()).known
     truth = [MARKERS.index(known[label]) if known.get(label) in MARKERS else GHOST for label in demo.labels or ()]
     there = np.isfinite(positions).all(-1)

@@ -6,7 +6,7 @@ from .entry import DiagnosticEntry, note, warning
 
 RECORDING: dict[str, DiagnosticEntry] = {
     "joints_doubted": warning(
-        "Labels name a skeleton's joint centres, but the points fit none: the hips are {size:.0f} % of a thigh apart, "
+        "Labels name a skeleton's joint centres, but the points fit none. The hips are {size:.0f} % of a thigh apart, "
         "limb joints up to {off:.0f} mm from the body's, the shape up to {shape:.1f} deviations from the mean",
         "Markers on the skin are named like a skeleton's joints.",
         "Write the markers' places with `layout`, and solve with `--layout`.",

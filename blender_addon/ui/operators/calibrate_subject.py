@@ -17,8 +17,8 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
     bl_idname = "mocap.calibrate_subject"
     bl_label = "Calibrate Subject"
     bl_description = (
-        "Learn the person's shape and where every marker sits from this recording, one with much movement at best, and "
-        "solve it and the person's other recordings with that"
+        "Learn the person's shape and marker places from this recording, best one with much movement. It and the "
+        "person's other recordings are then solved with them"
     )
 
     @classmethod

@@ -44,8 +44,8 @@ class MOCAP_OT_lock_feet(NeedsTake, bpy.types.Operator):
     bl_idname = "mocap.lock_feet"
     bl_label = "Lock Feet"
     bl_description = (
-        "Add a take of this one, your edits included, in which heels and balls of the feet stay where they stand; for "
-        "clips of other programs, which are not solved again"
+        "Add a take, your edits included, in which heels and balls of standing feet stay in place. For clips of other "
+        "programs, which are not solved again"
     )
     edits_body = True
 

@@ -26,9 +26,8 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
     bl_label = "Import Capture"
     bl_description = (
         "Read a capture, report what was recognised, and add its cameras, footage, detections and floor. "
-        "Choose a folder (a Pose2Sim trial, a session of trials, folders of OpenPose JSON with a calibration), any "
-        "file in it, "
-        "or a recording of optical markers (C3D, TRC, CSV, TSV)"
+        "Choose a folder or any file in it: a Pose2Sim trial, a session, OpenPose JSON with a calibration. Or choose a "
+        "recording of optical markers (C3D, TRC, CSV, TSV)"
     )
 
     is_of_capture = False

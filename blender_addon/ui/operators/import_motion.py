@@ -25,9 +25,8 @@ class MOCAP_OT_import_motion(BringsMotion, bpy.types.Operator, ImportHelper):
     bl_idname = "mocap.import_motion"
     bl_label = "Import Motion"
     bl_description = (
-        "Add a motion as a skinned, animated body: a solved one with the cameras and detections of its capture, or a "
-        "clip of another program (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS), fitted to our body in a process of "
-        "its own"
+        "Add a motion as a skinned, animated body. A solved one brings the cameras and detections of its capture; a "
+        "clip of another program (BVH, FBX, glTF, VRM, MVNX, C3D segments, AMASS) is fitted to our body"
     )
     bl_options = {"REGISTER", "UNDO", "PRESET"}  # noqa: RUF012 - Blender reads a plain set
 

@@ -22,8 +22,8 @@ class MOCAP_OT_motion_from_rig(BringsMotion, bpy.types.Operator):
     bl_idname = "mocap.motion_from_rig"
     bl_label = "Bring onto Body"
     bl_description = (
-        "Add a body of ours with the actor's proportions that moves as it does, to clean up, edit and export like a "
-        "solved take; the actor stays as it is"
+        "Add a body with the actor's proportions and motion, to clean up, edit and export like a solved take. The "
+        "actor stays as it is"
     )
 
     _skeleton: Path | None = None

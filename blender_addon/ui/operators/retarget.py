@@ -82,8 +82,8 @@ class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
     bl_idname = "mocap.save_preset"
     bl_label = "Save Preset"
     bl_description = (
-        "Keep the table and the map pose as a preset of yours, by which every rig that has all of its bones is mapped "
-        "from now on, in this file and others"
+        "Keep the table and the map pose as your own preset. Every rig that has all of its bones is then mapped by it, "
+        "in this file and others"
     )
 
     name: bpy.props.StringProperty(

@@ -11,8 +11,8 @@ _READ: dict[str, DiagnosticEntry] = {
         "Name the points with `label`, or write the labels' places with `layout` and solve with `--layout`.",
     ),
     "labels_left_to_network": note(
-        "The labels name too few places on a body ({count} of {total}): the solve names the markers by the labelling "
-        "network, which knows whole bodies, and refuses where it does not know the layout",
+        "The labels name too few places on a body ({count} of {total}), so the labelling network names the markers. "
+        "It knows whole bodies, and the solve refuses a layout that it does not know",
         "Labels such as numbers name no place on a body.",
         "Write the labels' places with `layout` and solve with `--layout`, or name a take after a labelled one with "
         "`label --like`.",
@@ -88,7 +88,7 @@ _NAMED: dict[str, DiagnosticEntry] = {
         "Takes without labels are labelled before they are solved.",
     ),
     "labels_named": note(
-        "The labels of the markers name no places: a network named {named:.1f} % of them, as {count} markers; "
+        "The labels name no places. A network named {named:.1f} % of the points, as {count} markers; "
         "{nobody:.1f} % are not on a person, {unknown:.1f} % stay unknown",
         "Labels such as numbers name no place on a body.",
     ),

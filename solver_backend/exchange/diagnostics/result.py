@@ -10,8 +10,8 @@ _COMPARE = "Compare with the footage there."
 
 RESULT: dict[str, DiagnosticEntry] = {
     "one_camera": warning(
-        "One camera: distance and the depth of limbs are estimated, not measured (limbs by ± {size:.0f} cm along the "
-        "line of sight, the person's size and distance by ± {share:.0f} %, by {source})",
+        "One camera: distance and the depth of limbs are estimated, not measured. Limbs are known to ± {size:.0f} cm "
+        "along the line of sight, the person's size and distance to ± {share:.0f} %, from {source}",
         "A picture holds neither how far away a person is nor how far a limb points towards the camera.",
         "Look at the motion from the side, pin poses that are wrong, or add a second camera.",
     ),

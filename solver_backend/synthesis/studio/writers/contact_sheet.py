@@ -122,8 +122,8 @@ def card_text(spec: Spec, records: list[dict[str, Any]], has_sheet: bool) -> str
     lines += [
         "",
         "Made by Manifold MoCap's studio. The body and the motion that ships are GPL-3.0-or-later; pictures and truth "
-        "are output of the program and yours, but for motions you brought, whose own licences hold for what is made of "
-        "them.", "",
+        "are output of the program and yours. What is made from motions that you brought is under the motions' own "
+        "licences.", "",
         "Pixel (0, 0) is the centre of the top-left pixel; metres, Z up; `x_cam = R x_world + t` in OpenCV's axes. "
         "Depth is in millimetres along the optical axis, 0 where there is none. Masks: "
         + ", ".join(f"{i} {name}" for i, name in enumerate(LABELS)) + ". Visibility in truth.npz: 0 outside the "
