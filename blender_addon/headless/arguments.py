@@ -9,6 +9,7 @@ from itertools import groupby
 from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
+from .._exchange.marker_formats import MARKER_FORMATS
 from .._exchange.renamed import RenamedOption
 from ..conventions.looks import LOOKS
 from ..conventions.skeleton import NUM_BETAS
@@ -218,7 +219,7 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     )
     batch.add_argument("--export", nargs="+", choices=_FORMATS, default=[], help="formats to export to")
     batch.add_argument(
-        "--export-markers", nargs="+", choices=("c3d", "trc"), default=[],
+        "--export-markers", nargs="+", choices=tuple(MARKER_FORMATS), default=[],
         help="write the cleaned markers of takes of markers",
     )  # fmt: skip
 

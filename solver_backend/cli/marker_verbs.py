@@ -11,7 +11,7 @@ from solver_backend.cli.capture_arguments import add_labels
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
-from solver_backend.exchange.marker_formats import MARKER_FORMATS
+from solver_backend.exchange.marker_formats import MARKER_FORMATS, file_names
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
 
@@ -27,7 +27,9 @@ CONTENTS = {"cleaned": "cleaned_markers", "solved": "markers"}
 def label_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of label."""
     verb.add_argument("capture", type=Path, metavar="TAKE", help="recording of markers")
-    verb.add_argument("--out", type=Path, required=True, metavar="LABELLED.c3d|.trc|.npz", help="file to write")
+    verb.add_argument(
+        "--out", type=Path, required=True, metavar=file_names("LABELLED", "LABELLED.npz"), help="file to write"
+    )
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
     add_labels(verb)
     verb.add_argument(
@@ -39,7 +41,7 @@ def label_arguments(verb: argparse.ArgumentParser) -> None:
 def export_markers_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of export-markers."""
     verb.add_argument("motion", type=Path, metavar="MOTION.npz", help="motion that was solved from markers")
-    verb.add_argument("--out", type=Path, required=True, metavar="TAKE.c3d|TAKE.trc", help="file to write")
+    verb.add_argument("--out", type=Path, required=True, metavar=file_names("TAKE"), help="file to write")
     verb.add_argument(
         "--contents", choices=tuple(CONTENTS), default="cleaned",
         help="cleaned: as recorded, gaps filled and swaps undone (default); solved: where the body has them",
@@ -61,7 +63,7 @@ def check_ending(path: Path, *others: str) -> None:
 
 
 def label(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Name the points of a take and write them as C3D or TRC, or as our capture, which keeps their covariances."""
+    """Name the points of a take and write them as markers, or as our capture, which keeps their covariances."""
     overwrite = bool(args.overwrite)
     check_ending(args.out, "npz")
     for path in (args.out, args.report):
@@ -139,7 +141,7 @@ def summary(take: LabelledTake) -> dict[str, Any]:
 
 
 def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Write the markers of a motion as C3D or TRC."""
+    """Write the markers of a motion in the format that the file's ending names."""
     overwrite = bool(args.overwrite)
     check_ending(args.out)
     check_output(args.out, overwrite=overwrite)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from solver_backend.cli.marker_verbs import check_ending
 from solver_backend.cli.outcome import Outcome, findings_data
 from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.marker_formats import file_names
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 def markers_from_sensors_arguments(verb: argparse.ArgumentParser) -> None:
     """Add the arguments of markers-from-sensors."""
     verb.add_argument(
-        "--out", type=Path, required=True, metavar="CLOUD.c3d|CLOUD.trc|CAPTURE.npz", help="file to write"
+        "--out", type=Path, required=True, metavar=file_names("CLOUD", "CAPTURE.npz"), help="file to write"
     )
     _add_source(verb)
 
@@ -54,7 +55,7 @@ def add_chain_options(verb: argparse.ArgumentParser) -> None:
 
 
 def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Find markers in the frames of several sensors and write their points as C3D, TRC or our capture."""
+    """Find markers in the frames of several sensors and write their points in a format of markers or as our capture."""
     overwrite, suffix = bool(args.overwrite), args.out.suffix.lower()
     check_ending(args.out, "npz")
     check_output(args.out, overwrite=overwrite)

@@ -25,6 +25,7 @@ from solver_backend.cli import (
     video_arguments,
     wand_verbs,
 )
+from solver_backend.exchange.marker_formats import FORMAT_NAMES
 
 Shared = Literal["reading", "writing", "detector", "footage", "prior"]
 """Options that several verbs take: how captures are read, what is overwritten, the detector, how videos are read, the
@@ -91,8 +92,9 @@ TASKS: dict[str, tuple[Verb, ...]] = {
              "verbs", capture_arguments.layout_arguments, ("reading", "writing")),
         Verb("marker-places", "draw where a layout's markers sit on the body", "marker-places --out places.png",
              "marker_verbs", marker_verbs.marker_places_arguments, ("writing",)),
-        Verb("export-markers", "write a motion's markers as C3D or TRC", "export-markers motion.npz --out cleaned.c3d",
-             "marker_verbs", marker_verbs.export_markers_arguments, ("writing",)),
+        Verb("export-markers", f"write a motion's markers as {FORMAT_NAMES}",
+             "export-markers motion.npz --out cleaned.c3d", "marker_verbs",
+             marker_verbs.export_markers_arguments, ("writing",)),
         Verb("export-props", "write a motion's props as JSON", "export-props motion.npz --out props.json",
              "prop_verbs", prop_verbs.export_props_arguments, ("writing",)),
     ),

@@ -8,12 +8,13 @@ import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.errors import OutputNotWritable
-from ..._exchange.marker_formats import MARKER_FORMATS
+from ..._exchange.marker_formats import FORMAT_NAMES, MARKER_FORMATS
 from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from .solver_operator import SolverOperator
 
 _FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
+_ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
 _CONTENTS = (
     ("cleaned", "Cleaned", "As recorded, with gaps filled and exchanged labels corrected"),
     ("solved", "Solved", "Where the solved body has them"),
@@ -25,7 +26,7 @@ class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
 
     bl_idname = "mocap.export_markers"
     bl_label = "Export Markers"
-    bl_description = "Write the markers of the take that the body plays as C3D or TRC"
+    bl_description = f"Write the markers of the take that the body plays as {FORMAT_NAMES}"
     bl_options = {"PRESET"}  # noqa: RUF012 - Blender reads a plain set
 
     filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
@@ -81,4 +82,4 @@ class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
 
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Export."""
-    self.layout.operator(MOCAP_OT_export_markers.bl_idname, text="Motion Capture Markers (.c3d, .trc)")
+    self.layout.operator(MOCAP_OT_export_markers.bl_idname, text=f"Motion Capture Markers ({_ENDINGS})")

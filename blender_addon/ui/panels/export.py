@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..._exchange.marker_formats import MARKER_FORMATS
 from ...export.destinations import DESTINATIONS
 from ...export.formats import FORMATS
 from ..operators.export_markers import MOCAP_OT_export_markers
@@ -81,9 +82,9 @@ def _draw_markers(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     for contents, text in (("cleaned", "Cleaned"), ("solved", "Solved")):
         row = column.row(align=True)
         row.label(text=text, text_ctxt=CONTEXT)
-        for name in ("c3d", "trc"):
-            button = row.operator(MOCAP_OT_export_markers.bl_idname, text=name.upper(), translate=False)
-            button.format, button.contents = name, contents
+        for ending, (name, _) in MARKER_FORMATS.items():
+            button = row.operator(MOCAP_OT_export_markers.bl_idname, text=name, translate=False)
+            button.format, button.contents = ending, contents
 
 
 CLASSES = (VIEW3D_PT_mocap_export, VIEW3D_PT_mocap_formats, VIEW3D_PT_mocap_export_markers)

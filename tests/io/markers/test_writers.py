@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import ezc3d
@@ -19,6 +20,8 @@ from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.markers.write import WRITERS, write_markers
 from solver_backend.types import MarkerCloud
 from tests.support.words import codes
+
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def cloud(frames: int = 20, markers: int = 5, fps: float = 120.0, *, named: bool = True) -> MarkerCloud:
@@ -44,6 +47,16 @@ def test_every_format_that_a_user_may_choose_is_written_and_read_back(tmp_path: 
 
 def test_formats_to_choose_are_formats_that_are_written() -> None:
     assert list(WRITERS) == list(MARKER_FORMATS)
+
+
+def test_formats_are_listed_once() -> None:
+    """A menu, a panel or an option with a list of its own would not offer the next format."""
+    listed = re.compile(r'"c3d", "trc"|\.c3d\|.*trc|\(\.c3d, \.trc\)|as C3D or TRC')
+    tables = ("solver_backend/exchange", "blender_addon/_exchange")
+    paths = [path for part in ("solver_backend", "blender_addon") for path in (ROOT / part).rglob("*.py")]
+    files = [path for path in paths if not any(path.is_relative_to(ROOT / table) for table in tables)]
+    found = [path.name for path in files if listed.search(path.read_text(encoding="utf-8"))]
+    assert len(files) > 800 and not found
 
 
 @pytest.mark.parametrize("frames", [1, 20])
