@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
+from .._exchange.detectors import DETECTORS
 from .._exchange.errors import MocapError
 from . import ADDON
 
@@ -133,7 +134,7 @@ def litert_python(context: bpy.types.Context) -> Path | None:
 def detector_for(context: bpy.types.Context) -> Path | None:
     """Return the interpreter that finds people with the chosen detector; None without one, or for the solver's own."""
     videos = context.scene.mocap.videos
-    if videos.detector == "mediapipe":
+    if _has_own_environment(videos.detector):
         return detector_python(context)
     return litert_python(context) if _is_litert(videos) else named_detector(context)
 
@@ -141,7 +142,7 @@ def detector_for(context: bpy.types.Context) -> Path | None:
 def lacks_detector(context: bpy.types.Context) -> bool:
     """Return whether the chosen detector has no Python: ONNX models run in the solver's own."""
     videos = context.scene.mocap.videos
-    return (videos.detector == "mediapipe" or _is_litert(videos)) and detector_for(context) is None
+    return (_has_own_environment(videos.detector) or _is_litert(videos)) and detector_for(context) is None
 
 
 def detector_text(context: bpy.types.Context) -> str:
@@ -156,6 +157,10 @@ def detector_text(context: bpy.types.Context) -> str:
 
 def _is_litert(videos: bpy.types.PropertyGroup) -> bool:
     return videos.detector == "model" and videos.model.lower().endswith(".tflite")
+
+
+def _has_own_environment(detector: str) -> bool:
+    return detector in DETECTORS and DETECTORS[detector].own_environment
 
 
 def note_detector(context: bpy.types.Context, python: Path) -> str:

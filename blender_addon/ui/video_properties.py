@@ -6,6 +6,7 @@ from typing import Any
 
 import bpy
 
+from .._exchange.detectors import DETECTORS
 from .._exchange.video_settings import DEFAULTS, ROWS
 from .locations import RELATIVE
 from .setting_properties import make_property
@@ -18,7 +19,7 @@ STEPS = {
 }
 """Name and description of each step, in their order."""
 _DETECTOR_ITEMS = (
-    ("mediapipe", "MediaPipe", "One person, 33 keypoints; the Python that has it is named in the preferences"),
+    *((name, detector.label, detector.description) for name, detector in DETECTORS.items()),
     ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or MediaPipe's pose model for LiteRT"),
 )
 

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 
 from solver_backend.cli.setting_options import ROWS, WORLD_ROWS, add_settings, help_of
+from solver_backend.exchange.detectors import DETECTORS, MEDIAPIPE
 from solver_backend.exchange.video_settings import DEFAULTS as VIDEO_DEFAULTS
 from solver_backend.exchange.video_settings import ROWS as VIDEO_ROWS
 
@@ -84,9 +85,11 @@ def find_hands_arguments(verb: argparse.ArgumentParser) -> None:
 
 def detector_options(options: argparse.ArgumentParser) -> None:
     """Add which detector runs, and where."""
+    others = "".join(f"{name}, " for name in DETECTORS if name != MEDIAPIPE)
     options.add_argument(
-        "--detector", default="mediapipe", metavar="NAME|MODEL",
-        help="mediapipe (default), or a file: RTMPose, RTMO, YOLO-pose or MoveNet (.onnx), MediaPipe (.tflite)",
+        "--detector", default=MEDIAPIPE, metavar="NAME|MODEL",
+        help=f"{MEDIAPIPE} (default), {others}or a file: RTMPose, RTMO, YOLO-pose or MoveNet (.onnx), "
+        "MediaPipe (.tflite)",
     )  # fmt: skip
     options.add_argument(
         "--detector-worker",

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from solver_backend.exchange.detectors import DETECTORS, MEDIAPIPE
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.videos.detect.errors import DetectorMissing
 
-MEDIAPIPE = "mediapipe"
 PYTHON_VARIABLE = "MANIFOLD_MOCAP_DETECTOR_PYTHON"
 """Environment variable that names the Python that has MediaPipe."""
 WORKER = ".py"
@@ -55,7 +55,8 @@ def chosen_detector(
     """Return the detector of a name.
 
     Args:
-        name: ``mediapipe``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe's in LiteRT.
+        name: one of ``DETECTORS``, or the path of a model: RTMPose, RTMO, YOLO-pose or MoveNet in ONNX, MediaPipe in
+            LiteRT.
         python: Python to run it in; else the environment for MediaPipe, or our own for a model.
         people: people looked for in a picture.
         hands: also find hands, where the detector can.
@@ -76,13 +77,14 @@ def chosen_detector(
             raise DetectorMissing("There is no such worker.", where=str(worker), hint="Name a file that ends in .py.")
         own = {**options, "hands": hands}
         return DetectorChoice(os.path.abspath(worker), python or Path(sys.executable), own)
-    if name.lower() == MEDIAPIPE:
-        return DetectorChoice("mediapipe_pose", python or _mediapipe_python(environment), {**options, "hands": hands})
+    if (named := DETECTORS.get(name.lower())) is not None:
+        python = python or (_mediapipe_python(environment) if named.own_environment else Path(sys.executable))
+        return DetectorChoice(named.worker, python, {**options, "hands": hands})
     model = Path(name)
     module = _MODULES.get(model.suffix.lower())
     if module is None:
         endings = " or ".join(_MODULES)
-        hint = f"--detector mediapipe, or the path of a model that ends in {endings}."
+        hint = f"--detector {' or '.join(DETECTORS)}, or the path of a model that ends in {endings}."
         raise CommandLineInvalid(f"'{name}' is not a known detector.", hint=hint)
     if not model.is_file():
         raise DetectorMissing("There is no such model.", where=str(model), hint="Check the path.")

@@ -10,6 +10,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
+from blender_addon._exchange.detectors import DETECTORS, NamedDetector
 from blender_addon.solving.detector import find_python
 from blender_addon.ui import preferences
 from blender_addon.ui.operators.detector import MOCAP_OT_set_up_detector
@@ -42,6 +43,17 @@ def test_the_panel_shows_that_there_is_none_and_how_to_get_one(home) -> None:
     assert any("No detector is set up" in text for text in drawn())
     assert not any("Test Detector" in text for text in drawn())
     assert bpy.ops.mocap.test_detector() == {"CANCELLED"}
+
+
+def test_only_a_detector_of_its_own_environment_waits_for_one(home, monkeypatch) -> None:
+    monkeypatch.setitem(DETECTORS, "fixed", NamedDetector("Fixed", "The same points in every picture", "fixed_pose"))
+    lacks = {}
+    for name in DETECTORS:
+        mocap = SimpleNamespace(videos=SimpleNamespace(detector=name, model=""))
+        context = SimpleNamespace(scene=SimpleNamespace(mocap=mocap), preferences=bpy.context.preferences)
+        lacks[name] = preferences.lacks_detector(context)
+        assert preferences.detector_for(context) is None
+    assert lacks == {"mediapipe": True, "fixed": False}
 
 
 @pytest.mark.parametrize("kind", ["mediapipe", "litert"])

@@ -1,0 +1,30 @@
+"""Detectors with a name: a row of the table is all that chooses one."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import pytest
+
+import solver_backend.videos.detect.child.pose_workers as workers
+from solver_backend.exchange.detectors import DETECTORS, NamedDetector
+from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.videos.detect.choice import chosen_detector
+
+
+@pytest.mark.parametrize("name", DETECTORS)
+def test_every_detector_has_a_worker_and_words(name: str) -> None:
+    detector = DETECTORS[name]
+    assert name == name.lower() and (Path(workers.__path__[0]) / f"{detector.worker}.py").is_file()
+    assert detector.label and not detector.description.endswith(".")
+
+
+def test_a_row_is_all_that_a_name_needs(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(DETECTORS, "fixed", NamedDetector("Fixed", "The same points in every picture", "fixed_pose"))
+    choice = chosen_detector("Fixed", people=2, hands=True, environment={})
+    assert (choice.program, choice.python) == (["-m", "pose_workers.fixed_pose"], Path(sys.executable))
+    assert choice.options == {"people": 2, "hands": True}
+    with pytest.raises(CommandLineInvalid, match="not a known detector") as caught:
+        chosen_detector("openpose")
+    assert "--detector mediapipe or fixed, or the path" in caught.value.hint
