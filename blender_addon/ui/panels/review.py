@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import bpy
 
+from ..._exchange.solve_settings import CLEAN_UP
 from ...conventions.counting import counted
 from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_lock_feet, MOCAP_OT_mark_gaps
 from ..operators.review import (
@@ -23,6 +24,7 @@ from ..operators.takes import (
     MOCAP_OT_thin_take,
 )
 from ..properties import MocapCapture, MocapReview
+from ..setting_properties import names_of
 from ..settings_layout import is_slim
 from ..translation import CONTEXT
 from .parts import BodyPanel, TakePanel, wrapped
@@ -95,8 +97,8 @@ class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
         if settings.capture.file:
             column = layout.column(align=True)
             column.enabled = not current.busy
-            column.prop(settings.solve, "smoothing")
-            column.prop(settings.solve, "foot_lock")
+            for name in names_of(CLEAN_UP):
+                column.prop(settings.solve, name)
             column.operator(MOCAP_OT_solve.bl_idname, text="Solve Again", icon="FILE_REFRESH")
         else:
             layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")

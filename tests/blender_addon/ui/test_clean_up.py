@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import bpy
 import numpy as np
 import pytest
@@ -11,7 +13,11 @@ from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.errors import TakeMissing
 from blender_addon.review.floor_height import sole_height
+from blender_addon.ui.panels import review, solve
 from blender_addon.ui.scene_job import prepare_job
+from blender_addon.ui.setting_properties import ROWS
+from tests.support.narrow_layout import NarrowContext
+from tests.support.panel_layout import Layout
 
 
 def keys_of(action: bpy.types.Action) -> int:
@@ -23,6 +29,16 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
     mocap.solve.smoothing, mocap.solve.foot_lock = 3.0, 4.0
     settings = prepare_job(bpy.context.scene, None)[0].settings
     assert settings["smoothing"] == pytest.approx(3.0) and settings["foot_lock"] == pytest.approx(4.0)
+
+
+def test_every_setting_of_a_solve_is_drawn_in_a_panel(solved_take, mocap) -> None:
+    mocap.solve.preset, drawn = "CUSTOM", list[str]()
+    for panel in (solve.VIEW3D_PT_mocap_solve_settings, review.VIEW3D_PT_mocap_clean_up):
+        layout = Layout()
+        panel.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+        drawn += layout.drawn
+    names = [text.rpartition(".")[2] for text in drawn if text.startswith("prop:MocapSolve")]
+    assert set(ROWS) <= set(names), drawn
 
 
 def test_a_solved_takes_feet_are_held_by_solving_anew(solved_take, mocap) -> None:
