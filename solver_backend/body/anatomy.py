@@ -72,7 +72,7 @@ class LandmarkBuilder:
         """Return the named landmarks.
 
         Raises:
-            BodyInvalid: a ray misses the mesh.
+            BodyInvalid: a ray misses the mesh; a name has no rule, and the body no such joint.
         """
         mixes = [self._landmark(name) for name in names]
         points = (np.stack(self._rest), np.stack(self._shapedirs), np.stack(self._weights))
@@ -85,7 +85,7 @@ class LandmarkBuilder:
         return Landmarks.of_points(names, *points, mix)
 
     def _landmark(self, name: str) -> dict[int, float]:
-        side, rule = self._rules[name]
+        side, rule = self._rules.get(name) or ("", AtJoints({name: 1.0}))  # else a joint that the body has itself
         if isinstance(rule, Between):
             shares: dict[int, float] = {}
             for other, share in rule.landmarks.items():
@@ -128,8 +128,8 @@ class LandmarkBuilder:
         return len(self._rest) - 1
 
     def _joint(self, joint: str, side: str) -> int:
-        name = joint if joint in self._joints else f"{side}_{joint}"
-        return self._joints[name] if name in self._joints else self._body.layout.joints.index(name)
+        name = joint if not side or joint in self._joints else f"{side}_{joint}"
+        return self._joints[name] if name in self._joints else self._body.layout.numbers(name)[0]
 
     def _vector(self, value: tuple[float, float, float], side: str) -> np.ndarray:
         return np.array(value, dtype=np.float64) * self._scale * ([-1, 1, 1] if side == "right" else [1, 1, 1])

@@ -8,10 +8,11 @@ from typing import Any
 import numpy as np
 import pytest
 
+from solver_backend.body.anatomy import LandmarkBuilder
 from solver_backend.body.body import Body
-from solver_backend.body.keypoints import joint_landmarks
+from solver_backend.body.keypoints import joint_landmarks, keypoint_rules
 from solver_backend.exchange.body_layout import SMPL, BodyLayout
-from solver_backend.exchange.errors import PriorInvalid
+from solver_backend.exchange.errors import BodyInvalid, PriorInvalid
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.measurements.landmarks import measure_landmarks
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -101,6 +102,14 @@ def test_joints_that_no_prior_covers_follow_what_is_seen_of_them_and_rest_where_
     assert np.median(off[:, tail]) < 0.01 and off[:, :24].mean() < 0.02
     at_rest = np.linalg.norm(motion.body_pose.reshape(FRAMES, 39, 3)[:, wings], axis=-1)
     assert at_rest.max() < 0.02
+
+
+def test_a_joint_of_the_bodys_own_is_a_keypoint_by_its_name():
+    body, names = dragon(), ("left_knee", "tail3", "left_wing0")
+    built = LandmarkBuilder(body, keypoint_rules()).build(names)
+    np.testing.assert_allclose(built.anchors.sum(axis=1), body.joints_template[[*body.layout.numbers(*names)]])
+    with pytest.raises(BodyInvalid, match="dragon has no horn"):
+        LandmarkBuilder(body, keypoint_rules()).build(("horn",))
 
 
 def test_a_body_without_an_arm_is_solved_and_its_motion_comes_back(tmp_path):
