@@ -27,6 +27,7 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.objective import FrameObjective
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.arrays import Array
 from solver_backend.residuals.point_term import PointTerm
 
@@ -74,9 +75,9 @@ def bundle_objective(
     layout: KeyframeLayout,
     window: int,
     points: tuple[PointTerm, ...],
+    settings: SolveSettings,
     *,
     residuals: bool,
-    smoothing: float = 1.0,
     looseness: float = OFF_MANIFOLD,
 ) -> BundleObjective:
     """Return what the global method minimises.
@@ -86,13 +87,13 @@ def bundle_objective(
         layout: windows of the keys, which stand half a window apart.
         window: frames of a window.
         points: the data, and contacts where feet stand.
+        settings: how strongly terms act; a term that a setting switches on is added here.
         residuals: keys may leave the prior's manifold.
-        smoothing: how many times as bounded accelerations are as those of recorded motion.
         looseness: joints may leave the manifold by so many times the prior's error.
     """
     spacing = 0.5 * window
     terms: list[KeyTerm] = [
-        MotionPrior.bounded(spacing / problem.fps, smoothing, layout.gaps(problem.measurements.seen))
+        MotionPrior.bounded(spacing / problem.fps, settings.smoothing, layout.gaps(problem.measurements.seen))
     ]
     if residuals:
         prior = problem.prior

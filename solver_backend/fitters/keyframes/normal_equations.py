@@ -40,9 +40,7 @@ FIXED = 1e12
 class KeyframeNormalEquations:
     """Block-tridiagonal equations of n N + 1 keys; block w holds the n keys from n w on (the last ones dummies).
 
-    Terms over keys are for n = 2.
-
-    What ``add`` methods are given is added in place: the arrays are large.
+    Terms over keys are for n = 2. What ``add`` methods are given is added in place: the arrays are large.
     """
 
     diagonal: Array
@@ -87,6 +85,13 @@ class KeyframeNormalEquations:
         self.diagonal[1:, : self.dof, : self.dof] += hessian
         flat = array_namespace(gradient).reshape(self.g, (-1, self.dof))
         flat[: gradient.shape[0]] += gradient
+
+    def add_own(self, columns: np.ndarray, precision: Array, gradient: Array) -> None:
+        """Add what each key has by itself: (K, n) precisions of n columns of its tangent, and derivatives by them."""
+        for parity in (0, 1):
+            at, own = columns + parity * self.dof, precision[parity::2]
+            self.diagonal[: own.shape[0], at, at] += own
+            self.g[: own.shape[0], at] += gradient[parity::2]
 
     def with_fixed(self, fixed: np.ndarray) -> KeyframeNormalEquations:
         """Return the equations without the keys of a (n N + 1,) mask: they take no step and have no uncertainty."""

@@ -78,10 +78,7 @@ class ResidualRotationTerm:
         count, size = precision.shape
         even = np.arange(equations.dof - size, equations.dof)
         odd = even + equations.dof
-        for parity, at in ((0, even), (1, odd)):
-            blocks = slice(0, (count - parity + 1) // 2)
-            equations.diagonal[blocks, at, at] += precision[parity::2]
-            equations.g[blocks, at] += gradient[parity::2]
+        equations.add_own(even, precision, gradient)
         unit, windows = m * by_angle**2, (count - 1) // 2
         equations.upper[:windows, even, even] += unit
         for inner in (slice(0, windows), slice(1, windows)):  # about middle keys, about joints

@@ -118,7 +118,7 @@ class Bundle:
         """Return a bundle before its first pass, which fits keys on the manifold to the data."""
         free, data = state_layout(problem.prior).only(ON_THE_MANIFOLD), problem.measurements.term
         posed = PosedKeys(subject, problem.prior, layout, keys, bool(free.turned), frames)
-        objective = bundle_objective(problem, layout, window, (data,), residuals=False, smoothing=settings.smoothing)
+        objective = bundle_objective(problem, layout, window, (data,), settings, residuals=False)
         return cls(problem, settings, posed, window, schedule, solve, restart, data, free, objective)
 
     @property
@@ -143,8 +143,8 @@ class Bundle:
         held = self.contacts if contacts else None
         term = () if held is None else (held.term(self.posed.keys.z, self.settings.foot_lock),)
         objective = bundle_objective(
-            self.problem, self.posed.layout, self.window, (self.data, *term), residuals=RESIDUAL in free,
-            smoothing=self.settings.smoothing, looseness=looseness,
+            self.problem, self.posed.layout, self.window, (self.data, *term), self.settings,
+            residuals=RESIDUAL in free, looseness=looseness,
         )  # fmt: skip
         layout = state_layout(self.problem.prior).only(free)
         return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))
