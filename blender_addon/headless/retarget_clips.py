@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypedDict
 
 from .._exchange.errors import MocapError, OutputExists
 from .._exchange.outputs import atomic_outputs
@@ -22,6 +22,16 @@ if TYPE_CHECKING:
 _SAME_RATE = 1e-3
 """Relative difference of frame rates that is none."""
 _READ = (".npz", ".fbx", ".glb", ".gltf", ".vrm", ".bvh", ".blend")
+
+
+class FailedClip(TypedDict):
+    """A clip that could not be read or laid."""
+
+    clip: str
+    """Its name, or its file's."""
+    code: str
+    message: str
+    exit_code: int
 
 
 def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progress: Progress) -> dict[str, Any]:
@@ -108,14 +118,14 @@ def _check_free(request: RetargetRequest, names: list[str]) -> None:
         )  # fmt: skip
 
 
-def _read(request: RetargetRequest, progress: Progress) -> tuple[list[ReadActor], list[dict[str, Any]]]:
+def _read(request: RetargetRequest, progress: Progress) -> tuple[list[ReadActor], list[FailedClip]]:
     """Return the clips of a folder, each with a name of its own, and those that cannot be read."""
     paths = sorted(path for path in request.source.iterdir() if path.suffix.lower() in _READ and path.is_file())
     if not paths:
         hint = f"Clips are files with the endings {', '.join(_READ)}."
         raise ActorMissing("The folder holds no clips.", where=str(request.source), hint=hint)
     actors: list[ReadActor] = []
-    failed: list[dict[str, Any]] = []
+    failed: list[FailedClip] = []
     for done, path in enumerate(paths):
         progress("reading clips", done, len(paths))
         try:
@@ -141,9 +151,9 @@ def _own_name(name: str, taken: set[str]) -> str:
     return next(own for own in numbered if own.lower() not in taken)
 
 
-def _failure(clip: str, error: MocapError) -> dict[str, Any]:
+def _failure(clip: str, error: MocapError) -> FailedClip:
     return {"clip": clip, "code": error.code, "message": str(error), "exit_code": exit_code(error)}
 
 
-def _listing(failed: list[dict[str, Any]]) -> str:
+def _listing(failed: list[FailedClip]) -> str:
     return " ".join(f"{entry['clip']}: {entry['message']}" for entry in failed[:3])

@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.cli.describe_markers import describe_markers
 from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.person_summary import PersonSummary
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
@@ -64,9 +65,9 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
     return "\n".join(lines), data
 
 
-def describe_people(capture: Capture) -> list[dict[str, Any]]:
+def describe_people(capture: Capture) -> list[PersonSummary]:
     """Return name, agreed frames, first and last of them, and the views that see each person, of several people."""
-    people: list[dict[str, Any]] = []
+    people: list[PersonSummary] = []
     for person in capture.people:
         frames = np.flatnonzero(person.agreed)
         seen = (person.keypoints.confidence > 0).any(axis=-1)
@@ -82,7 +83,7 @@ def describe_people(capture: Capture) -> list[dict[str, Any]]:
     return people
 
 
-def people_lines(people: list[dict[str, Any]]) -> list[str]:
+def people_lines(people: list[PersonSummary]) -> list[str]:
     """Return a line of text on each person."""
     return [
         f"  person      {person['name']}: {person['views']:.1f} views in {person['frames']} frames, "

@@ -27,7 +27,7 @@ QUESTIONS = {
     ),
     "how do I add my detector": (
         ("add a detector",),
-        ("--detector-worker mine.py", "joint_set", "solver_backend/videos/detect/choice.py"),
+        ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/detectors.py"),
     ),
     "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in TABLE)),
 }

@@ -15,6 +15,7 @@ from mathutils import Vector
 from ..._exchange.capture_file import read_capture
 from ..._exchange.diagnostics import EARLIER_NOTE, Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
+from ..._exchange.person_summary import PersonSummary
 from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
@@ -151,7 +152,7 @@ def frame_body(context: bpy.types.Context, armature: bpy.types.Object) -> None:
     space.region_3d.view_distance = _HEIGHTS * max(skin.dimensions)
 
 
-def take_people(capture: bpy.types.PropertyGroup, people: list[dict[str, Any]]) -> None:
+def take_people(capture: bpy.types.PropertyGroup, people: list[PersonSummary]) -> None:
     """Keep who is seen; those who were known keep their body and the name the user gave them."""
     names = {person.key: person.name for person in capture.people}
     while len(capture.people) > len(people) if len(people) > 1 else len(capture.people):
@@ -227,10 +228,9 @@ def show_looks(scene: bpy.types.Scene) -> None:
 
 def error_text(result: dict[str, Any]) -> str:
     """Return how far a solve is from what was measured, for people; "" where it does not say."""
-    if result.get("marker_median_mm") is not None:
-        return f"{result['marker_median_mm']:.1f} mm"
-    if result.get("reprojection_median_px") is not None:
-        return f"{result['reprojection_median_px']:.1f} px"
+    for key, unit in (("marker_median_mm", "mm"), ("reprojection_median_px", "px")):
+        if result.get(key) is not None:
+            return f"{result[key]:.1f} {unit}"
     return ""
 
 
