@@ -85,10 +85,9 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "Two views show the left hand in {left:.0f} % of the frames, the right one in {right:.0f} %",
         "Hands were looked for where the body has its wrists.",
     ),
-    "hands_need_views": warning(
-        "Hands are not looked for in a single video",
-        "Crops of hands are placed by wrists that two cameras or more show.",
-        "Film with two cameras, or let MediaPipe find hands: --hands.",
+    "hands_found_one_view": note(
+        "The view shows the left hand in {left:.0f} % of the frames, the right one in {right:.0f} %",
+        "Hands were looked for where the body has its wrists.",
     ),
     "motion_written": note("Motion: {file}", "The capture was solved, or the motion is unchanged."),
     "clocks_as_filmed": note(

@@ -74,9 +74,9 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Give the detections of a second camera.",
     ),
     "hands_one_view": warning(
-        "A single camera does not show how fingers bend in depth. Hands are not solved",
+        "A single camera shows the fingers: how they and the palm turn in depth is estimated",
         "A palm and its mirror image in depth look alike in one view.",
-        "Give the detections of a second camera.",
+        "Compare the hands with the footage, set them by hand where they are wrong, or add a second camera.",
     ),
     "fingers_through_fingers": warning(
         "Fingers of the {joint} run through one another, by up to {size_mm:.1f} mm",

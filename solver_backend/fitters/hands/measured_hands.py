@@ -19,6 +19,7 @@ from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
 from solver_backend.fitters.hands.hand_size import hand_size, likely_size
 from solver_backend.fitters.hands.located_hands import locate_hands
 from solver_backend.fitters.hands.marker_hand import marker_size
+from solver_backend.fitters.hands.one_view_hands import hands_of_one_view
 from solver_backend.fitters.hands.sides import sort_hands
 from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
@@ -93,7 +94,8 @@ def measure_hands(
     hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
     if isinstance(measured, HandViews):
         kept = sort_hands(measured, arms.wrists, arms.elbows)
-        views, found, located = kept.views, kept.diagnostics, locate_hands(kept.views)
+        views, found = kept.views, kept.diagnostics
+        located = locate_hands(views) if len(views.cameras) > 1 else hands_of_one_view(views, arms.wrists)
         if size is None:
             size = likely_size(hand_size(skeletons[s], hand.points, hand.spread_m2) for s, hand in located.items())
         skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)

@@ -14,6 +14,7 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.measurements.base import Measurements, OneView, RoughMotion, seen_frames
+from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.multiview import ReprojectionReport
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
@@ -60,7 +61,8 @@ def measure_one_view(
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
         found.append(diagnostic("own_points_one_view", joints=[point.name for point in whole.own]))
-    if whole.hands is not None and (whole.hands[view, ..., 2] > 0).any():
+    hands = HandViews.of(camera, whole.views([view]))
+    if hands is not None:
         found.append(diagnostic("hands_one_view"))
     detected, exchanged = restore_sides(cameras.names[view], detected)
     found += exchanged
@@ -120,6 +122,7 @@ def measure_one_view(
         rough=RoughMotion(frames, states),
         beside=(FloorTerm(),) if size.has_floor else (),
         relative=(lifted,),
+        hands=hands,
         one_view=one,
         provenance={"diagnostics": [item.as_dict() for item in found], "size_factor": round(size.factor, 4)},
     )

@@ -7,12 +7,17 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.body.body import load_body
+from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.types import Capture
+from solver_backend.priors.lifted_take import lift_take
+from solver_backend.priors.prior_on_body import prior_on_body
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.types import NUM_BETAS, Cameras, Capture, Keypoints2D
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.process import DetectorProcess
 from solver_backend.videos.detect.search_hands import ArmsInViews, search_hands
@@ -26,9 +31,10 @@ _STEP = 25
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
     """Return the capture with the hands that its footage shows.
 
-    Wrists and elbows are triangulated; in every view a crop is placed from them, or where the view itself has them,
-    turned upright, mirrored for the left hand, and placed once more from what was found. Views that miss a hand look
-    for it where two others agree that it is. Nobody else's hand is looked for.
+    Wrists and elbows are triangulated, or lifted where one view alone shows the person. In every view a crop is placed
+    from them, or where the view itself has them, turned upright, mirrored for the left hand, and placed once more from
+    what was found. Views that miss a hand look for it where two others agree that it is. Nobody else's hand is looked
+    for.
 
     Args:
         capture: calibrated cameras, keypoints and footage.
@@ -37,11 +43,11 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
     Raises:
         CaptureInvalid: it has no footage.
-        TooFewViews, NoDetections: see ``Capture.require_multiview``.
+        TooFewViews, NoDetections: see ``Capture.require_views``.
         BackendMissing, VideoUnreadable: see ``read_pictures``.
         DetectorMissing, DetectorOutputsUnknown, DetectorFailed: see ``DetectorProcess``.
     """
-    cameras, keypoints = capture.require_multiview()
+    cameras, keypoints = capture.require_views()
     if not any(capture.footage):
         raise CaptureInvalid("The capture names no footage.", where=capture.name, hint="Read it from its folder again.")
     arms, found = arms_of(capture)
@@ -68,18 +74,26 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
 
 def seen_by_two(capture: Capture) -> dict[str, float]:
     """Return the share of the frames, per cent, in which two views or more show a hand, by side."""
+    return seen_by(capture, 2)
+
+
+def seen_by(capture: Capture, least: int) -> dict[str, float]:
+    """Return the share of the frames, per cent, in which so many views or more show a hand, by side."""
     assert capture.keypoints is not None and capture.keypoints.hands is not None
     views = (capture.keypoints.hands[..., 2] > 0).any(axis=-1).sum(axis=0)
-    return {side: round(100.0 * float((views[:, s] >= 2).mean()), 1) for s, side in enumerate(SIDES)}
+    return {side: round(100.0 * float((views[:, s] >= least).mean()), 1) for s, side in enumerate(SIDES)}
 
 
 def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
-    """Return elbows and wrists, triangulated, bridged where views do not agree, and which sides have none."""
-    cameras, keypoints = capture.require_multiview()
+    """Return elbows and wrists, triangulated or lifted, bridged where there are none, and which sides have none."""
+    cameras, keypoints = capture.require_views()
     names = keypoints.joint_set.keypoints
     columns = [names.index(f"{side}_{part}") for part in ("elbow", "wrist") for side in SIDES]
     xy, confidence = keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns]
-    points = np.asarray(triangulate(cameras, xy, confidence).points)
+    if capture.is_one_view:
+        points = _lifted(cameras, keypoints)[:, columns]
+    else:
+        points = np.asarray(triangulate(cameras, xy, confidence).points)
     frames = np.arange(len(points))
     for joint in range(len(columns)):
         known = np.isfinite(points[:, joint]).all(-1)
@@ -91,6 +105,15 @@ def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
     found = [_at_wrist("hand_without_wrist", side) for side in np.flatnonzero(lost)]
     detected = np.concatenate([xy, confidence[..., None]], axis=-1).reshape(*xy.shape[:2], 2, 2, 3)
     return ArmsInViews(places, detected), found
+
+
+def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
+    """Return (F, K, 3) where an average person's keypoints are before the one camera that sees the person, metres."""
+    view = int(np.flatnonzero((keypoints.confidence > 0).any(axis=(1, 2)))[0])
+    camera, body = cameras.subset([view]), load_body()
+    prior, landmarks = prior_on_body(load_sposer(), body.layout), keypoint_landmarks(body, keypoints.joint_set)
+    lifted = lift_take(camera, keypoints.views([view]), body, prior, camera.R[0, :, 2])
+    return (lifted.placed(body, landmarks, np.zeros(NUM_BETAS))[0] - camera.t[0]) @ camera.R[0]
 
 
 def _at_wrist(code: str, side: int) -> Diagnostic:

@@ -8,11 +8,11 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.types import Capture
 from solver_backend.videos.detect.choice import DetectorChoice
-from solver_backend.videos.detect.find_hands import find_hands, seen_by_two
+from solver_backend.videos.detect.find_hands import find_hands, seen_by
 
 
 def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Progress) -> Capture:
-    """Return the capture with the hands that a detector finds; as it is without one, or where a single video has it.
+    """Return the capture with the hands that a detector finds; as it is without one.
 
     Args:
         capture: put together from the videos.
@@ -22,19 +22,18 @@ def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Prog
     Raises:
         MocapError: see ``find_hands``.
     """
-    if detector is None or capture.is_one_view:
+    if detector is None:
         return capture
     return find_hands(capture, detector, progress)
 
 
 def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
-    """Return in how many frames two views show the hands that were looked for."""
-    if detector is None:
+    """Return in how many frames two views, or the only one, show the hands that were looked for."""
+    if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
-    if capture.keypoints is None or capture.keypoints.hands is None or capture.is_one_view:
-        return [diagnostic("hands_need_views")]
-    shares = seen_by_two(capture)
-    return [diagnostic("hands_found", left=shares["left"], right=shares["right"])]
+    least, code = (1, "hands_found_one_view") if capture.is_one_view else (2, "hands_found")
+    shares = seen_by(capture, least)
+    return [diagnostic(code, left=shares["left"], right=shares["right"])]
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:

@@ -96,11 +96,11 @@ def test_too_little_of_a_person_is_an_error(filmed: Capture) -> None:
         solve(replace(filmed, keypoints=replace(filmed.keypoints, confidence=confidence)), SolveSettings())
 
 
-def test_hands_of_one_camera_are_named_not_dropped(filmed: Capture) -> None:
+def test_hands_of_one_camera_are_measured_and_named(filmed: Capture) -> None:
     assert filmed.keypoints is not None
     hands = np.full((*filmed.keypoints.confidence.shape[:2], 2, 21, 3), 0.5, np.float32)
     for shown, expected in ((hands, True), (np.zeros_like(hands), False)):
         with_hands = replace(filmed, keypoints=replace(filmed.keypoints, hands=shown))
         measured = prepare(with_hands, SolveSettings(), silent).measurements
         codes = {item.code for item in read_diagnostics(measured.provenance["diagnostics"])}
-        assert ("hands_one_view" in codes) == expected
+        assert ("hands_one_view" in codes) == expected == (measured.hands is not None)
