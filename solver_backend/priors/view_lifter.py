@@ -6,7 +6,7 @@ looks straight at the person and divided by their angular size: where in the pic
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -75,6 +75,8 @@ class LiftedView:
     picture, and along the line of sight."""
     sight: Array
     """(N, 3, 3) rows: right, down and forward of a camera that looks at the person."""
+    hidden: np.ndarray | None = None
+    """(N, d) what the network has made of the windows before its last layer; None while it trains."""
 
 
 def look_at(points: Array, confidence: Array) -> LookAt:
@@ -150,17 +152,25 @@ class ViewLifter:
         """Number of attention layers."""
         return len({name.split(".")[1] for name in self.arrays if name.startswith("layers.")})
 
-    def output(self, tokens: np.ndarray) -> np.ndarray:
-        """Return the (N, 89) output for (N, 27, 62) features."""
-        blocks = [self._output(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
-        return np.concatenate(blocks) if blocks else np.zeros((0, OUTPUTS))
+    @property
+    def width(self) -> int:
+        """Features of a frame."""
+        return int(self.arrays["place"].shape[-1])
 
-    def _output(self, tokens: np.ndarray) -> np.ndarray:
+    def output(self, hidden: np.ndarray) -> np.ndarray:
+        """Return the (N, 89) output for (N, d) features of windows."""
+        return np.asarray(dense(self.arrays, hidden, "out"), dtype=float)
+
+    def hidden(self, tokens: np.ndarray) -> np.ndarray:
+        """Return (N, d) what (N, 27, 62) features become before the last layer, float32."""
+        blocks = [self._hidden(tokens[first : first + _BLOCK]) for first in range(0, len(tokens), _BLOCK)]
+        return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
+
+    def _hidden(self, tokens: np.ndarray) -> np.ndarray:
         x = dense(self.arrays, tokens.astype(np.float32), "embed") + self.arrays["place"]
         for number in range(self.layers):
             x = layer(self.arrays, x, f"layers.{number}.", self.heads)
-        read = dense(self.arrays, layer_norm(self.arrays, x[:, MIDDLE], "norm"), "out")
-        return np.asarray(read, dtype=float)
+        return layer_norm(self.arrays, x[:, MIDDLE], "norm")
 
     def __call__(
         self, points: np.ndarray, confidence: np.ndarray, names: tuple[str, ...], fps: float,
@@ -182,7 +192,8 @@ class ViewLifter:
         windows, seen = points[chosen], np.where(inside[..., None], confidence[chosen], 0.0)
         ups = np.zeros((len(points), 3)) if up is None else np.broadcast_to(up, (len(points), 3))
         view = look_at(windows, seen)
-        return interpreted(self.output(features(windows, seen, ups, view)), view)
+        hidden = self.hidden(features(windows, seen, ups, view))
+        return replace(interpreted(self.output(hidden), view), hidden=hidden)
 
 
 def known_points(

@@ -33,6 +33,7 @@ from solver_backend.training.pose_ndf.train import train_pose_ndf
 from solver_backend.training.sposer.train import train_sposer
 from solver_backend.training.vae.latents import LATENTS
 from solver_backend.training.vae.train import train_vae
+from solver_backend.training.view_lifter.limb_slants import train_limb_slants
 from solver_backend.training.view_lifter.train import train_view_lifter
 
 RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
@@ -43,11 +44,12 @@ RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     **{kind: partial(train_vae, kind) for kind in LATENTS},
     "lifter": train_lifter,
     "view_lifter": train_view_lifter,
+    "limb_slants": train_limb_slants,
 }
 """What trains each prior."""
 STARTED = ("sposer", "lifter", "view_lifter")
 """Priors that can go on from earlier weights."""
-MORE_HELD_OUT = {"view_lifter": frozenset({"49", "135"})}
+MORE_HELD_OUT = dict.fromkeys(("view_lifter", "limb_slants"), frozenset({"49", "135"}))
 """Subjects that a network is not trained on either: dance and cartwheels, martial arts."""
 
 

@@ -5,7 +5,8 @@ Real views are compared with the solve of all four cameras, filmed takes of subj
 view lifter is not trained, with the truth. ``lifted_pa`` is the lifter alone, ``frame_pa`` each frame by itself from
 there, ``manifold_pa`` Pose-NDF's image fitting of every tenth frame from there, ``inside_95`` the share of joints
 within their 95 % ellipsoids, ``acceleration_error`` in the mean and by that of all three cameras together, ``flips``
-the share of limbs that point the other way along the line of sight, ``skating`` and ``below_floor`` of the feet,
+the share of limbs that point the other way along the line of sight, ``flips_flagged`` the share of these whose depth
+is reported as open, ``limbs_flagged`` that of all limbs, ``skating`` and ``below_floor`` of the feet,
 ``cpu_s_300`` CPU seconds of 300 frames.
 """
 
@@ -13,6 +14,7 @@ from __future__ import annotations
 
 import time
 from collections import defaultdict
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -21,7 +23,7 @@ from solver_backend.metrics import foot_skating_cm_per_frame
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.one_view_baselines import frame_pa_mm, manifold_pa_mm
 from tests.benchmarks.one_view_takes import OneViewTake, filmed_takes, lifted_pa_mm, real_takes
-from tests.support.limb_errors import TOES, acceleration, coverage, flipped, limb_errors
+from tests.support.limb_errors import TOES, acceleration, coverage, flagged, flipped, limb_errors
 
 BASELINES = {"lifted_pa": lifted_pa_mm, "frame_pa": frame_pa_mm, "manifold_pa": manifold_pa_mm}
 
@@ -46,6 +48,10 @@ def run() -> list[Metric]:
         Metric("acceleration_error", mean["acceleration"], "m/s²"),
         Metric("acceleration_ratio", mean["acceleration"] / mean["acceleration_together"], "", abs_tol=0.05),
         Metric("flips", mean["flips"], "%", abs_tol=0.5),
+        Metric(
+            "flips_flagged", 100.0 * _total(filmed, "caught") / _total(filmed, "turned"), "%", "higher", abs_tol=5.0
+        ),
+        Metric("limbs_flagged", mean["flagged"], "%", abs_tol=3.0),
         Metric("skating", mean["skating"], "cm/frame", abs_tol=0.02),
         Metric("below_floor", max(row["below"] for rows in filmed.values() for row in rows), "cm", abs_tol=0.5),
         Metric("cpu_s_300", mean["cpu_s_300"], "s", rel_tol=1.0),
@@ -60,16 +66,22 @@ def _figures(take: OneViewTake) -> dict[str, float]:
     true = acceleration(take.joints, motion.fps)
     off, off_together = (acceleration(joints, motion.fps) - true for joints in (motion.joints, take.together))
     cameras, _ = take.capture.require_views()
+    flips, flags = flipped(motion.joints, take.joints, cameras.R[0, 2]), flagged(motion)
     return {
         "pa": pa, "hip": hip, **{key: of(take) for key, of in BASELINES.items()},
         "inside_95": coverage(motion, take.joints),
         "acceleration": float(np.linalg.norm(off, axis=-1).mean()),
         "acceleration_together": float(np.linalg.norm(off_together, axis=-1).mean()),
-        "flips": 100 * float(flipped(motion.joints, take.joints, cameras.R[0, 2]).mean()),
+        "flips": 100 * float(flips.mean()), "turned": float(flips.sum()), "caught": float((flips & flags).sum()),
+        "flagged": 100 * float(flags.mean()),
         "skating": foot_skating_cm_per_frame(motion.joints[:, TOES]),
         "below": -100 * min(float(motion.keypoints3d[..., 2].min()), 0.0) if motion.keypoints3d is not None else 0.0,
         "cpu_s_300": 300 * seconds / motion.num_frames,
     }  # fmt: skip
+
+
+def _total(filmed: Mapping[str, list[dict[str, float]]], key: str) -> float:
+    return sum(row[key] for rows in filmed.values() for row in rows)
 
 
 def _mean(rows: list[dict[str, float]]) -> dict[str, float]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.metrics.positions import pa_mpjpe_mm
@@ -58,6 +59,17 @@ def flipped(joints: np.ndarray, truth: np.ndarray, sight: np.ndarray) -> np.ndar
             turned |= (found * true < 0) & (np.abs(found) > SLANT) & (np.abs(true) > SLANT)
         flips.append(turned)
     return np.stack(flips, axis=1)
+
+
+def flagged(motion: Motion) -> np.ndarray:
+    """Return (F, 4) bool, limbs of the same order whose depth the motion reports as open."""
+    ends = [SMPL_JOINTS[limb[-1]] for limb in BONES]
+    open_depth = np.zeros((motion.num_frames, len(ends)), dtype=bool)
+    for item in read_diagnostics(motion.provenance["diagnostics"]):
+        for joint in item.where.joints if item.code == "limb_depth_open" else ():
+            for first, last in item.where.frames if joint in ends else ():
+                open_depth[first : last + 1, ends.index(joint)] = True
+    return open_depth
 
 
 def _slant(bone: np.ndarray, sight: np.ndarray) -> np.ndarray:

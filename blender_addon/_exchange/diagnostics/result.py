@@ -43,7 +43,7 @@ RESULT: dict[str, DiagnosticEntry] = {
     ),
     "limb_depth_open": warning(
         "The depth of the {part} is open",
-        "From this side, poses that differ in depth look alike.",
+        "From this side, poses that differ in depth look alike; a limb may point the other way.",
         "Look at it from the side, and pin a pose there if it is wrong.",
     ),
     "frames_unseen": warning(

@@ -56,6 +56,8 @@ class OneView:
     sight_sigma_m: np.ndarray
     """(F, J) standard deviation along the line of sight of each recorded joint about the body's middle, as the lifter
     has it, metres."""
+    slant_chances: np.ndarray
+    """(F, 8, 3) chances that each bone of arms and legs points towards the camera, across or away from it."""
 
 
 @dataclass(frozen=True)

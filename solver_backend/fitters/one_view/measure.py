@@ -24,6 +24,7 @@ from solver_backend.fitters.one_view.stature import betas_of_size, size_of
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.lifted_take import lift_take
+from solver_backend.priors.limb_slants import load_limb_slants
 from solver_backend.residuals.floor import FloorTerm
 from solver_backend.residuals.relative_positions import RelativePositionTerm
 from solver_backend.residuals.reprojection import ReprojectionTerm
@@ -106,9 +107,10 @@ def measure_one_view(
     )  # fmt: skip
     recorded = [SMPL_JOINTS.index(name) for name in body.layout.recorded.joints]
     deep = take.view.sigma_m[:, recorded, 1]
+    assert take.view.hidden is not None
     one = OneView(
         cameras.names[view], centre, size.sigma, capture.focal_sigma, size.source, capture.floor_from_person, sight,
-        deep,
+        deep, load_limb_slants()(take.view.hidden),
     )  # fmt: skip
     return Measurements(
         landmarks=landmarks,

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.measurements.base import OneView
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES
@@ -16,6 +17,7 @@ from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.symmetric import packed, unpacked
+from solver_backend.priors.limb_slants import PARTS, bone_slants, flip_chances
 
 ALIKE = 0.9
 """Lifted depths are off by so many of the lifter's deviations in solved takes, and for so long that a bundle averages
@@ -25,6 +27,8 @@ ACROSS_M = 0.015
 """What a body of average proportions and an unseen bias of the detector leave across the picture, per axis."""
 OPEN_M = 0.15
 """A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""
+FLIP_CHANCE = 0.015
+"""It is open, too, where the chance is larger that one of its bones points the other way."""
 SHORTEST_S = 0.2
 """A shorter stretch is not worth a look."""
 STANDS_SHARE = 0.02
@@ -75,21 +79,30 @@ def diagnose_one_view(solved: SolvedFrames, one: OneView, problem: Problem) -> l
         found.append(diagnostic("focal_length_unsure", cameras=[one.camera], share=100.0 * one.focal_sigma))
     if one.up_from_person:
         found.append(diagnostic("up_from_person", cameras=[one.camera]))
+    posed, fps = _all_joints(solved), problem.fps
+    slants = bone_slants(posed[:, list(problem.body.layout.standing_for(SMPL))], one.sight)
+    flips = dict(zip(PARTS, flip_chances(one.slant_chances, slants).T, strict=True))
     for name, part in LIMB_ENDS.items():
         if name not in joints:
             continue
-        runs = true_runs(one.sight_sigma_m[:, joints.index(name)] > OPEN_M)
-        long = [run for run in runs if run[1] - run[0] + 1 >= SHORTEST_S * problem.fps]
-        if long:
-            found.append(diagnostic("limb_depth_open", frames=long, joints=[name], part=part))
-    return found + _diagnose_steps(solved, problem)
+        doubtful = one.sight_sigma_m[:, joints.index(name)] > OPEN_M
+        if part in flips:
+            doubtful |= flips[part] > FLIP_CHANCE
+        runs = [run for run in true_runs(doubtful) if run[1] - run[0] + 1 >= SHORTEST_S * fps]
+        if runs:
+            found.append(diagnostic("limb_depth_open", frames=runs, joints=[name], part=part))
+    return found + _diagnose_steps(solved, problem, posed)
 
 
-def _diagnose_steps(solved: SolvedFrames, problem: Problem) -> list[Diagnostic]:
+def _all_joints(solved: SolvedFrames) -> np.ndarray:
+    """Return (F, J, 3) the joints of all frames."""
+    blocks = [slice(start, start + BLOCK_POSES) for start in range(0, len(solved.frames.transl), BLOCK_POSES)]
+    return np.concatenate([_joints(solved.subject, solved, part) for part in blocks])
+
+
+def _diagnose_steps(solved: SolvedFrames, problem: Problem, joints: np.ndarray) -> list[Diagnostic]:
     """Return where the person moves without a step, and that no foot stands."""
-    count, names, seen = len(solved.frames.transl), problem.body.layout.joints, problem.measurements.seen
-    blocks = [slice(start, start + BLOCK_POSES) for start in range(0, count, BLOCK_POSES)]
-    joints = np.concatenate([_joints(solved.subject, solved, part) for part in blocks])
+    names, seen = problem.body.layout.joints, problem.measurements.seen
     root, feet = joints[:, 0], joints[:, [names.index("left_ankle"), names.index("right_ankle")]]
     found: list[Diagnostic] = []
     runs = glides(root, feet, seen, problem.fps)

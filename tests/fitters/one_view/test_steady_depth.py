@@ -23,7 +23,9 @@ def one_view() -> OneView:
     """Return a camera 4 m in front of the person, which looks along +Y."""
     sight = np.tile(SIGHT, (FRAMES, 1))
     deviation = np.full((FRAMES, 24), 0.1)
-    return OneView("cam", np.array([0.0, -4.0, 1.0]), 0.03, 0.0, "", False, sight, deviation)
+    return OneView(
+        "cam", np.array([0.0, -4.0, 1.0]), 0.03, 0.0, "", False, sight, deviation, np.full((len(sight), 8, 3), 1 / 3)
+    )
 
 
 def solved(depth_noise: float, transl_noise: float = 0.0) -> SolvedFrames:

@@ -11,31 +11,19 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.rest_skeleton import REST_JOINTS
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
-from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.lifter import POINTS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.view_lifter import MIDDLE, WINDOW, load_view_lifter
-from solver_backend.training.data.corpus import Corpus, build_corpus
 from solver_backend.training.data.points import rotation_points
-from solver_backend.training.data.sources.clips import Clip
 from solver_backend.training.view_lifter import filming
 from solver_backend.training.view_lifter.filming import film
 from solver_backend.training.view_lifter.recordings import Recordings, standing_place
 from solver_backend.training.view_lifter.task import ViewLifterSettings, ViewLifterTask
 from solver_backend.training.view_lifter.train import train_view_lifter
 from tests.support.swaying_corpus import job as plain_job
+from tests.support.swaying_corpus import turning
 
 SMALL = ViewLifterSettings(width=32, layers=1, heads=2)
-
-
-def turning(seed: int, frames: int = 60) -> Corpus:
-    rng = np.random.default_rng(seed)
-    phase, amplitude = rng.uniform(0, 6, (21, 3)), 0.3 * rng.standard_normal((21, 3))
-    time = np.arange(frames)[:, None, None] / 30.0
-    turn = exp_so3(np.stack([0.1 * np.sin(time[:, 0, 0]), time[:, 0, 0], 0 * time[:, 0, 0]], axis=1))
-    local = exp_so3(amplitude * np.sin(4 * time + phase)).astype(np.float32)
-    return build_corpus([Clip(f"a/sway{seed}", "02", local, turn.astype(np.float32)),
-                         Clip("a/rootless", "05", local[:9])])  # fmt: skip
 
 
 @pytest.fixture
