@@ -27,8 +27,9 @@ ACROSS_M = 0.015
 """What a body of average proportions and an unseen bias of the detector leave across the picture, per axis."""
 OPEN_M = 0.15
 """A limb's depth is open where its end's deviation along the line of sight, about the body, is larger: half a step."""
-FLIP_CHANCE = 0.015
-"""It is open, too, where the chance is larger that one of its bones points the other way."""
+FLIP_CHANCE = 0.01
+"""It is open, too, where the chance is larger that one of its bones points the other way. That is so in a seventh of
+the limb frames of 18 takes of subjects 01, 08, 09 and 60, which hold 73 % of their flips."""
 SHORTEST_S = 0.2
 """A shorter stretch is not worth a look."""
 STANDS_SHARE = 0.02

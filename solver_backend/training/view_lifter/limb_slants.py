@@ -135,10 +135,10 @@ def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
         )
         classes = torch.as_tensor(slant_classes(true))
         parts.append(SlantWindows(torch.as_tensor(hidden), classes, found, true))
-    tensors = (torch.cat([getattr(part, name) for part in parts]) for name in ("hidden", "classes"))
     return SlantWindows(
-        *tensors, *(np.concatenate([getattr(part, name) for part in parts]) for name in ("lifted", "true"))
-    )
+        torch.cat([part.hidden for part in parts]), torch.cat([part.classes for part in parts]),
+        np.concatenate([part.lifted for part in parts]), np.concatenate([part.true for part in parts]),
+    )  # fmt: skip
 
 
 def train_limb_slants(job: TrainingJob, settings: LimbSlantSettings = LimbSlantSettings()) -> Finished:
