@@ -30,8 +30,8 @@ FLAGGED_PERCENT = 20.0
 CARD = Card(
     "Limb slants",
     """Chances that the bones of arms and legs point towards the camera, across or away from it, from what the view
-lifter makes of a window before its last layer. They say where a limb that the lifter has decided on may point the other
-way. The view lifter's weights stay as they are.""",
+lifter makes of a window before its last layer. A large chance of the opposite class shows a limb that may be lifted
+wrongly. The view lifter's weights stay as they are.""",
     """On windows of unseen subjects, cameras and faults drawn as in training: `cross_entropy` of the three classes;
 `flips_percent`: limbs of which the view lifter has a bone point the other way; `flips_flagged_percent`: those among the
 20 % of limbs with the highest chance of it.
