@@ -10,6 +10,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+OF_THE_REPOSITORY = [ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")]
 GENERATED = {path for path in PAGES if path.read_text(encoding="utf-8").startswith("<!-- Made by")}
 KEPT = {path for path in PAGES if path.parent.name in ("research-log", "decisions")}
 """Dated records, whose sentences stay as they were written; length and tables bind them too."""
@@ -107,7 +108,7 @@ def test_every_page_is_within_three_clicks_of_the_readme() -> None:
     assert not [path.name for path in PAGES if path not in reached]
 
 
-@pytest.mark.parametrize("page", [README, *PAGES], ids=lambda page: page.name)
+@pytest.mark.parametrize("page", [README, *OF_THE_REPOSITORY, *PAGES], ids=lambda page: page.name)
 def test_a_page_speaks_as_a_colleague_would(page: Path) -> None:
     prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
     assert not NOT_THE_FIELDS_WORDS.findall(re.sub(r"^#### .*$", "", prose, flags=re.MULTILINE))
