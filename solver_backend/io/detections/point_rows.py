@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from operator import itemgetter
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 import numpy as np
@@ -20,6 +19,8 @@ _X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z
 _SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
 """Headings in small letters, the likeliest first."""
 
+_LARGEST_NUMBER = 2.0**40
+"""Of a frame: no recording has more, and people's numbers are added to multiples of it."""
 MOST_POINTS = 1000
 """Greatest number of a point: bodies, hands and faces together have 553."""
 
@@ -50,34 +51,57 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
     frame, part, x, y = (column_of(heading, names) for names in (FRAMES[:-1], _NAMES, _X, _Y))
     score, person = column_of(heading, _SCORES), column_of(heading, _PEOPLE)
     assert frame is not None and part is not None and x is not None and y is not None
-    columns = [column for column in (x, y, score) if column is not None]
     try:
-        cells = list(map(itemgetter(frame, part, part if person is None else person, *columns), rows))
-        numbers = np.array([row[0] for row in cells], np.float64).astype(np.int64)
-        values = np.array([[cell.strip() or "nan" for cell in row[3:]] for row in cells], np.float64)
+        spelled = [row[part] for row in rows]
+        people = [row[person] for row in rows] if person is not None else []
+        numbers = _floats([row[frame] for row in rows])
+        values = np.column_stack([_floats([row[c] for row in rows]) for c in (x, y, score) if c is not None])
+        if not (np.abs(numbers) < _LARGEST_NUMBER).all():
+            raise ValueError("a frame's number")
     except (ValueError, IndexError, OverflowError) as error:
         raise FileDamaged(
             f"A row is short or holds something that is not a number ({error}).", where=str(path)
         ) from error
-    spelled = [row[1].strip() for row in cells]
-    names = tuple(dict.fromkeys(spelled))
-    at = {name: i for i, name in enumerate(names)}
-    if all(name.isdecimal() for name in names):  # points by number are in the order of a joint set
-        at, names = {name: int(name) - min(map(int, names)) for name in names}, ()
+    at = _places(spelled)
     if max(at.values(), default=0) > MOST_POINTS:
         raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path))
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
-    who = {name: i for i, name in enumerate(dict.fromkeys(row[2] for row in cells))} if person is not None else {}
-    people = np.array([who[row[2]] for row in cells]) if who else np.zeros(len(cells), np.int64)
-    keys, group = np.unique(np.column_stack([numbers, people]), axis=0, return_inverse=True)
+    who = {name: i for i, name in enumerate(dict.fromkeys(people))}
+    keys = numbers.astype(np.int64) * max(len(who), 1)
+    keys += np.fromiter(map(who.__getitem__, people), np.int64) if who else 0
+    keys, group = np.unique(keys, return_inverse=True)
     points = np.zeros((len(keys), max(at.values(), default=-1) + 1, 3))
     seen = sure > 0
-    rows_of, columns_of = group.reshape(-1)[seen], np.array([at[name] for name in spelled])[seen]
-    points[rows_of, columns_of] = np.column_stack([values[seen, :2], sure[seen]])
+    column = np.fromiter(map(at.__getitem__, spelled), np.int64)
+    points[group[seen], column[seen]] = np.column_stack([values[seen, :2], sure[seen]])
     frames: dict[int, People] = {}
-    for (number, _), one in zip(keys.tolist(), points, strict=True):
+    shown = (points[..., 2] > 0).any(-1).tolist()
+    for number, one, is_shown in zip((keys // max(len(who), 1)).tolist(), points, shown, strict=True):
         people_here = frames.setdefault(number, [])
-        if (one[:, 2] > 0).any():
+        if is_shown:
             people_here.append(one)
-    return CameraFrames.in_memory(frames, path, names)
+    named = tuple(dict.fromkeys(name.strip() for name in at))
+    return CameraFrames.in_memory(frames, path, () if all(name.isdecimal() for name in named) else named)
+
+
+def _places(spelled: Iterable[str]) -> dict[str, int]:
+    """Return the column of each point's name as it is written; numbers are in the order of a joint set."""
+    written = {name: name.strip() for name in dict.fromkeys(spelled)}
+    if all(name.isdecimal() for name in written.values()):
+        first = min(map(int, written.values()), default=0)
+        return {name: int(number) - first for name, number in written.items()}
+    columns = {name: i for i, name in enumerate(dict.fromkeys(written.values()))}
+    return {name: columns[plain] for name, plain in written.items()}
+
+
+def _floats(cells: list[str]) -> np.ndarray:
+    """Return numbers, NaN where a cell is blank.
+
+    Raises:
+        ValueError: a cell is something else.
+    """
+    try:
+        return np.fromiter(map(float, cells), np.float64)
+    except ValueError:
+        return np.fromiter((float(cell.strip() or "nan") for cell in cells), np.float64)
