@@ -32,8 +32,8 @@ CHANGE = 2.0
 GAIN = 5.0
 """Twice the logarithm of how much likelier another rate is, from which it is a finding."""
 SHARE = 0.42
-"""Of the misfit that may remain with a lower rate, and none of it by a rate between: kicks and dances on swinging feet
-leave the misfit of what they are."""
+"""Of the misfit that a lower rate may leave, and one between must leave more: kicks, dances on swinging feet and
+animated people (the demo: 0.59) leave what they are. With both, two of 229 recorded clips are false alarms."""
 _LEAST_PULL = 3.0
 """Vertical pull at least, m/s², for somebody on the floor."""
 _STANCE = JointSet.COCO_17

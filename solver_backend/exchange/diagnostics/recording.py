@@ -134,7 +134,7 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Split the video there: what lies before and after the cut is solved as one motion.",
     ),
     "frames_skipped": warning(
-        "Every other frame or so, {size:.0f} %, has no detections in any view",
+        "Frames at regular distances, {size:.0f} % of all, have no detections in any view",
         "The detector looked at some frames alone.",
         "Run the detector on all frames, or convert the videos to the rate it looked at.",
     ),
