@@ -93,14 +93,5 @@ def _own(name: str, values: np.ndarray) -> tuple[str, Rows]:
     return f"{name}.csv", [heading, *([f, *row] for f, row in enumerate(values.tolist()))]
 
 
-def _point_rows(name: str, values: np.ndarray) -> tuple[str, Rows]:
-    points = values.reshape(len(values), -1, 3).tolist()
-    rows = [[f, part, *point] for f, frame in enumerate(points) for part, point in zip(COCO, frame, strict=True)]
-    return f"{name}.csv", [["frame", "keypoint", "x", "y", "score"], *rows]
-
-
-TABLES = {
-    "deeplabcut": _deeplabcut, "deeplabcut_animals": _deeplabcut_animals, "sleap": _sleap, "own": _own,
-    "point_rows": _point_rows,
-}  # fmt: skip
+TABLES = {"deeplabcut": _deeplabcut, "deeplabcut_animals": _deeplabcut_animals, "sleap": _sleap, "own": _own}
 """By what they are called: the file's name and rows of one camera."""
