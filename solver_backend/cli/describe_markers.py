@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of
 from solver_backend.fitters.partial_body.informed_parts import parts_without
@@ -27,7 +28,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
     """Return lines and JSON values: subjects, which labels are known, and gaps."""
     labels = cloud.labels or ()
     named = [label for label in labels if not is_unnamed(label)]
-    names = name_markers(named)
+    names = name_markers(named, places_by_side(cloud))
     count = cloud.positions.shape[1]
     gaps, faults = _gaps(cloud), _faults(cloud)
     data = {

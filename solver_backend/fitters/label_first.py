@@ -14,6 +14,7 @@ from solver_backend.body.marker_names import (
     least_markers,
     name_markers,
 )
+from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
@@ -42,7 +43,7 @@ def needs_labels(cloud: MarkerCloud) -> bool:
     """Return whether too few markers are named for a solve, or as many points without names are seen as with."""
     if cloud.labels is None:
         return True
-    names = name_markers([label for label in cloud.labels if not is_unnamed(label)])
+    names = name_markers([label for label in cloud.labels if not is_unnamed(label)], places_by_side(cloud))
     if len(names.known) < least_markers(names.known.values()):
         return True
     if len(names.unknown) >= LEAST_MARKERS:

@@ -13,6 +13,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.label_segments import named_bone
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, least_markers, name_markers
+from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
@@ -25,7 +26,6 @@ from solver_backend.fitters.marker_calibration.off_place import distances, off_p
 from solver_backend.fitters.marker_calibration.one_body import check_one_body
 from solver_backend.fitters.marker_calibration.person_doubts import MISPLACED, SIDE_FOUND, TWO_PLACES, doubts_of
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
-from solver_backend.fitters.marker_calibration.side_by_place import places_by_side
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.two_places import two_places
 from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout

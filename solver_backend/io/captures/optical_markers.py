@@ -13,6 +13,7 @@ from solver_backend.body.marker_names import (
     least_markers,
     name_markers,
 )
+from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
@@ -45,7 +46,11 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     except JobInvalid as error:
         raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
     labels, report = take.cloud.labels, take.report
-    names = None if labels is None else name_markers([label for label in labels if not is_unnamed(label)])
+    names = (
+        None
+        if labels is None
+        else name_markers([label for label in labels if not is_unnamed(label)], places_by_side(take.cloud))
+    )
     return Capture(
         name=path.stem,
         markers=take.cloud,

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from solver_backend.fitters.marker_calibration.side_by_place import places_by_side
+from solver_backend.body.side_by_place import places_by_side
 from solver_backend.types import MarkerCloud
 
 TRUNK = {"ASISl": (0.12, 1.0), "ASISr": (-0.12, 1.0), "XIPH": (0.0, 1.3), "T10": (0.0, 1.3)}
@@ -27,4 +27,7 @@ def test_what_is_not_clear_stays_unknown():
     assert not places_by_side(cloud(WRIST=(-0.3, 1.2)), {})
     assert not places_by_side(cloud(RSHO=(-0.2, 1.4)), {"RELB": "RELB"} | dict.fromkeys(TRUNK, ""))
     assert not places_by_side(cloud(LELB=(0.3, 1.2)), {})
+    unseen = cloud()
+    unseen.positions[:, 0] = np.nan
+    assert not places_by_side(unseen, {})
     assert "WRIST" not in places_by_side(cloud(), {"WRIST": "LWRA"})

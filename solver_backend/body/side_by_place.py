@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 
 import numpy as np
 
 from solver_backend.body.label_choice import limb_of
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import MarkerCloud
 
 LEAST_LABELS = 2
@@ -19,7 +21,7 @@ _TWINS = {("l", "m"): ("lat", "med"), ("r", "u"): ("radius", "ulna")}
 """Endings that mean these words where both are there: ``EPICl`` and ``EPICm``, ``STYLr`` and ``STYLu``."""
 
 
-def places_by_side(cloud: MarkerCloud, own: Mapping[str, str]) -> dict[str, str]:
+def places_by_side(cloud: MarkerCloud, own: Mapping[str, str] = MappingProxyType({})) -> dict[str, str]:
     """Return the place of labels that name a limb without its side, by the side of the trunk it is on.
 
     The trunk's own sides are those of pairs of labels that state them, as both ASIS. Nothing is returned where no pair
@@ -70,9 +72,7 @@ def _parts(bare: Mapping[str, str]) -> dict[str, str]:
 def _to_the_left(cloud: MarkerCloud, pairs: Sequence[tuple[str, str]], labels: Sequence[str]) -> np.ndarray:
     """Return how far markers are left of the middle of pairs of left and right markers, metres, medians over frames."""
     column = {label: i for i, label in enumerate(cloud.labels or ())}
-    left, right = (
-        np.nanmean(cloud.positions[:, [column[pair[side]] for pair in pairs]], axis=1) for side in (0, 1)
-    )  # fmt: skip
-    across = (left - right) / np.linalg.norm(left - right, axis=-1, keepdims=True)
+    left, right = (cloud.positions[:, [column[pair[side]] for pair in pairs]].mean(axis=1) for side in (0, 1))
+    across = (left - right) / np.maximum(np.linalg.norm(left - right, axis=-1, keepdims=True), 1e-9)
     away = cloud.positions[:, [column[label] for label in labels]] - 0.5 * (left + right)[:, None]
-    return np.nanmedian(np.einsum("fli,fi->fl", away, across), axis=0)
+    return quantile(np.einsum("fli,fi->fl", away, across), 0.5, axis=0)
