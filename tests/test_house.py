@@ -161,6 +161,7 @@ def unexplained_constants(text: str) -> list[str]:
     return found
 
 
+@pytest.mark.slow
 def test_constants_have_a_docstring_or_a_comment() -> None:
     """Unit and origin of a number stand beside it."""
     found = {dotted(path): unexplained_constants(path.read_text(encoding="utf-8")) for path in product_files()}

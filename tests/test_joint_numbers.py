@@ -68,6 +68,7 @@ def files() -> list[Path]:
     return [path for path in found if not path.is_relative_to(ROOT / "blender_addon" / "_exchange")]
 
 
+@pytest.mark.slow
 def test_no_joint_numbers_outside_the_layouts() -> None:
     texts = {path.relative_to(ROOT).as_posix(): path.read_text(encoding="utf-8") for path in files()}
     some = re.compile(rf"\b({'|'.join(map(str, {*COUNTS, *range(13, SMPL.num_joints)}))})\b")

@@ -113,6 +113,7 @@ def test_markers_mirror_each_other(body):
     np.testing.assert_allclose(places[0], places[1] * MIRROR, atol=2e-3)
 
 
+@pytest.mark.slow
 def test_aliases_are_the_same_places(body):
     aliases = load_layouts().aliases
     names, others = tuple(aliases), tuple(aliases.values())

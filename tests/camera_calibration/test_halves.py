@@ -36,6 +36,7 @@ def test_independent_errors_are_claimed_as_they_are() -> None:
     assert "halves_differ" in [note.code for note in after.notes]
 
 
+@pytest.mark.slow
 def test_errors_that_corners_share_widen_what_is_claimed() -> None:
     before, after = widened(3.0)
     ratio = after.centre_sigma_m / before.centre_sigma_m

@@ -54,6 +54,7 @@ def test_exact_keypoints_give_exact_cameras(exact: Capture) -> None:
     assert turned < 0.01
 
 
+@pytest.mark.slow
 def test_a_walk_before_a_detector_that_errs_gives_cameras_upright_and_to_scale(noisy: Capture) -> None:
     cameras, keypoints = noisy.require_multiview()
     lenses = [lens_of(cameras, c) for c in range(4)]
@@ -77,6 +78,7 @@ def test_rough_lenses_are_improved(exact: Capture) -> None:
     assert off.max() < 0.5 * before.max()
 
 
+@pytest.mark.slow
 def test_a_camera_that_was_moved_is_found_and_corrected(noisy: Capture) -> None:
     cameras, keypoints = noisy.require_multiview()
     R = cameras.R.copy()
@@ -116,6 +118,7 @@ def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
     assert align_cameras(replace(cameras, t=2.0 * t), cameras)[2] == pytest.approx(0.5, abs=1e-4)
 
 
+@pytest.mark.slow
 def test_a_world_of_wrong_size_or_not_upright_is_found(exact: Capture) -> None:
     cameras, keypoints = exact.require_multiview()
     assert check_calibration(cameras, keypoints).findings == ()

@@ -58,6 +58,7 @@ def off(found: Cameras, truth: Cameras) -> np.ndarray:
     return np.linalg.norm(found.centres - truth.centres, axis=1)
 
 
+@pytest.mark.slow
 def test_all_sources_at_once_are_nearer_the_truth_than_each_and_as_sure_as_they_say() -> None:
     truth, squares, told = ring(4), [], []
     for seed in range(4):

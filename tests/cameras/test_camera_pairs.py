@@ -28,6 +28,7 @@ def test_pairs_of_many_cameras_grow_with_their_number_and_hang_together(count: i
     assert degree.min() >= COMPARED - 1
 
 
+@pytest.mark.slow
 def test_a_late_camera_of_forty_is_found_and_progress_is_shown() -> None:
     capture = seen_by(ring(40), 60)
     cameras, keypoints = capture.require_multiview()

@@ -38,6 +38,7 @@ def test_a_board_is_written_with_the_file_that_tells_it(tmp_path: Path, capsys) 
     assert main(["board", "checkerboard:8x5:30mm", "--out", str(tmp_path / "b.docx"), "--json"]) == 2
 
 
+@pytest.mark.slow
 def test_a_capture_calibrates_its_cameras_anew_and_is_checked(tmp_path: Path, capsys) -> None:
     capture = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
     path, out = tmp_path / "take.npz", tmp_path / "rig.toml"
@@ -53,6 +54,7 @@ def test_a_capture_calibrates_its_cameras_anew_and_is_checked(tmp_path: Path, ca
     assert said(capsys)["median_px"] < 0.5
 
 
+@pytest.mark.slow
 def test_a_calibration_is_written_as_it_is_meant(tmp_path: Path, capsys) -> None:
     cameras, keypoints = demo_capture(num_frames=60).require_multiview()
     trial, out = tmp_path / "trial", tmp_path / "meant.toml"
@@ -124,6 +126,7 @@ def test_lenses_of_real_pictures_go_into_a_library_and_out_again(tmp_path: Path,
         read_lenses(tmp_path / "other.json")
 
 
+@pytest.mark.slow
 def test_lenses_of_another_calibration_are_used(tmp_path: Path, capsys) -> None:
     capture = benchmark_capture(walk(60), BenchmarkSettings(detector=EXACT, calibration_mm=0.0, anatomy_mm=0.0))
     path, lenses, out = tmp_path / "take.npz", tmp_path / "lenses.toml", tmp_path / "rig.yml"

@@ -50,6 +50,7 @@ def test_layout_calibrate_solve(tmp_path, capsys):
     assert not (tmp_path / "b.npz").exists()
 
 
+@pytest.mark.slow
 def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
     pytest.importorskip("cv2")
     pictures = {}
@@ -73,6 +74,7 @@ def test_the_places_of_a_layout_are_drawn(tmp_path, capsys):
     assert not (tmp_path / "x.png").exists()
 
 
+@pytest.mark.slow
 def test_names_do_not_stand_on_one_another():
     pytest.importorskip("cv2")
     from solver_backend.synthesis.studio import places_picture as drawn

@@ -88,6 +88,7 @@ def test_everybody_whom_a_single_camera_sees_is_solved(short_pair: Path, tmp_pat
     assert apart.min() > 0.5
 
 
+@pytest.mark.slow
 def test_one_who_fails_does_not_stop_the_others(short_pair: Path, tmp_path: Path, capsys) -> None:
     from dataclasses import replace
 
@@ -115,6 +116,7 @@ def test_a_session_is_one_batch(shared_data: Path, tmp_path: Path, capsys) -> No
     assert main(["solve", str(shared_data / SESSION), "--out", str(tmp_path / "one.npz"), "--json"]) == 2
 
 
+@pytest.mark.slow
 def test_each_trial_of_a_session_becomes_a_capture(shared_data: Path, tmp_path: Path, capsys) -> None:
     assert main(["convert", str(shared_data / SESSION), "--out", str(tmp_path / "all"), "--json"]) == 0
     captures = last_event(capsys)["captures"]

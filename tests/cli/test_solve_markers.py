@@ -91,6 +91,7 @@ def test_command_line_and_report_speak_of_markers(take, solved, capsys):
     assert result["reprojection_median_px"] is None and 0 < result["marker_median_mm"] < 15
 
 
+@pytest.mark.slow
 def test_a_stretch_of_markers_is_solved_again(take, solved):
     out = take.with_name("stretch.npz")
     assert main(["solve", str(take), "--resolve", str(solved), "--frames", "20", "40", "--out", str(out)]) == 0

@@ -46,6 +46,7 @@ def slip(motion: Motion, planted: np.ndarray) -> float:
     return float(speed[planted[1:] & planted[:-1]].mean())
 
 
+@pytest.mark.slow
 def test_more_smoothing_is_calmer(capture: Capture, plain: Motion) -> None:
     calm = solved(capture, smoothing=3.0)
     truth = capture.truth["joints"][START:STOP, :22]
@@ -54,6 +55,7 @@ def test_more_smoothing_is_calmer(capture: Capture, plain: Motion) -> None:
     assert acceleration(solved(capture, smoothing=10.0)) < 0.95 * acceleration(calm)
 
 
+@pytest.mark.slow
 def test_a_firmer_foot_lock_holds_feet_stiller(capture: Capture, plain: Motion) -> None:
     assert plain.keypoints3d is not None and plain.joint_set is not None
     planted = find_contacts(plain.keypoints3d, plain.joint_set.keypoints, plain.fps).planted

@@ -49,6 +49,7 @@ def test_a_solve_elsewhere_finds_the_same(take: str, method: str, monkeypatch: p
     np.testing.assert_allclose(there.transl, here.transl, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_the_stand_in_refuses_what_a_device_refuses() -> None:
     with another_device():
         there, here = torch.zeros(3, device=DEVICE), torch.ones(3)

@@ -63,6 +63,7 @@ def test_places_on_bones_are_found_and_reported() -> None:
     assert "left_upper_arm" in sentence(placed[0]) and "px from its detections" in sentence(placed[0])
 
 
+@pytest.mark.slow
 def test_a_point_on_the_wrong_bone_and_one_that_is_not_seen_are_left_out() -> None:
     capture = own_capture(120)
     keypoints = capture.keypoints
@@ -77,6 +78,7 @@ def test_a_point_on_the_wrong_bone_and_one_that_is_not_seen_are_left_out() -> No
     assert len(found_in(motion, "own_point_placed")) == len(PLACES) - 2
 
 
+@pytest.mark.slow
 def test_a_folder_of_own_points_is_read_solved_and_reported(tmp_path: Path) -> None:
     root = write_own_points(tmp_path / "take", own_capture(60))
     out, page = tmp_path / "m.npz", tmp_path / "m.html"

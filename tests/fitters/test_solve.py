@@ -42,6 +42,7 @@ def test_demo_capture_is_solved_to_its_promise(capture):
     assert np.abs(floor).max() < 0.06
 
 
+@pytest.mark.slow
 def test_a_world_whose_origin_is_far_away_is_solved_as_well(capture):
     short = cut(capture, 100, 140)
     assert short.cameras is not None
@@ -84,6 +85,7 @@ def test_torch_equals_numpy(capture, method):
     np.testing.assert_allclose(other.joints, one.joints, atol=3e-5)
 
 
+@pytest.mark.slow
 def test_frame_method_is_accurate_enough_to_look_at(capture):
     short = cut(capture, 0, 60)
     motion = solve(short, SolveSettings(method="frame")).motion
@@ -97,6 +99,7 @@ def test_one_frame_is_solved_by_the_frame_method_and_named_by_the_bundle(capture
         solve(one)
 
 
+@pytest.mark.slow
 def test_a_second_in_which_nobody_is_seen_is_bridged_and_flagged(capture):
     short = hidden(cut(capture, 60, 210), slice(40, 101))
     motion = solve(short, QUICK).motion
@@ -109,6 +112,7 @@ def test_a_second_in_which_nobody_is_seen_is_bridged_and_flagged(capture):
     assert speed[38:104].max() < 6.0
 
 
+@pytest.mark.slow
 def test_the_frame_method_bridges_too(capture):
     short = hidden(cut(capture, 60, 140), slice(30, 50))
     motion = solve(short, SolveSettings(method="frame")).motion

@@ -81,6 +81,7 @@ def test_a_reader_that_breaks_is_seen() -> None:
     assert "ZeroDivisionError" in tried.table()
 
 
+@pytest.mark.slow
 def test_an_input_that_ends_its_process_is_counted_with_those_before_it(monkeypatch: pytest.MonkeyPatch) -> None:
     """Every third input kills the child; a stand-in of its program does what ``python -m tests.fuzz --child`` does."""
     program = (
@@ -103,6 +104,7 @@ def test_an_input_that_ends_its_process_is_counted_with_those_before_it(monkeypa
     assert f"ended with {-signal.SIGKILL}" in tried.table()
 
 
+@pytest.mark.slow
 def test_the_command_prints_its_table_as_it_goes_and_goes_on_where_it_stopped(tmp_path: Path) -> None:
     state = tmp_path / "state.json"
     command = [sys.executable, "-m", "tests.fuzz", "--only", "job", "--state", str(state), "--count"]

@@ -151,6 +151,7 @@ def test_the_pose_folder_of_a_trial_is_understood(trial: Path) -> None:
     assert load_capture(trial / "pose").num_frames == 20
 
 
+@pytest.mark.slow
 def test_joint_set_from_config(trial: Path) -> None:
     write_trial(trial, joint_set=JointSet.BODY_25B, config="[pose]\npose_model = 'body_25b'\n")
     assert "Joint set BODY_25B, from Config.toml." in words(load_capture(trial).notes)

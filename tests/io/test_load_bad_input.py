@@ -240,6 +240,7 @@ def test_reading_changes_nothing_on_disk(trial: Path) -> None:
     assert sorted((p, p.stat().st_mtime_ns) for p in trial.rglob("*")) == before
 
 
+@pytest.mark.slow
 def test_worlds_that_cannot_be_right_are_told(trial: Path) -> None:
     cameras = write_trial(trial, calibrated=None)
     (trial / "calibration").mkdir()

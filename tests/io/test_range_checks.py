@@ -101,6 +101,7 @@ ODD = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("capture", "sentence"), ODD, ids=[sentence[:30] for _, sentence in ODD])
 def test_what_is_odd_is_told(tmp_path: Path, capture: Capture, sentence: str) -> None:
     found = read_back(tmp_path, capture)

@@ -107,6 +107,7 @@ def test_a_take_without_names_names_nobody() -> None:
         labelled_like(Capture("take", markers=second), nameless)
 
 
+@pytest.mark.slow
 def test_what_stays_without_a_name_is_noted_in_percent() -> None:
     first, second = halves()
     bare, _ = pieces(second, 3, 0.0)

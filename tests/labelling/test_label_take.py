@@ -56,6 +56,7 @@ def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
     assert found.right >= 92.0 and found.wrong <= 3.0
 
 
+@pytest.mark.slow
 def test_the_order_of_columns_does_not_matter(demo):
     bare = MarkerCloud(demo.positions, demo.fps)
     order = np.random.default_rng(0).permutation(demo.positions.shape[1])
@@ -105,6 +106,7 @@ def test_labelled_takes_are_left_alone_and_half_labelled_ones_keep_their_names(d
         assert take.labels[frame, column] == MARKERS.index(name)
 
 
+@pytest.mark.slow
 def test_labels_that_say_nothing_are_persistent_tracks(demo):
     positions = demo.positions.copy()
     positions[30:60, :4] = np.nan  # gaps that would begin new tracks
@@ -216,6 +218,7 @@ def test_more_points_than_can_be_compared_are_named(demo):
         label_take(MarkerCloud(blinking, 10.0), network, fit_average_person)
 
 
+@pytest.mark.slow
 def test_frames_read_in_smaller_parts_say_the_same(demo, monkeypatch):
     bare, network = MarkerCloud(demo.positions, demo.fps), load_network()
     whole = label_take(bare, network, fit_average_person)

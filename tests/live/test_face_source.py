@@ -120,6 +120,7 @@ def test_a_face_that_keeps_still_goes_on_as_text_has_no_clock():
     assert len(frames_of(assembly, [TEXT.encode()] * 5)) == 5 and not assembly.counts
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("scheme", "good"), [(LIVE_LINK, live_link(np.zeros(61))), (IFACIALMOCAP, TEXT.encode())])
 def test_a_hundred_thousand_hostile_packets_change_nothing_and_take_no_memory(scheme, good):
     rng, assembly = random.Random(7), FaceAssembly(scheme)

@@ -145,6 +145,7 @@ def test_a_shape_that_is_known_by_now_changes_the_bones(receiver):
     assert np.array_equal(first, second) and np.abs(third - first).max() > 0.003
 
 
+@pytest.mark.slow
 def test_sending_takes_no_more_memory_with_time(receiver):
     motion = short_motion(2)
     line = next(replayed_poses(motion, paced=False))

@@ -93,6 +93,7 @@ def test_pictures_of_another_shape(spoil: Callable[[np.ndarray], np.ndarray], ex
     assert SHAPES[shape] in fit.meanings() and "1 times" not in fit.meanings()
 
 
+@pytest.mark.slow
 def test_a_size_that_is_no_standard() -> None:
     fit = fit_calibration(CAMERAS, detections(scaled(filmed(), 0.4375, 0.4375)))
     assert fit.corrections[0].factor == pytest.approx(0.4375, rel=0.01) and len(set(fit.corrections)) == 1

@@ -87,6 +87,7 @@ def test_steps_that_repeat_leave_it_open():
     assert found([in_place], [0, 0, 0, 0], 400).evidence is StartEvidence.IN_STEP
 
 
+@pytest.mark.slow
 def test_a_person_who_stands_still_tells_nothing():
     take = walk(400)
     held = replace(take, rotations=np.repeat(take.rotations[:1], 400, 0), root=np.repeat(take.root[:1], 400, 0))

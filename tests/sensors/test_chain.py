@@ -174,6 +174,7 @@ def test_who_stops_while_the_recording_is_written_keeps_it(
         signal.raise_signal(signal.SIGTERM)
 
 
+@pytest.mark.slow
 def test_a_wand_is_told_where_it_was_and_where_to_go(
     recording: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

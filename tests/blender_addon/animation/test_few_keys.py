@@ -28,6 +28,7 @@ def smooth_motion(motion: Any, frames: int = 240) -> Any:
     )  # fmt: skip
 
 
+@pytest.mark.slow
 def test_few_keys_are_true_to_the_take_at_the_keys_and_say_how_far_between(scene: Any, files: Any) -> None:
     motion = smooth_motion(files.motion)
     full = bake_take(scene, motion, files.body)

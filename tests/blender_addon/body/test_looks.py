@@ -128,6 +128,7 @@ def materials_of_glb(path: Path) -> list[str]:
     return [material["name"] for material in json.loads(data[20 : 20 + length])["materials"]]
 
 
+@pytest.mark.slow
 def test_headless_verbs_take_the_look(files: Any, body: BodyFile, tmp_path: Path) -> None:
     assert main(["body", "--out", str(tmp_path / "Body.blend"), "--look", "mannequin"]) == 0
     bpy.ops.wm.open_mainfile(filepath=str(tmp_path / "Body.blend"), load_ui=False)

@@ -98,6 +98,7 @@ def test_in_place_leaves_the_travel_out(walk: BakedTake, tmp_path: Path) -> None
     assert np.abs(pelvis[:, :2]).max() < 0.25 and pelvis[:, 2].min() > 0.3
 
 
+@pytest.mark.slow
 def test_everything_of_the_scene_stays_and_the_console_quiet(
     walk: BakedTake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

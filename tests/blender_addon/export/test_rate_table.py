@@ -100,6 +100,7 @@ READERS: dict[str, Callable[[Path, float, int, Files], Read]] = {
 }  # fmt: skip
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize("rate", range(len(RATES)), ids=[f"{fps:.5g} fps" for fps in RATES])
 @pytest.mark.parametrize("name", [name for name, item in FORMATS.items() if item.is_sampled])

@@ -65,6 +65,7 @@ def test_a_chosen_rate(
         assert np.abs(rows[:, 2 + column] - expected).max() < 0.01
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 @pytest.mark.parametrize(("name", "operator", "settings"), [
     ("bvh", "import_anim.bvh", {"global_scale": 0.01, "update_scene_fps": True, "use_fps_scale": False}),

@@ -30,6 +30,7 @@ def result_of(verb: str, *arguments: object, capfd: Any) -> dict[str, Any]:
     return json.loads(capfd.readouterr().out.splitlines()[-1])
 
 
+@pytest.mark.slow
 def test_a_foreign_clip_is_keyed_sparsely_and_laid_on_a_rig(scene: bpy.types.Scene, tmp_path: Path, capfd: Any) -> None:
     known = known_motion(load_body(), BETAS, FRAMES, FPS)
     names = tuple(f"mixamorig:{name}" for name in known.names)

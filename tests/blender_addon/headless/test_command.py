@@ -48,6 +48,7 @@ def test_bake_writes_a_blender_file_and_says_how_exact_it_is(files: Any, tmp_pat
     assert "error: walk.blend is already there and not overwritten." in again.stderr and "try: Choose" in again.stderr
 
 
+@pytest.mark.slow
 def test_bake_writes_video_and_contact_sheet(files: Any, tmp_path: Path) -> None:
     arrays = dict(np.load(files.motion_path))
     cut = {key: value[:8] if value.shape[:1] == (60,) else value for key, value in arrays.items()}

@@ -54,6 +54,7 @@ def test_what_is_missing_is_named(played, tmp_path: Path, capfd: Any) -> None:
     assert json.loads(capfd.readouterr().out.splitlines()[-1])["code"] == "file_missing"
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore:Exception ignored in")  # Blender's BVH importer leaves its file open
 def test_hands_of_an_fbx_are_added(scene: bpy.types.Scene, tmp_path: Path, capfd: Any) -> None:
     drawn = drawn_gloves()

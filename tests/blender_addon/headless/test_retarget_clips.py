@@ -75,6 +75,7 @@ def test_folders_without_clips_are_named(scene: Any, tmp_path: Path, capfd: Any)
     assert not (tmp_path / "o.blend").exists()
 
 
+@pytest.mark.slow
 @pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::pytest.PytestUnraisableExceptionWarning")
 def test_several_characters_get_a_folder_each(clips: Path, tmp_path: Path, capfd: Any) -> None:
     for name in ("broken.fbx", "moves.blend"):

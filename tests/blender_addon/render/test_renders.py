@@ -53,6 +53,7 @@ def test_body_is_rendered_where_its_joints_project(subject: RenderedTake, tmp_pa
             assert np.abs(part - alpha[y0:y1, x0:x1]).mean() < 0.002
 
 
+@pytest.mark.slow
 def test_contact_sheet_shows_poses_and_cameras_and_leaves_the_scene(
     scene: bpy.types.Scene, subject: RenderedTake, tmp_path: Path
 ) -> None:
@@ -71,6 +72,7 @@ def test_contact_sheet_shows_poses_and_cameras_and_leaves_the_scene(
     assert len({cell.tobytes() for cell in cells}) == 12
 
 
+@pytest.mark.slow
 def test_video_plays_the_take_at_its_speed(subject: RenderedTake, tmp_path: Path) -> None:
     path = tmp_path / "walk.mp4"
     settings = PreviewSettings(size=(320, 180), most_fps=10.0)

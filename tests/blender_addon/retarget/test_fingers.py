@@ -51,6 +51,7 @@ def test_fingers_bend_as_the_bodys(scene: bpy.types.Scene, naming: str, arms_dow
     assert angle_deg(*theirs) > 40.0
 
 
+@pytest.mark.slow
 def test_fingers_of_a_generated_rigify_rig_bend_as_the_bodys(scene: bpy.types.Scene) -> None:
     motion = grasping(0.9)
     body = read_body(default_body_path(), motion.body_layout)

@@ -85,6 +85,7 @@ def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> N
     assert 1e3 * np.sqrt((np.array(space) ** 2).sum(axis=1).mean()) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("engine", ["workbench"])
 def test_the_person_is_where_the_mask_says_and_a_second_run_makes_the_same_pixels(tmp_path: Path, engine: str) -> None:
     given = {"film": ["rgb", "masks"], "looks": ["everyday"], "rgb": {"engine": engine}, "seed": 5}

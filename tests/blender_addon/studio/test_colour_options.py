@@ -52,6 +52,7 @@ def test_noise_has_its_size(plain: np.ndarray, tmp_path: Path) -> None:
     assert np.std(off[kept]) == pytest.approx(0.03 * 255, rel=0.05) and abs(np.mean(off[kept])) < 0.5
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("option", [{"blur": 0.8}, {"rolling_s": 0.4}])
 def test_shutters_change_what_moves_and_nothing_else(
     plain: np.ndarray, tmp_path: Path, option: dict[str, float]
@@ -65,6 +66,7 @@ def test_shutters_change_what_moves_and_nothing_else(
         assert np.array_equal(np.abs(shown - plain).max(axis=2), off), "the same again"
 
 
+@pytest.mark.slow
 def test_a_strange_body_is_another_one(plain: np.ndarray, tmp_path: Path) -> None:
     shown = picture(tmp_path, people={"strange": True})
     assert (np.abs(shown - plain).max(axis=2) > 12).mean() > 0.01

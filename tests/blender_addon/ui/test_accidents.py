@@ -38,6 +38,7 @@ def test_a_full_disk_keeps_the_capture_that_was_read_before(mocap, solved: Solve
     assert Path(mocap.capture.file).is_file() and not current.busy
 
 
+@pytest.mark.slow
 def test_a_full_disk_during_a_solve_leaves_earlier_takes_and_no_half_motion(
     mocap, solved_take, solved: SolvedCapture
 ) -> None:
@@ -125,6 +126,7 @@ def test_a_solver_that_is_killed_leaves_the_scene_and_says_so(mocap, solved_take
     assert mocap.review.take == solved_take and not current.busy
 
 
+@pytest.mark.slow
 def test_a_take_arrives_in_the_scene_it_was_solved_for(
     mocap, solved: SolvedCapture, monkeypatch: pytest.MonkeyPatch
 ) -> None:

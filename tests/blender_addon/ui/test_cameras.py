@@ -46,6 +46,7 @@ def test_a_camera_and_a_range_are_left_out_of_the_next_solve(solved_take, mocap,
         bpy.ops.mocap.solve()
 
 
+@pytest.mark.slow
 def test_the_calibration_is_checked_and_what_is_wrong_is_said(mocap, tmp_path: Path) -> None:
     demo = demo_capture()
     assert demo.cameras is not None and demo.keypoints is not None

@@ -96,6 +96,7 @@ def test_an_empty_folder_of_wheels_is_named_and_nothing_is_asked_of_a_network(ho
     assert any("could not be installed" in text for text in drawn())
 
 
+@pytest.mark.slow
 def test_litert_is_set_up_from_wheels_and_models_of_a_folder(home, tmp_path: Path) -> None:
     wheels = tmp_path / "wheels"
     litert_wheels(wheels)

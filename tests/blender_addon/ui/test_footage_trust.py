@@ -99,6 +99,7 @@ def test_footage_beside_the_recording_stays_where_cameras_are_refined_or_restore
     assert not any("was not looked for" in message.text for message in mocap.capture.messages)
 
 
+@pytest.mark.slow
 def test_motions_and_headless_bakes_ask_too(
     mocap: Any, solved: SolvedCapture, tmp_path: Path, asked: list[Path]
 ) -> None:

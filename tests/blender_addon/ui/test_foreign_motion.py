@@ -57,6 +57,7 @@ def test_a_bvh_arrives_as_a_body(mocap: bpy.types.PropertyGroup, tmp_path: Path)
     assert sorted(path.name for path in Path(mocap.folder).iterdir()) == ["Gang [1]_01.npz", "Gang [1]_02.npz"]
 
 
+@pytest.mark.slow
 def test_a_character_of_another_program_arrives_as_a_body(mocap, scene, tmp_path: Path) -> None:
     motion = known_clip()
     play_on_character(motion, scene)
@@ -117,6 +118,7 @@ def test_a_rig_that_plays_nothing_is_named(mocap, scene) -> None:
     assert not Path(mocap.folder).exists() or not list(Path(mocap.folder).iterdir())
 
 
+@pytest.mark.slow
 def test_a_foreign_clip_is_edited_like_a_take_of_our_own(mocap, scene, tmp_path: Path) -> None:
     clip = write_bvh(tmp_path / "clip.bvh", known_motion(load_body(), np.zeros(10), FRAMES))
     assert bpy.ops.mocap.import_motion(filepath=str(clip), scene_setup="TAKE") == {"FINISHED"}

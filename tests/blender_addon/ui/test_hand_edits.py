@@ -74,6 +74,7 @@ def test_edits_inside_the_range_are_pinned(mocap, solved_take) -> None:
     np.testing.assert_allclose(evaluated_joints(scene, review.armature, 12.0), edited, atol=1e-3)
 
 
+@pytest.mark.slow
 def test_edits_inside_the_range_go_where_the_user_says_so(mocap, solved_take) -> None:
     review, scene = mocap.review, bpy.context.scene
     plain = evaluated_joints(scene, review.armature, 12.0)
@@ -92,6 +93,7 @@ def test_nothing_was_edited_in_a_take_as_solved(mocap, solved_take) -> None:
     assert bpy.ops.mocap.thin_take(by="RATE", keys_per_second=8) == {"FINISHED"} and edited_in_range(bpy.context) == []
 
 
+@pytest.mark.slow
 def test_a_foot_moved_by_ik_counts_and_stays(mocap, solved_take) -> None:
     review, scene = mocap.review, bpy.context.scene
     assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
@@ -121,6 +123,7 @@ def test_few_keys_are_of_the_edited_take(mocap, solved_take, options: dict) -> N
     assert "few keys few keys" not in review.take.name
 
 
+@pytest.mark.slow
 def test_a_thinned_take_solved_again_keeps_what_is_seen_outside(mocap, solved_take) -> None:
     review, scene = mocap.review, bpy.context.scene
     assert bpy.ops.mocap.thin_take(by="RATE", keys_per_second=8) == {"FINISHED"}
@@ -131,6 +134,7 @@ def test_a_thinned_take_solved_again_keeps_what_is_seen_outside(mocap, solved_ta
         np.testing.assert_allclose(evaluated_joints(scene, review.armature, frame), joints, atol=2e-4)
 
 
+@pytest.mark.slow
 def test_edits_stay_after_the_scene_took_another_frame_rate(mocap, solved_take) -> None:
     review, scene = mocap.review, bpy.context.scene
     turn_elbow(review, 25)

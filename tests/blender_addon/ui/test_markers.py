@@ -97,6 +97,7 @@ def test_markers_are_coloured_by_the_take_that_is_shown(mocap, imported):
     assert not grades(imported).any()  # the shown take's file is gone
 
 
+@pytest.mark.slow
 def test_the_markers_of_a_take_are_exported(mocap, imported, cloud, tmp_path):
     assert not bpy.ops.mocap.export_markers.poll()
     mocap.solve.preset = "FAST"
@@ -114,6 +115,7 @@ def test_the_markers_of_a_take_are_exported(mocap, imported, cloud, tmp_path):
         bpy.ops.mocap.export_markers(filepath="//take.c3d", contents="solved")
 
 
+@pytest.mark.slow
 def test_a_calibrated_subject_is_solved_with_and_kept_by_its_path(mocap, imported, cloud, tmp_path):
     assert bpy.ops.mocap.calibrate_subject() == {"FINISHED"}
     subject = Path(mocap.solve.subject)

@@ -66,6 +66,7 @@ def test_everybody_is_solved_and_each_body_has_its_own_review(imported) -> None:
     assert [review.armature for review in capture.reviews] == [first, second]
 
 
+@pytest.mark.slow
 def test_a_session_arrives_with_one_import(mocap, shared_data: Path) -> None:
     settings = shared_data / SESSION / "Config.toml"
     dropped = {"directory": str(settings.parent), "files": [{"name": settings.name}]}

@@ -36,6 +36,7 @@ def half_size(tmp_path: Path) -> Path:
     return tmp_path / "half"
 
 
+@pytest.mark.slow
 def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> None:
     assert bpy.ops.mocap.import_capture(filepath=str(half_size)) == {"FINISHED"}
     [found] = [item for message in mocap.capture.messages for item in message.found if "corrected" in item.code]

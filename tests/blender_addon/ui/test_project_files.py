@@ -95,6 +95,7 @@ def test_undo_and_recovery_after_saving_find_the_files_that_moved(mocap, unsaved
     assert file_of(before) == take_file(unsaved, "motion_file")
 
 
+@pytest.mark.slow
 def test_a_moved_project_folder_keeps_working(mocap, unsaved, tmp_path) -> None:
     save(tmp_path / "shot" / "a.blend")
     (tmp_path / "shot").rename(tmp_path / "Umzug ü")

@@ -153,6 +153,7 @@ def test_a_failed_reading_offers_the_option_that_it_asks_for(mocap, monkeypatch)
     assert "Cut to the Shortest" in on_top() and "Frames by Order" in on_top()
 
 
+@pytest.mark.slow
 def test_the_capture_is_read_again_cut_to_the_shortest(mocap, tmp_path) -> None:
     """The button does what its text says: the same folder is read, with the option on."""
     folder = tmp_path / "trial"

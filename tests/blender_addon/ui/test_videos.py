@@ -59,6 +59,7 @@ def test_a_road_that_ends_early_shows_what_was_done_and_why_it_ended(mocap, take
     assert not mocap.captures
 
 
+@pytest.mark.slow
 def test_one_step_is_done_again_alone(mocap, take, tmp_path, monkeypatch):
     by_model(mocap, tmp_path / "m.onnx")
     bpy.ops.mocap.capture_from_videos(directory=str(take))

@@ -87,6 +87,7 @@ def test_a_solve_arrives_as_an_action_with_its_provenance(mocap, solved, tmp_pat
     assert armature.name in mocap.capture.collection.all_objects
 
 
+@pytest.mark.slow
 def test_a_second_solve_is_another_action_of_the_same_body(mocap, take):
     armature = mocap.review.armature
     before = [tuple(point.co) for point in next(action_curves(take)).keyframe_points]

@@ -49,6 +49,7 @@ def mask_of(swaps: list[tuple[int, str, int, int]], shape: tuple[int, int]) -> d
     return masks
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("views", [2, 3, 4, 8])
 def test_injected_exchanges_are_undone(capture, views):
     """Of exchanges of three frames or more."""
@@ -76,6 +77,7 @@ def test_clean_detections_are_left_alone(capture, views):
     np.testing.assert_array_equal(found.keypoints.xy, few.keypoints.xy)
 
 
+@pytest.mark.slow
 def test_the_points_are_as_good_as_without_exchanges(capture):
     truth = drawn(capture, 5)
     assert len(truth) >= 4

@@ -53,6 +53,7 @@ def test_three_views(capture):
     np.testing.assert_allclose(estimated(late(capture, true).views([0, 1, 2])).frames, true[:3], atol=0.35)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frames", [(0.0, 7.0, 4.0, 0.0), (3.0, 1.0, 0.0, 2.0), (0.0, -9.6, 9.3, 1.5), (0.0, 1.3, -2.0, 0.6)]
 )

@@ -110,6 +110,7 @@ def test_a_hand_that_nobody_sees_rests_relaxed_and_is_flagged() -> None:
     np.testing.assert_array_equal(motion.body_pose[:, : 3 * 12], solved(True).body_pose[:, : 3 * 12])  # before the arms
 
 
+@pytest.mark.slow
 def test_exchanged_hands_are_found_and_named() -> None:
     wrong = hands()
     wrong[1, 8:22] = wrong[1, 8:22, ::-1]
@@ -142,6 +143,7 @@ def test_a_hand_in_one_view_alone_is_ridden_out() -> None:
     assert np.median(motion.joint_sigma[:, left]) > np.median(solved(True).joint_sigma[:, left])  # type: ignore[index]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "faults", [HandFaults(gloved=True), HandFaults(held=True)], ids=["gloves", "a thing in the hand"]
 )
@@ -161,6 +163,7 @@ def test_hands_that_a_detector_guesses_leave_the_body_alone_and_fingers_unsure(f
     assert np.median(errors) < 2.0 * 1000 * unsure
 
 
+@pytest.mark.slow
 def test_small_hands_count_for_what_they_are() -> None:
     """Hands of 10 px are guesses: deviations grow more than hands shrink."""
     cameras = take().capture.cameras
@@ -185,6 +188,7 @@ def test_short_takes_have_hands(frames: int) -> None:
     assert solve(short).motion.body_layout.joints == SMPL_HANDS.joints
 
 
+@pytest.mark.slow
 def test_a_body_without_finger_joints_is_named(monkeypatch) -> None:
     import solver_backend.fitters.pipeline as pipeline
 

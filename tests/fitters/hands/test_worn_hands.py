@@ -80,6 +80,7 @@ def error_mm(motion: Motion, hands: MovingHands, joint: str = "index2", point: i
     return 1000 * np.linalg.norm(motion.joints[:, columns] - hands.points[:, :, point], axis=-1)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("layout", "largest_mm"), [("hand26", 12.0), ("hand10", 16.0), ("hand5", 30.0), ("hand3", 30.0)]
 )
@@ -95,6 +96,7 @@ def renamed(cloud: MarkerCloud, labels: dict[str, str]) -> MarkerCloud:
     return replace(cloud, labels=tuple(labels.get(label, label) for label in cloud.labels or ()))
 
 
+@pytest.mark.slow
 def test_markers_without_a_place_are_attached_to_the_finger_that_they_move_with() -> None:
     take = worn_take("hand10")
     body, hands = split_hands(renamed(take.cloud, {"LPP2": "spare", "RFT4": "blue"}))
@@ -111,6 +113,7 @@ def test_markers_without_a_place_are_attached_to_the_finger_that_they_move_with(
     assert (with_them < best + 4.0).all()
 
 
+@pytest.mark.slow
 def test_markers_that_move_with_no_segment_are_named() -> None:
     take = worn_take("hand10")
     positions = np.asarray(take.cloud.positions).copy()
@@ -137,12 +140,14 @@ def test_a_layout_of_ones_own_names_places_of_hands(tmp_path: Path) -> None:
     assert set(body.labels or ()) == set(take.of_body)
 
 
+@pytest.mark.slow
 def test_a_calibrated_person_wears_no_markers_of_hands() -> None:
     take = worn_take("hand10")
     person = calibrate_person([Capture("worn", markers=take.cloud)])
     assert set(person.labels) <= set(take.of_body)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["hand26", "hand10"])
 def test_points_are_named_after_a_take_with_hands(layout: str) -> None:
     # Five seconds in which fingers move show which distances stay; one second does not, and neighbours are exchanged.

@@ -31,6 +31,7 @@ def scene():
     return scene
 
 
+@pytest.mark.slow
 def test_chunks_agree_with_the_whole_and_are_joined_at_their_keys(scene):
     model = scene.model(*MOTION)
     whole = solve_keys(model, scene.layout, scene.start, TIGHT).keys

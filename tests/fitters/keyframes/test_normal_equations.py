@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from solver_backend.fitters.keyframes import normal_equations
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations, data_equations
@@ -107,6 +108,7 @@ def dense(equations: KeyframeNormalEquations) -> np.ndarray:
     return full[:free, :free]
 
 
+@pytest.mark.slow
 def test_the_step_of_the_mixed_matrix_descends_and_agrees_with_the_exact_step():
     scene = StickScene()
     layout = KeyframeLayout.even(FRAMES, 5)

@@ -33,6 +33,7 @@ def test_a_calibrated_persons_joints_are_told_alike_by_every_solve():
         assert np.median(sigma[:, ELBOW] - sigma[:, ANKLE]) > 0.75 * apart > 0.002
 
 
+@pytest.mark.slow
 def test_points_of_a_motion_are_no_calibrated_persons():
     """A motion without its recording is solved again from its own points: nobody calibrated markers."""
     motion = solve(Capture("take", markers=record_markers(40, seed=4).cloud), QUICK).motion

@@ -64,6 +64,7 @@ def test_bending_over_keys_is_bounded_from_above_and_exact_within_a_window(count
     assert least.min() > -1e-5 and (count > 3 or least.max() < 1e-5)
 
 
+@pytest.mark.slow
 def test_toes_that_bend_far_are_followed():
     """Recorded toes hardly move, so that a prior without tails stops at 25 degrees of these 70."""
     truth, chosen = demo_capture().truth, slice(0, FRAMES)

@@ -54,6 +54,7 @@ def test_the_bone_with_the_steadiest_offset_wins():
     assert attach(rng.normal(size=(40, 3)), joints, rotations) is None
 
 
+@pytest.mark.slow
 def test_takes_may_lack_some_of_the_markers():
     cloud = worn_markers(LABELS, 60, fps=15.0, step=4).cloud
     parts = [

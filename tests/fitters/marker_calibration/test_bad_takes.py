@@ -101,6 +101,7 @@ def test_a_take_that_lies_is_solved_as_one_that_stands(worn, person):
     assert np.median(off) < 3.0
 
 
+@pytest.mark.slow
 def test_a_marker_at_the_origin_is_missing(worn, tmp_path):
     points = worn.cloud.positions.copy()
     points[:, 3] = 0.0

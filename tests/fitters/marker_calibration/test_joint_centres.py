@@ -79,6 +79,7 @@ def test_markers_on_the_skin_with_a_skeletons_names_are_doubted():
     assert found.values["size"] > 64
 
 
+@pytest.mark.slow
 def test_a_waist_that_passes_for_hips_is_doubted_by_the_shape():
     names = {
         "LFWT": "LeftHip", "RFWT": "RightHip", "LKNE": "LeftKnee", "RKNE": "RightKnee", "LANK": "LeftAnkle",
@@ -92,6 +93,7 @@ def test_a_waist_that_passes_for_hips_is_doubted_by_the_shape():
     assert found.values["shape"] > STRANGE and found.values["size"] < 100 * WIDEST
 
 
+@pytest.mark.slow
 def test_a_take_that_sinks_is_reported():
     cloud, _ = recorded(SUIT)
     sinking = cloud.positions - np.linspace(0.0, 2.0, FRAMES)[:, None, None] * [0.0, 0.0, 1.0]

@@ -88,6 +88,7 @@ def test_faults_are_named_and_flagged(solution):
     }
 
 
+@pytest.mark.slow
 def test_faults_hardly_move_the_body(worn, solution):
     clean = solve(Capture("take", markers=worn.cloud)).motion
     moved = 1000 * np.linalg.norm(solution.motion.joints - clean.joints, axis=-1)

@@ -20,6 +20,7 @@ LABELS = marker_layout("PLUGIN_GAIT_39")
 CHAIR = ("LFRM", "RFRM")  # "front of the frame"; the layouts' forearms
 
 
+@pytest.mark.slow
 def test_names_that_point_elsewhere_are_not_used() -> None:
     take = worn_markers(LABELS, 24, fps=15.0, step=8)
     points = take.cloud.positions.copy()
@@ -36,6 +37,7 @@ def test_names_that_point_elsewhere_are_not_used() -> None:
     assert "Their names are not used" in sentence(found)
 
 
+@pytest.mark.slow
 def test_a_horse_is_no_person() -> None:
     cloud = MarkerCloud(horse_markers(24, 15.0), 15.0, NAMES)
     motion = solve(Capture("horse", markers=cloud), SolveSettings(contacts=False)).motion

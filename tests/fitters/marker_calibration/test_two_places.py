@@ -31,6 +31,7 @@ def as_seen(cloud: MarkerCloud, names: dict[str, str]) -> MarkerCloud:
     return cloud.columns(columns, tuple(labels))
 
 
+@pytest.mark.slow
 def test_front_and_back_shoulder_with_one_name_are_noticed(takes):
     one, two = as_seen(takes[0], {"LSHO": "LFSH"}), as_seen(takes[1], {"LSHO": "LBSH", "C7": "T4"})
     person = calibrate_person([Capture("one", markers=one), Capture("two", markers=two)])
@@ -41,6 +42,7 @@ def test_front_and_back_shoulder_with_one_name_are_noticed(takes):
     assert "mm between takes 1 and 2" in text and data["diagnostics"][0]["code"] == "marker_in_two_places"
 
 
+@pytest.mark.slow
 def test_takes_that_agree_keep_every_marker(takes):
     clouds = [as_seen(take, {}) for take in takes]
     person = calibrate_person([Capture(f"take {k}", markers=cloud) for k, cloud in enumerate(clouds)])

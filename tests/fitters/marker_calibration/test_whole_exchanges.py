@@ -26,6 +26,7 @@ def worn():
     return worn_markers(LABELS, 24, step=5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("known", [False, True])
 def test_two_labels_are_exchanged_throughout(worn, known):
     person = calibrate_person([Capture("clean", markers=worn.cloud)]) if known else None

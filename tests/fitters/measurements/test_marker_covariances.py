@@ -64,6 +64,7 @@ def test_depth_five_times_as_noisy_is_fitted_better_with_covariances(method, rat
     assert whole < ratio * min(without, told), (whole, without, told)
 
 
+@pytest.mark.slow
 def test_equal_round_covariances_change_nothing():
     """Against residuals that say the same, of one person: a calibration takes covariances out of its spreads."""
     markers = true_markers()[0]

@@ -81,6 +81,7 @@ def test_the_motion_is_written_and_read_back(solution, tmp_path: Path):
     np.testing.assert_allclose(read_motion(tmp_path / "m.npz").body_pose, solution.motion.body_pose, atol=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_a_real_walk_is_solved(shared_data: Path):
     """CMU 02_01, 41 markers, every eighth frame; the skeleton beside it has other joint centres (34 mm by plain

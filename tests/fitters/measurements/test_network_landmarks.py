@@ -65,6 +65,7 @@ def test_joints_are_measured_where_they_are_asked_for(recorded):
     np.testing.assert_array_equal(both.points[:, :53], markers.points)
 
 
+@pytest.mark.slow
 def test_a_cloud_without_names_is_solved_directly(recorded):
     capture = Capture("nameless", markers=nameless(recorded.cloud))
     motion = solve(capture, DIRECT).motion

@@ -66,6 +66,7 @@ def test_a_good_capture_has_no_findings_and_is_left_as_it_is(capture, count):
     np.testing.assert_array_equal(found.capture.keypoints.xy, capture.keypoints.xy[:count])
 
 
+@pytest.mark.slow
 @pytest.mark.shared
 def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_data):
     recording = load_capture(shared_data / BALANCING_TRIAL)
@@ -73,6 +74,7 @@ def test_the_real_recording_has_no_findings_beside_those_of_its_reader(shared_da
     assert checked(recording).diagnostics == ()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 4])
 @pytest.mark.parametrize("first", [0, 50])
 def test_a_bumped_camera_is_named_and_turned_back(capture, count, first):
@@ -86,6 +88,7 @@ def test_a_bumped_camera_is_named_and_turned_back(capture, count, first):
     assert points_mm(found, few) < 1.1 * points_mm(checked(few), few)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("count", [3, 4])
 @pytest.mark.parametrize(
     ("spoil", "kind"),
@@ -100,6 +103,7 @@ def test_a_mirrored_view_is_named_and_turned_round(capture, count, spoil, kind):
     np.testing.assert_allclose(found.capture.keypoints.xy, few.keypoints.xy, atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("count", "pair"), [(3, (0, 2)), (3, (1, 2)), (4, (0, 2)), (4, (1, 2))])
 def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     few = views(capture, count)
@@ -111,6 +115,7 @@ def test_exchanged_names_are_named_and_put_right(capture, count, pair):
     assert points_mm(found, few) < 1.05 * points_mm(checked(few), few)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("order", [(1, 2, 3, 0), (1, 0, 3, 2)])
 def test_names_in_another_order_are_put_right(capture, order):
     cameras = capture.cameras
@@ -121,6 +126,7 @@ def test_names_in_another_order_are_put_right(capture, order):
     assert points_mm(found, capture) < 1.05 * points_mm(checked(capture), capture)
 
 
+@pytest.mark.slow
 def test_slightly_late_cameras_are_named_and_moved(capture):
     late = bad_input.unsynchronised(bad_input.unsynchronised(capture, VIEW, 1), 3, -2)
     found = checked(late)
@@ -142,6 +148,7 @@ def test_a_person_who_stands_still_leaves_the_delays_unknown(capture):
     assert named(fault) == ("delays_unknown", (), Remedy.REPORTED)
 
 
+@pytest.mark.slow
 def test_a_very_late_camera_is_named_and_moved(capture):
     found = checked(bad_input.unsynchronised(capture, VIEW, 6))
     (fault,) = found.diagnostics
@@ -150,6 +157,7 @@ def test_a_very_late_camera_is_named_and_moved(capture):
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
 
 
+@pytest.mark.slow
 def test_somebody_else_in_one_view_is_left_out(capture):
     """For half a second the view shows another person, a metre and a half away and in another pose."""
     cameras, keypoints = capture.require_multiview()
@@ -173,6 +181,7 @@ def test_an_absence_is_named(capture):
     np.testing.assert_allclose(fault.where.frames[0], (50, 79), atol=7)
 
 
+@pytest.mark.slow
 def test_an_absence_is_bridged_upright_and_costs_the_rest_nothing(capture, clean):
     motion = solve(bad_input.away(capture, 40, 0.8), QUICK).motion
     assert motion.flags is not None
@@ -201,6 +210,7 @@ def test_a_solve_names_what_it_found_and_is_as_good_as_a_clean_one(capture, clea
     assert error_mm(motion, capture) < 1.15 * error_mm(clean, capture)
 
 
+@pytest.mark.slow
 def test_a_recording_at_half_its_rate_is_solved_from_the_frames_it_has(capture, clean):
     keypoints = capture.keypoints
     frames = np.arange(LAST + 1) // 2 * 2

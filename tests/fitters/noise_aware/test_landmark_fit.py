@@ -77,6 +77,7 @@ def test_exact_markers_are_met_by_pose_and_shape_together(fit: LandmarkFit) -> N
     assert np.abs(subject.betas - BETAS)[:2].max() < 0.35
 
 
+@pytest.mark.slow
 def test_learned_variances_leave_ghosts_behind_where_least_squares_follows_them(fit: LandmarkFit) -> None:
     ghosts = fit.points.copy()
     ghosts[:, :6] += [0.2, 0.1, -0.15]

@@ -60,11 +60,13 @@ def test_half_a_body_is_named_and_the_rest_is_solved(walked: Capture) -> None:
     assert np.linalg.norm(off[0] - off[1], axis=-1).mean() < 0.15
 
 
+@pytest.mark.slow
 def test_a_cut_is_named_where_it_is(walked: Capture) -> None:
     _, found = doubts(cut(walked, 60))
     assert found["picture_cuts"].where.frames == ((60, 61),)
 
 
+@pytest.mark.slow
 def test_a_zoom_looks_like_gliding_and_is_called_so() -> None:
     still = standing()
     assert doubts(still)[1] == {}
@@ -72,12 +74,14 @@ def test_a_zoom_looks_like_gliding_and_is_called_so() -> None:
     assert found["person_glides"].values["size"] > 0.5
 
 
+@pytest.mark.slow
 def test_nobody_stands_on_a_trampoline() -> None:
     motion, found = doubts(standing(jump_m=0.5))
     assert set(found) == {"feet_never_stand"}
     assert np.ptp(motion.joints[:, 0, 2]) > 0.2
 
 
+@pytest.mark.slow
 def test_who_walks_out_and_in_is_flagged_while_away(walked: Capture) -> None:
     _, keypoints = parts(walked)
     confidence = keypoints.confidence.copy()
@@ -87,6 +91,7 @@ def test_who_walks_out_and_in_is_flagged_while_away(walked: Capture) -> None:
     assert set(found) <= NOTES
 
 
+@pytest.mark.slow
 def test_frames_that_are_shown_twice_are_bridged(walked: Capture) -> None:
     motion, found = doubts(doubled(walked, 5))
     assert found["frames_repeated"].values["size"] == pytest.approx(20.0, abs=1.0)
@@ -94,6 +99,7 @@ def test_frames_that_are_shown_twice_are_bridged(walked: Capture) -> None:
     assert still[20:100].min() > 0.25 * np.median(still)
 
 
+@pytest.mark.slow
 def test_a_child_who_is_called_tall_contradicts_the_floor(walked: Capture) -> None:
     body = load_body()
     assert "stature_at_odds" not in doubts(replace(walked, stature_m=body.stature_m))[1]
@@ -103,6 +109,7 @@ def test_a_child_who_is_called_tall_contradicts_the_floor(walked: Capture) -> No
     assert abs(values["measured"] - body.stature_m) < 0.35
 
 
+@pytest.mark.slow
 def test_a_camera_whose_floor_is_elsewhere_is_named_without_a_stature(walked: Capture) -> None:
     cameras, _ = parts(walked)
     lower = replace(cameras, t=cameras.t - np.einsum("cij,j->ci", cameras.R, [0.0, 0.0, 0.9]))

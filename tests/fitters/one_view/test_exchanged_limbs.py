@@ -94,6 +94,7 @@ def test_one_keypoint_ends_what_several_began(detected: Keypoints2D) -> None:
     np.testing.assert_array_equal(found.xy[0][:, ankles], detected.xy[0][:, ankles])
 
 
+@pytest.mark.slow
 def test_a_solve_of_exchanged_arms_and_legs_is_that_of_the_right_ones() -> None:
     walked = filmed_walk(60)
     spoiled = exchanged(exchanged(walked.require_views()[1], "legs", slice(20, 40)), "arms", slice(30, 44))

@@ -24,6 +24,7 @@ def reached(motion: Motion, capture: Capture, frame: int) -> float:
     return float((motion.joints[frame, WRIST] - motion.joints[frame, SHOULDER]) @ cameras.R[0, 2])
 
 
+@pytest.mark.slow
 def test_a_pin_decides_whether_an_arm_points_towards_the_camera_or_away_and_its_neighbours_follow() -> None:
     capture = filmed_walk(60)
     motion = solve(capture).motion

@@ -41,6 +41,7 @@ def about_the_hips(motion: Motion, capture: Capture, frames: slice) -> float:
     return limb_errors(motion.joints[frames], capture.truth["joints"][frames])[1]
 
 
+@pytest.mark.slow
 def test_the_first_cameras_motion_holds_where_the_second_sees_nobody(two: Capture, first: Motion) -> None:
     anew, begun = solve(two).motion, solve(two, start=first).motion
     together, alone = slice(0, TOGETHER), slice(TOGETHER + 5, None)

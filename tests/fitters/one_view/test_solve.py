@@ -76,6 +76,7 @@ def test_a_given_stature_is_the_persons_and_leaves_less_open(filmed: Capture) ->
     assert {"focal_length_unsure", "up_from_person"} < {item.code for item in diagnose(rough, guessed)}
 
 
+@pytest.mark.slow
 def test_who_is_not_seen_for_a_while_is_flagged(filmed: Capture) -> None:
     assert filmed.keypoints is not None
     confidence = filmed.keypoints.confidence.copy()

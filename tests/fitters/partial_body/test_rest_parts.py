@@ -44,6 +44,7 @@ def test_a_whole_body_has_nothing_at_rest(whole):
     assert not recorded_diagnostics(motion)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("labels", "knees"),
     [(("LANK", "LHEE", "LTOE", "LMT5", "RANK", "RHEE", "RTOE", "RMT5"), True),
@@ -113,6 +114,7 @@ def test_parts_in_words(parts, words):
     assert listed(parts) == words
 
 
+@pytest.mark.slow
 def test_a_pose_that_somebody_set_on_a_resting_arm_is_kept(whole):
     take, _ = whole
     capture = Capture("legs", markers=part_of(take, LEGS))

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 import torch
 
 from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
@@ -31,6 +32,7 @@ def test_without_projection_it_is_the_geodesic_shared_out_evenly(tmp_path: Path)
     np.testing.assert_allclose(steps, np.broadcast_to(distance(start, end)[:, None] / 6, steps.shape), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_poses_between_lie_no_farther_from_the_manifold_than_the_geodesic(tmp_path: Path) -> None:
     prior, start, end, told = random_prior(tmp_path), poses(6, 2), poses(6, 3), []
     found = interpolate_poses(prior, start, end, 4, ProjectionSettings(), lambda *event: told.append(event))

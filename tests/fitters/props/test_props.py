@@ -111,6 +111,7 @@ def test_what_a_bone_carries_is_worn_and_so_is_one_of_a_pair():
     assert mirrored_labels("A:WheelchairRearR") >= {"a:wheelchairrearl"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("labels", "name"), [(("bat1", "bat2", "bat3", "bat4"), "bat"), (("*71", "*72", "*73", "*74"), "Prop 1")]
 )
@@ -132,6 +133,7 @@ def test_a_take_with_a_prop_is_solved_with_it_and_the_body_is_as_without(labels,
     assert codes.count("prop_found") == 1
 
 
+@pytest.mark.slow
 def test_a_prop_under_a_prefix_of_its_own_is_found_beside_the_person():
     truth = moving_prop(RACKET, frames=80, fps=30.0, seed=3)
     others = MarkerCloud(truth.recorded(1e-3, 0.2, 3), 30.0, ("Bat:LFHD", "Bat:RFHD", "Bat:C7", "Bat:T10"))
@@ -140,6 +142,7 @@ def test_a_prop_under_a_prefix_of_its_own_is_found_beside_the_person():
     assert [item.name for item in found.props] == ["Bat"]
 
 
+@pytest.mark.slow
 def test_a_prop_of_poses_keeps_the_axes_that_the_file_gives_it():
     truth = moving_prop(RACKET, frames=80, fps=30.0, seed=3)
     R = exp_so3(truth.rotvec)

@@ -61,6 +61,7 @@ def test_a_spoiled_range_is_mended_and_the_rest_stays_bit_for_bit(capture, solve
     assert mended.provenance["resolved"] == [{"first": FIRST, "last": LAST, "pins": []}]
 
 
+@pytest.mark.slow
 def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     frame = 50
     pose = solved.body_pose[frame].copy()
@@ -75,6 +76,7 @@ def test_a_pinned_pose_is_met_and_its_neighbours_follow(capture, solved):
     assert change[frame - 1] > 0.5 * change[frame] and change[frame + 1] > 0.5 * change[frame]
 
 
+@pytest.mark.slow
 def test_a_pinned_frame_is_certain_and_beside_it_only_what_the_pin_moved_is_doubtful(capture, solved):
     frame = 50
     pose = solved.body_pose[frame].copy()
@@ -109,6 +111,7 @@ def test_frames_that_nothing_changed_are_found_again(capture, solved):
     assert still.mean() < 0.25 and still.max() < 1.0
 
 
+@pytest.mark.slow
 def test_pinned_poses_are_passed_through_exactly(capture, solved):
     """At an end of the range, in its middle, and off the prior's manifold; rotations, root and place."""
     rng, pins = np.random.default_rng(6), []
@@ -204,6 +207,7 @@ def test_feet_that_stand_beyond_the_range_do_not_slip_at_its_ends():
     assert slip_mm(True) < 8.0 < 15.0 < slip_mm(False)
 
 
+@pytest.mark.slow
 def test_a_motion_of_other_views_is_named(capture, solved):
     assert solved.reprojection_px is not None
     other = replace(solved, reprojection_px=solved.reprojection_px[:2])

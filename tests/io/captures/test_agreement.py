@@ -105,6 +105,7 @@ def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
     np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)
 
 
+@pytest.mark.slow
 def test_v_counted_from_below(tmp_path: Path) -> None:
     xy = KEYPOINTS.xy.copy()
     xy[..., 1] = CAMERAS.image_size[:, 1, None, None] - 1 - xy[..., 1]

@@ -35,6 +35,7 @@ def test_what_videos_state() -> None:
     assert stated_ratios([None, 59.94], 60.0).tolist() == [1.0, 1.0]
 
 
+@pytest.mark.slow
 def test_two_cameras_of_four_at_half_the_rate(tmp_path: Path) -> None:
     """The take keeps its speed, and what was assumed for that is a warning that stating the rate answers."""
     cameras, keypoints = demo_capture(200).require_multiview()

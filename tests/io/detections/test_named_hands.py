@@ -75,6 +75,7 @@ def read(root: Path) -> Keypoints2D:
     return keypoints
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("style", [whole, wholebody, camel, mediapipe])
 def test_hands_come_by_name(tmp_path: Path, style) -> None:
     names = {(side, point): style(("left", "right")[side], HAND_POINTS[point]) for side in range(2)
@@ -100,6 +101,7 @@ def test_own_names_lead_to_hands(tmp_path: Path) -> None:
     np.testing.assert_allclose(hands[:, :, 0, 1:], KEYPOINTS.hands[:, :, 0, 1:], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_few_points_are_no_hand(tmp_path: Path) -> None:
     names = {(0, point): whole("left", HAND_POINTS[point]) for point in (4, 8)}
     root = write(tmp_path / "take", names)

@@ -6,6 +6,7 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.markers.c3d import read_c3d
@@ -56,6 +57,7 @@ def outcome(path: Path) -> MarkerTake | MocapError:
     return found
 
 
+@pytest.mark.slow
 def test_changed_bytes(tmp_path: Path) -> None:
     rng, path = np.random.default_rng(11), tmp_path / "take.c3d"
     files = originals()

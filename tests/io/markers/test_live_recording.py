@@ -99,6 +99,7 @@ def test_recordings_without_frames_or_points_are_named(tmp_path: Path) -> None:
         read_live_recording(path)
 
 
+@pytest.mark.slow
 def test_a_few_bytes_cannot_ask_for_much_memory(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d.recording"
     empty = pack_block(LiveBlock(0.0, np.zeros((0, 3))))

@@ -29,6 +29,7 @@ def moved(cameras: Cameras, z: float) -> Cameras:
     return replace(cameras, t=cameras.t - z * cameras.R[:, :, 2])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("change", "told"),
     [

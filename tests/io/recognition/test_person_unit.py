@@ -67,6 +67,7 @@ def test_stature_is_in_the_cameras_unit() -> None:
     assert stature_between(replace(CAMERAS, t=1e3 * CAMERAS.t), seen) == pytest.approx(1e3 * in_metres)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("units_per_metre", "unit"), [(100.0, "cm"), (1 / 0.0254, "inch")])
 def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: str) -> None:
     scaled = replace(CAMERAS, t=CAMERAS.t * units_per_metre)
@@ -81,6 +82,7 @@ def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: st
     np.testing.assert_allclose(kept.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_a_trial_in_squares_of_a_board_is_found_and_scaled_by_a_stature(tmp_path: Path) -> None:
     scaled = replace(CAMERAS, t=CAMERAS.t * 14.7)
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])

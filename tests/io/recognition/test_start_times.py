@@ -65,6 +65,7 @@ def read(path: Path, **options: Any) -> Capture:
     return load_capture(path, fps=60.0, **options)
 
 
+@pytest.mark.slow
 def test_cameras_started_by_hand_are_brought_together_and_it_is_reported(tmp_path, demo):
     capture = read(write_apart(tmp_path / "take", demo, STARTS))
     assert capture.num_frames == LENGTH - 90
@@ -78,11 +79,13 @@ def test_cameras_started_by_hand_are_brought_together_and_it_is_reported(tmp_pat
     assert "cam02 45 frames later" in problem and "--sync off" in problem
 
 
+@pytest.mark.slow
 def test_off_keeps_them_as_recorded(tmp_path, demo):
     capture = read(write_apart(tmp_path / "take", demo, STARTS), sync="off")
     assert capture.num_frames == LENGTH and not any("start together" in p for p in words(capture.problems))
 
 
+@pytest.mark.slow
 def test_given_offsets_bind(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, STARTS)
     capture = read(root, offset=("cam2=45", "cam03=90", "cam_04=20"))
@@ -94,6 +97,7 @@ def test_given_offsets_bind(tmp_path, demo):
         read(root, offset=("cam02=half",))
 
 
+@pytest.mark.slow
 def test_other_numbers_and_lengths_are_no_obstacle_where_the_views_tell(tmp_path, demo):
     root = write_apart(
         tmp_path / "take", demo, STARTS, lengths=(200, 190, 200, 180), numbers=(0, 7000, 1, 100000)
@@ -104,12 +108,14 @@ def test_other_numbers_and_lengths_are_no_obstacle_where_the_views_tell(tmp_path
         read(root, sync="off")
 
 
+@pytest.mark.slow
 def test_by_order_counts_from_each_cameras_first(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0), numbers=(0, 1, 500, 1000))
     capture = read(root, sync="off", by_order=True)
     assert capture.num_frames == LENGTH and error_m(capture, demo, 0) < 0.02
 
 
+@pytest.mark.slow
 def test_numbers_that_agree_are_kept_where_a_camera_has_fewer(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, (0, 0, 5, 0), lengths=(200, 198, 195, 200), numbers=(0, 0, 5, 0))
     capture = read(root)
@@ -138,6 +144,7 @@ def read_rows(capture: Capture, starts: tuple[int, ...], length: int, **options:
     return bring_to_one_time(cameras, detections, keypoints.fps, ReadOptions(**options))
 
 
+@pytest.mark.slow
 def test_movement_that_repeats_is_a_problem_with_both_offsets():
     take = walk(500)
     in_place = benchmark_capture(replace(take, root=take.root * [1.0, 1.0, 0.0]), BenchmarkSettings(seed=1))
@@ -166,6 +173,7 @@ def test_a_camera_that_shows_too_little_is_left_out_where_the_others_are_moved(d
     assert kept.values["count"] == found.detections.num_frames and not found.detections.confidence[3].any()
 
 
+@pytest.mark.slow
 def test_a_synchronous_take_is_not_touched(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0))
     one, other = read(root), read(root, sync="off")
@@ -185,6 +193,7 @@ def test_capture_files_too_with_truth_and_footage(tmp_path, demo):
     assert error_m(capture, demo, 90) < 0.02
 
 
+@pytest.mark.slow
 def test_frames_of_a_take(tmp_path, demo):
     root = write_apart(tmp_path / "take", demo, (0, 0, 0, 0))
     capture = read(root, frames=(50, 119))

@@ -56,6 +56,7 @@ def off_degrees(cameras: Cameras, true: Cameras) -> float:
     return float(np.degrees(np.arccos(np.clip(cameras.R[0, :, 2] @ true.R[0, :, 2], -1.0, 1.0))))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("axis", sorted(UP_AXES))
 def test_the_person_shows_which_axis_points_up(short: Capture, axis: str) -> None:
     cameras = replace(short.cameras, R=short.cameras.R @ rotation_to_z_up(axis))
@@ -73,6 +74,7 @@ def test_an_axis_that_the_user_stated_stays_and_is_doubted(short: Capture) -> No
     assert fit.problems == () and diagnostic("person_along_axis", axis="-Y") in fit.check.problems()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("degrees", "around"), [(10.6, 0.0), (10.6, 2.5), (35.0, 1.0), (35.0, 4.4)])
 def test_a_tilted_world_is_levelled_and_reported(capture: Capture, degrees: float, around: float) -> None:
     tilt = exp_so3(np.radians(degrees) * np.array([np.cos(around), np.sin(around), 0.0]))
@@ -95,6 +97,7 @@ def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
     assert fit.problems == () and [item.code for item in fit.notes] == ["world_levelled_as_asked"]
 
 
+@pytest.mark.slow
 def test_a_floor_above_the_feet_is_moved_and_a_stage_is_not(short: Capture) -> None:
     lower = fit_world(turned(short.cameras, np.eye(3), -0.9), short.keypoints)
     assert abs(lower.check.lowest_m) < 0.06 and [item.code for item in lower.problems] == ["floor_by_feet"]
@@ -131,6 +134,7 @@ def test_who_climbs_or_lies_tilts_no_world(walked: np.ndarray, stand, rolls: flo
     assert not level.is_tilted and not level.is_above_feet
 
 
+@pytest.mark.slow
 def test_a_recorded_balance_tilts_no_world(shared_data) -> None:
     found = load_capture(shared_data / BALANCING_TRIAL)
     assert not {"world_levelled", "floor_by_feet"} & {item.code for item in found.problems}
@@ -177,6 +181,7 @@ def test_settings_of_the_world_are_checked() -> None:
     assert [choice.value for choice in LEVELS] == ["auto", "on", "off"]
 
 
+@pytest.mark.slow
 def test_our_own_capture_changes_only_where_it_is_asked_for(short: Capture, tmp_path) -> None:
     path = write_capture(tmp_path / "c.npz", replace(short, cameras=turned(short.cameras, np.eye(3), -0.9)))
     np.testing.assert_array_equal(load_capture(path).cameras.t, turned(short.cameras, np.eye(3), -0.9).t)

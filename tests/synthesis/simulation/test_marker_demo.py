@@ -30,6 +30,7 @@ def test_the_verb_reads_it_and_says_what_is_known(tmp_path: Path, capsys: pytest
     assert sum(gap["gaps"] for gap in names["gaps"]) > 10
 
 
+@pytest.mark.slow
 def test_it_solves_to_the_body_that_wore_it(tmp_path: Path) -> None:
     assert main(["solve", str(DEMO_TAKE), "--out", str(tmp_path / "motion.npz")]) == 0
     truth, motion = record_markers(), read_motion(tmp_path / "motion.npz")

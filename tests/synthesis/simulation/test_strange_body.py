@@ -40,6 +40,7 @@ def seen_exactly():
     return exact_capture(walk(60), seed=2)
 
 
+@pytest.mark.slow
 def test_a_person_whom_the_body_cannot_follow_loses_no_limb_where_detections_are_exact(seen_exactly) -> None:
     motion = solve(seen_exactly).motion
     error = 1e3 * np.linalg.norm(np.asarray(motion.keypoints3d) - seen_exactly.truth["meant3d"], axis=-1)

@@ -76,6 +76,7 @@ def test_blobs_triangulated_with_the_written_cameras_meet_the_markers_within_a_m
     assert error.max() < 1.0
 
 
+@pytest.mark.slow
 def test_ring_and_median_of_three_depth_sensors_give_markers_within_four_millimetres() -> None:
     _, stage, pictures, seen = filmed("azure_kinect_3", 6)
     points: dict[tuple[int, int], list[np.ndarray]] = {}

@@ -196,6 +196,7 @@ def test_room_that_is_said_before_is_enough_and_not_twice_too_much(tmp_path: Pat
     assert 0.5 * needed < taken < needed
 
 
+@pytest.mark.slow
 def test_the_error_by_place_grows_with_the_noise_and_falls_with_the_cameras() -> None:
     ring = {"count": 6, "radius_m": 3.0, "size": [640, 480]}
     few, many = build_camera_array({**ring, "count": 2, "turn_deg": 0}), build_camera_array(ring)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
@@ -22,6 +23,7 @@ def refuse(kind: str, view: int, frame: int, picture: np.ndarray) -> None:
     raise AssertionError(kind)
 
 
+@pytest.mark.slow
 def test_sight_lines_see_what_the_picture_shows() -> None:
     look = {"preset": "suit", "furniture": 3}
     spec = spec_of(

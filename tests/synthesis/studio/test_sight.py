@@ -39,6 +39,7 @@ def cast(stage: Stage, skin: np.ndarray, points: np.ndarray, names: tuple[str, .
     return hidden
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("strange", "least"), [(False, 0.965), (True, 0.955)])
 def test_sight_lines_end_as_at_the_mesh(strange: bool, least: float) -> None:
     spec = spec_of(SPEC | {"people": {"count": 2, "sigma": 1.5, "strange": strange}})

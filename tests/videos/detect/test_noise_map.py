@@ -39,6 +39,7 @@ def true_mm(confidence: np.ndarray) -> np.ndarray:
     return 6.0 + 18.0 * (1.0 - confidence) / 0.8
 
 
+@pytest.mark.slow
 def test_the_spread_at_each_confidence_is_recovered() -> None:
     found = measure_noise_map([capture()], "toy")
     assert found.detections > 15_000 and (np.diff(found.sigma_mm) <= 0).all()
@@ -60,6 +61,7 @@ def test_two_views_tell_no_spread() -> None:
         measure_noise_map([capture(views=2)], "toy")
 
 
+@pytest.mark.slow
 def test_the_verb_writes_what_is_read_and_names_the_detector(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

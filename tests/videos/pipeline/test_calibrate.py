@@ -46,6 +46,7 @@ def request_of(capture: Capture, folder: Path, *footage: CalibrationFootage) -> 
     return CalibrationRequest(found, take, seen, Clocks.alike(cameras.names), folder / "made.toml")
 
 
+@pytest.mark.slow
 def test_a_person_tells_the_cameras_whose_lenses_are_known(walked: Capture, tmp_path: Path) -> None:
     truth, _ = walked.require_multiview()
     write_calibration(tmp_path / "lenses.toml", truth, "pose2sim")

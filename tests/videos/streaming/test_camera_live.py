@@ -133,6 +133,7 @@ def test_a_person_who_is_lost_leaves_the_next_start_its_second_try(filmed, monke
     assert line["state"] == "waiting" and "starting again" in line["why"]
 
 
+@pytest.mark.slow
 def test_the_world_is_made_to_fit_and_named_once(filmed):
     c = filmed.cameras
     lower = replace(filmed, cameras=replace(c, t=c.t + 0.5 * c.R[..., 2]))
@@ -143,6 +144,7 @@ def test_the_world_is_made_to_fit_and_named_once(filmed):
     assert min(joints_of(line, np.zeros(10))[:, 2].min() for line in posed) == pytest.approx(0.08, abs=0.1)
 
 
+@pytest.mark.slow
 def test_bystanders_empty_pictures_and_nonsense_do_not_end_it(filmed):
     lines, session = [], session_of(filmed)
     rng = np.random.default_rng(0)
@@ -165,6 +167,7 @@ def test_bystanders_empty_pictures_and_nonsense_do_not_end_it(filmed):
     assert {line["state"] for line in lines if "frame" in line} <= {"tracking", "unsure", "no_person", "waiting"}
 
 
+@pytest.mark.slow
 def test_arms_that_a_detector_exchanges_in_one_view_stay_where_they_are(filmed, monkeypatch):
     names = filmed.keypoints.joint_set.keypoints
     pairs = [[names.index(f"{side}_{part}") for side in ("left", "right")] for part in ("shoulder", "elbow", "wrist")]
@@ -184,6 +187,7 @@ def test_arms_that_a_detector_exchanges_in_one_view_stay_where_they_are(filmed, 
     assert off[0] < 4.0 * solved_mm(filmed) and off[0] < 0.8 * off[1]
 
 
+@pytest.mark.slow
 def test_a_start_with_exchanged_sides_is_mended_when_the_detector_is(filmed):
     names = filmed.keypoints.joint_set.keypoints
     left, right = ([row for row, name in enumerate(names) if name.startswith(side)] for side in ("left_", "right_"))
@@ -198,6 +202,7 @@ def test_a_start_with_exchanged_sides_is_mended_when_the_detector_is(filmed):
     assert off_mm(filmed, lines, session.fit.subject.betas) < 3.0 * solved_mm(filmed)
 
 
+@pytest.mark.slow
 def test_time_that_runs_back_and_silences_start_anew(filmed):
     session, moments = session_of(filmed), moments_of(filmed)
     lines = list(session.run([*moments, *moments[:30]]))
@@ -206,6 +211,7 @@ def test_time_that_runs_back_and_silences_start_anew(filmed):
     assert off_mm(filmed, after, session.fit.subject.betas) < 40.0
 
 
+@pytest.mark.slow
 def test_joints_that_no_view_shows_are_less_sure(filmed):
     arm = [i for i, name in enumerate(filmed.keypoints.joint_set.keypoints) if name in ("left_elbow", "left_wrist")]
     session = session_of(filmed)
@@ -236,6 +242,7 @@ def record_into(session: ViewsSession, recorder: ViewsRecorder, moments: list[Vi
             recorder.add(moment, line if "frame" in line else None)
 
 
+@pytest.mark.slow
 def test_keypoints_times_and_poses_are_recorded_and_a_solve_starts_from_them(filmed, recorded):
     capture, live = read_capture(recorded), read_motion(motion_of(recorded))
     assert capture.keypoints is not None and capture.keypoints.fps == live.fps == 20.0
@@ -249,6 +256,7 @@ def test_keypoints_times_and_poses_are_recorded_and_a_solve_starts_from_them(fil
     assert not recording_of(recorded).exists()
 
 
+@pytest.mark.slow
 def test_a_view_that_was_left_out_is_filled_from_its_neighbours_and_not_over_long_gaps(filmed, tmp_path):
     session, path = session_of(filmed), tmp_path / "take.npz"
     moments = moments_of(filmed)
@@ -263,6 +271,7 @@ def test_a_view_that_was_left_out_is_filled_from_its_neighbours_and_not_over_lon
     assert seen[40 - 11] and not seen[61 - 11 : 63 - 11].any() and seen[70 - 11]
 
 
+@pytest.mark.slow
 def test_what_a_killed_run_left_is_finished_by_the_next(filmed, tmp_path):
     path = tmp_path / "take.npz"
     program = (
@@ -280,6 +289,7 @@ def test_what_a_killed_run_left_is_finished_by_the_next(filmed, tmp_path):
     assert read_motion(motion_of(recorder.recovered)).num_frames == 60 - 11
 
 
+@pytest.mark.slow
 def test_a_full_disk_costs_the_moments_that_do_not_fit(filmed, tmp_path):
     session, path = session_of(filmed), tmp_path / "take.npz"
     recorder = ViewsRecorder(path, session, "fake", overwrite=False)

@@ -79,6 +79,7 @@ def test_speeds_tell_the_clocks_without_calibration() -> None:
     assert np.abs(errors_frames(told, true, 20.0)).max() < 0.5
 
 
+@pytest.mark.slow
 def test_cameras_in_step_stay_in_step() -> None:
     take, _ = filmed([0.0] * 4, [0.0] * 4, seconds=5.0)
     told = in_step(clocks_by_geometry(take, None, 2.0), FPS)
@@ -117,6 +118,7 @@ def music(times_s: np.ndarray) -> np.ndarray:
     return out
 
 
+@pytest.mark.slow
 def test_sound_tells_offset_and_drift_through_other_microphones() -> None:
     rng = np.random.default_rng(2)
     at = np.arange(30 * 16_000) / 16_000
