@@ -36,7 +36,7 @@ def main(argv: list[str]) -> int:
     folder = recordings_folder() / CALISCOPE
     kept = read_calibration(folder / "camera_array.toml").cameras
     board = board_named(str(folder / "charuco.toml"))
-    seen = [find_boards(path, board)[0] for path in board_footage(folder).rig.values()]
+    seen = [find_boards(path, board)[0] for path in board_footage(folder).extrinsic.values()]
     keypoints = load_capture(Path(argv[0])).keypoints
     assert keypoints is not None
 

@@ -48,6 +48,7 @@ def test_turned_cameras_are_turned_back_and_the_world_stays() -> None:
     assert error[1] < 0.6 * error[0]
 
 
+@pytest.mark.slow
 def test_hands_help_to_place_cameras() -> None:
     """The body of one frame in two; hands lie in other places of the pictures and are seen all the time."""
     true, rng = demo_capture(40), np.random.default_rng(2)

@@ -7,6 +7,8 @@ import string
 from collections.abc import Iterator
 from pathlib import Path
 
+import pytest
+
 from solver_backend.exchange.diagnostics.table import GROUPS, TABLE
 
 ROOT = Path(__file__).resolve().parents[2] / "solver_backend"
@@ -32,6 +34,7 @@ def calls() -> Iterator[tuple[str, str, set[str]]]:
                 yield f"{path.relative_to(ROOT)}:{node.lineno}", code.value, {name for name in arguments if name}
 
 
+@pytest.mark.slow
 def test_every_call_names_what_its_sentence_needs() -> None:
     found = list(calls())
     assert len(found) > 80

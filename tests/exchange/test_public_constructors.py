@@ -55,6 +55,7 @@ def motion_parts(draw: st.DrawFn) -> dict[str, Any]:
     }  # fmt: skip
 
 
+@pytest.mark.slow
 @given(motion_parts())
 @settings(max_examples=150, deadline=None)
 def test_motions(parts: dict[str, Any]) -> None:

@@ -62,6 +62,7 @@ def write_while_b_is_taken(folder: Path, files: tuple[str, ...]) -> None:
         (folder / "b.txt").write_text("theirs")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("overwrite", [False, True])
 def test_of_two_racing_writers_one_wins_and_files_are_whole(tmp_path: Path, overwrite: bool) -> None:
     start = time.time() + 1.5

@@ -76,6 +76,7 @@ def test_the_record_names_the_prior_that_was_used(capture):
     assert other == {"name": "another", "weights": "abc"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("method", ["global", *(pytest.param(m, marks=pytest.mark.slow) for m in ("sliding", "frame"))])
 def test_torch_equals_numpy(capture, method):
     pytest.importorskip("torch")
@@ -134,6 +135,7 @@ def test_fewer_than_two_views(capture):
             solve(cut(capture, 0, 20).views([2]), SolveSettings(method=method))
 
 
+@pytest.mark.slow
 def test_windows_of_three_keys_and_screws_are_for_the_sliding_method(capture):
     short, curves = cut(capture, 0, 31), {"interpolation": 3, "root_curve": "screw"}
     motion = solve(short, replace(QUICK, method="sliding", window=30, **curves)).motion

@@ -130,7 +130,7 @@ TARGETS: tuple[Target, ...] = (
         "detections of other programs",
         WRITERS,
         _read_detections,
-        {".json": "json", ".jsonl": "json", ".csv": "table", ".npy": "binary"},
+        {".json": "json", ".jsonl": "json", ".csv": "table", ".npy": "binary", ".npz": "npz"},
         2,
     ),
     Target(

@@ -38,7 +38,7 @@ _READERS = (
     "solver_backend/sensors/devices/source.py",
     "solver_backend/sensors/wand/points_files.py",
     "solver_backend/videos/pipeline/records.py",
-    "solver_backend/synthesis/studio/rigs.py",
+    "solver_backend/synthesis/studio/camera_arrays.py",
     "solver_backend/synthesis/studio/spec.py",
     "solver_backend/synthesis/studio/looks.py",
     "solver_backend/synthesis/studio/perturbation.py",

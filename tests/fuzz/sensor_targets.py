@@ -157,7 +157,7 @@ _ROAD: dict[str, Any] = {
 }  # fmt: skip
 _MAPS: dict[str, Any] = {
     "format": PLACES, "version": 1,
-    "places": [{"rig": "a", "x_m": [0, 1], "y_m": [0, 1, 2], "error_mm": [[1, 2], [3, None], [5, 6]]}],
+    "places": [{"camera_array": "a", "x_m": [0, 1], "y_m": [0, 1, 2], "error_mm": [[1, 2], [3, None], [5, 6]]}],
 }  # fmt: skip
 _POSE = {
     "state": "solved", "why": "", "off_mm": 2.5, "cloud": [1, 2, 3], "root": [0, 0, 0], "trans": [0, 0, 1],

@@ -141,6 +141,7 @@ def test_whatever_comes_on_standard_input_the_recording_is_written(tmp_path: Pat
     assert take.report.frames >= 25 and np.nanmax(np.abs(take.cloud.positions)) < 10.0
 
 
+@pytest.mark.slow
 def test_a_killed_run_loses_nothing(tmp_path: Path) -> None:
     command = [*COMMAND, "--record", str(tmp_path / "walk.c3d")]
     process = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, cwd=ROOT)

@@ -72,6 +72,7 @@ def scaled(xy: np.ndarray, x: float, y: float, bars: float = 0.0, chosen: tuple[
     return xy
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("spoil", "expected"),
     [
@@ -193,6 +194,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
     assert len(calls) < 30_000
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("places", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_exchanged_cameras_are_no_shape_of_pictures(places: int) -> None:
     """The views agree by 85 % as pictures of half the rows, and the person would be a seventh as broad as tall."""

@@ -41,6 +41,7 @@ def half(seen: Detections, chosen: list[int]) -> Detections:
     return replace(seen, xy=xy)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("starts", "rates"),
     [

@@ -89,6 +89,7 @@ def test_sensors_that_wait_end_as_soon_as_they_are_told(recording: Path) -> None
     assert set(chain.ends) == set(CAMERAS.names)
 
 
+@pytest.mark.slow
 def test_a_chain_that_is_too_slow_leaves_moments_out_and_does_not_lag(
     recording: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -110,6 +111,7 @@ def test_a_chain_that_is_too_slow_leaves_moments_out_and_does_not_lag(
     assert statistics.moments == len(waited)
 
 
+@pytest.mark.slow
 def test_a_sensor_that_is_pulled_out_comes_back_and_one_that_is_wrong_is_named(recording: Path) -> None:
     folder = open_folder(recording)
     first, second = (replace(device, repeat=True) for device in folder.devices)

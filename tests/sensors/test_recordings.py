@@ -200,6 +200,7 @@ def test_a_disk_that_is_nearly_full_is_left_alone(tmp_path: Path, monkeypatch: p
     assert recorder.ended == "the disk is full" and recorder.written == 0
 
 
+@pytest.mark.slow
 def test_a_shot_of_the_studio_is_a_folder_of_sensors(tmp_path: Path) -> None:
     spec = spec_of(
         {"camera_arrays": [{"preset": "azure_kinect_3", "scale": 0.5}], "frames": 2, "film": ["infrared", "depth"]}

@@ -13,7 +13,7 @@ def bad_poses(good: np.ndarray) -> tuple[tuple[np.ndarray, str], ...]:
     reflected[0, 3] *= -1.0
     return (
         (with_nan, r"NaN or infinite.*pose 1"),
-        (scaled, r"no rotations.*pose 2"),
-        (reflected, r"no rotations.*pose 0"),
+        (scaled, r"not rotations.*pose 2"),
+        (reflected, r"not rotations.*pose 0"),
         (good[:, :20], r"shape \(N, 21, 3, 3\), not \(3, 20, 3, 3\)"),
     )

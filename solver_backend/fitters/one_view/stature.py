@@ -89,9 +89,9 @@ def measured_size(
     if lowest is None or abs(camera_height) < LEAST_HEIGHT_M:
         return None
     drop = camera_height - lowest
-    sigma = FLOOR_SIGMA_M * np.sqrt(2.0) / max(abs(drop), 1e-6)
+    deviation = float(FLOOR_SIGMA_M * np.sqrt(2.0) / max(abs(drop), 1e-6))
     size = camera_height / drop if drop * camera_height > 0 else LARGEST
-    return min(size, LARGEST), sigma
+    return min(size, LARGEST), deviation
 
 
 def size_by_floor(measured: tuple[float, float] | None) -> Size:

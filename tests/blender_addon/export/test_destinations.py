@@ -67,6 +67,7 @@ def places(rig: bpy.types.Object, bone: str) -> np.ndarray:
     return np.array(found)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unreal", "unity", "maya", "godot"])
 def test_the_motion_arrives_as_it_was_with_no_scale_on_the_skeleton(walk: BakedTake, tmp_path: Path, name: str) -> None:
     path, joints = written(walk, name, tmp_path)
@@ -136,6 +137,7 @@ def test_blender_gets_the_rig_with_its_controls_and_the_take(
     assert np.abs(found - joints[[0, 29, 59]]).max() < 1e-4
 
 
+@pytest.mark.slow
 def test_fingers_can_be_left_out_and_hands_carry_their_skin(scene: bpy.types.Scene, tmp_path: Path) -> None:
     body, motion = read_body(default_body_path(), SMPL_HANDS), moving_fingers()
     take = bake_take(scene, motion, body, settings=BakeSettings(floor=False))
@@ -162,6 +164,7 @@ def test_fingers_can_be_left_out_and_hands_carry_their_skin(scene: bpy.types.Sce
     assert np.linalg.norm(skin[led] - there, axis=1).max() < 0.3
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["unreal", "godot"])
 def test_a_clip_is_called_as_its_take(walk: BakedTake, tmp_path: Path, name: str) -> None:
     """The FBX's and the glTF's animation are read back; Blender's importers put the rig's name before an FBX's."""

@@ -54,6 +54,7 @@ def everything() -> list[tuple[str, str]]:
     return sorted((kind, item.name_full) for kind in kinds for item in getattr(bpy.data, kind))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("format", ["bvh", "trc", "amass", "fbx", "gltf", "usd", "alembic"])
 def test_an_override_is_exported_and_leaves_nothing_behind(scene, override, tmp_path: Path, format: str) -> None:
     before = everything()

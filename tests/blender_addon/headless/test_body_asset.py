@@ -29,6 +29,7 @@ def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return path
 
 
+@pytest.mark.slow
 def test_an_asset_has_fingers_where_they_are_asked_for(library: Path, tmp_path: Path) -> None:
     main(["body", "--out", str(tmp_path / "Hands.blend"), "--fingers"])
     for path, has_fingers in ((library, False), (tmp_path / "Hands.blend", True)):

@@ -6,6 +6,8 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[3]
 _MAKE = """
 import sys, bpy
@@ -27,6 +29,7 @@ leave(7)
 """
 
 
+@pytest.mark.slow
 def test_export_of_a_driven_scene_ends(tmp_path: Path) -> None:
     path = tmp_path / "driven.blend"
     made = subprocess.run(

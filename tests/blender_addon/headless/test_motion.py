@@ -29,6 +29,7 @@ def played(scene: bpy.types.Scene) -> MotionFile:
     return motion
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("suffix", [".fbx", ".glb"])
 def test_a_motion_goes_to_another_program_and_comes_back(played, tmp_path: Path, suffix: str, capfd: Any) -> None:
     clip, out = write_clip(tmp_path / f"walk{suffix}"), tmp_path / "back.npz"

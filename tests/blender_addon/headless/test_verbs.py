@@ -107,6 +107,7 @@ def test_a_handler_that_python_does_not_know_is_no_obstacle(tmp_path: Path, monk
     assert main(["export", str(tmp_path / "gone.npz"), "--out", str(tmp_path), "--format", "csv"]) == 3
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name == "nt", reason="signals are sent differently there")
 def test_terminating_the_command_ends_the_solver_too(tmp_path: Path) -> None:
     capture, motion = tmp_path / "capture.npz", tmp_path / "motion.npz"

@@ -148,6 +148,7 @@ def test_a_moved_turned_and_scaled_object_carries_the_motion_along(scene, files:
         assert np.abs(before.heads[name] @ carry[:3, :3].T + carry[:3, 3] - after.heads[name]).max() < 1e-3
 
 
+@pytest.mark.slow
 def test_in_place_stays_and_a_root_bone_carries_the_way(scene, files: Files) -> None:
     rig, _ = rigify()
     names = ["root", "ORG-spine", "ORG-foot.L"]

@@ -54,6 +54,7 @@ def _moves(armature: bpy.types.Object, path: str) -> np.ndarray:
     return np.array([key.co.y for key in curve.keyframe_points])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("scene_fps", [24.0, 60.0])
 def test_there_and_back_keeps_the_motion(scene: bpy.types.Scene, files: Files, scene_fps: float) -> None:
     scene.render.fps = round(scene_fps)

@@ -39,6 +39,7 @@ def plain(mocap, drawn, tmp_path: Path) -> bpy.types.Action:
     return mocap.review.take
 
 
+@pytest.mark.slow
 def test_gloves_give_a_take_its_fingers(mocap, plain, drawn, tmp_path: Path) -> None:
     assert VIEW3D_PT_mocap_fingers.poll(bpy.context) and not has_finger_controls(mocap.review.armature)
     assert "Add Gloves" in draw_panel(VIEW3D_PT_mocap_fingers, 283).drawn

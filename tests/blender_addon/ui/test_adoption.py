@@ -69,6 +69,7 @@ def test_an_opened_file_is_adopted_once(opened, baked: Path, tmp_path: Path) -> 
     assert len(captures) == 1 and captures[0].review.take is not None
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("kind", ["ours", pytest.param("amass", marks=pytest.mark.slow)])
 def test_a_motion_by_itself_is_reviewed_exported_and_solved_again(mocap, solved, tmp_path: Path, kind: str) -> None:
     file = tmp_path / "library" / "walk.npz"

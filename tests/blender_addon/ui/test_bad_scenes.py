@@ -166,10 +166,10 @@ def test_a_file_of_a_newer_blender_opens_with_its_takes(mocap, solved_take, tmp_
     assert bpy.ops.mocap.switch_limbs(to="IK") == {"FINISHED"}
 
 
-def test_a_run_whose_window_is_closed_ends_and_the_other_window_shows_why(mocap, scene) -> None:
+def test_a_run_whose_window_is_closed_ends_and_the_other_window_shows_why(mocap, scene, monkeypatch) -> None:
     killed: list[bool] = []
     process = SimpleNamespace(kill=lambda: killed.append(True), cancelling=False)
-    current.run = SimpleNamespace(process=process, verb="solve", error=None, log=[])
+    monkeypatch.setattr(current, "run", SimpleNamespace(process=process, verb="solve", error=None, log=[]))
     closed = SimpleNamespace(_stop_timer=lambda context: None, _scene=scene.name)
     SolverOperator.cancel(closed, bpy.context)
     assert killed and not current.busy

@@ -65,6 +65,7 @@ def test_names_that_lead_out_of_the_folder_are_refused_unseen(
     assert len(near_footage(replace(capture, cameras=(beside,)), [tmp_path])[1]) == 1
 
 
+@pytest.mark.slow
 def test_a_foreign_captures_footage_is_asked_for(
     mocap: Any, solved: SolvedCapture, tmp_path: Path, asked: list[Path]
 ) -> None:

@@ -6,6 +6,7 @@ from dataclasses import replace
 from functools import lru_cache
 
 import numpy as np
+import pytest
 
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
@@ -65,6 +66,7 @@ def test_fingers_that_were_wrong_come_from_the_views_again() -> None:
     assert np.median(tips) < 0.01
 
 
+@pytest.mark.slow
 def test_fingers_pass_through_the_pinned_ones() -> None:
     wanted = pin(solved())
     again = resolve_range(capture(), solved(), FrameRange(FIRST, LAST, (wanted,)), QUICK).motion
@@ -74,6 +76,7 @@ def test_fingers_pass_through_the_pinned_ones() -> None:
     np.testing.assert_array_equal(fingers(again)[: FIRST + 1], fingers(solved())[: FIRST + 1])
 
 
+@pytest.mark.slow
 def test_fingers_that_no_view_shows_there_are_less_sure() -> None:
     keypoints = capture().keypoints
     assert keypoints is not None and keypoints.hands is not None
@@ -86,6 +89,7 @@ def test_fingers_that_no_view_shows_there_are_less_sure() -> None:
     assert left > 1.5 * right
 
 
+@pytest.mark.slow
 def test_without_hands_what_a_pin_changes_fades() -> None:
     motion, wanted = solved(), pin(solved())
     again = resolve_range(without_hands(), motion, FrameRange(FIRST, LAST, (wanted,)), QUICK).motion

@@ -102,6 +102,7 @@ def moved_m(made: Scene, solved: SolvedFrames) -> np.ndarray:
     return np.linalg.norm(joints[1] - joints[0], axis=-1)[:, WRISTS]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("where", ["crossed", "clapping", "behind the back"])
 def test_hands_are_solved_where_they_are(where: str) -> None:
     made = scene(where)

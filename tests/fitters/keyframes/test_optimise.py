@@ -34,6 +34,7 @@ def test_sliding_recovers_the_keys():
     assert scene.error_mm(solved) < 3.0
 
 
+@pytest.mark.slow
 def test_global_is_no_worse_than_sliding():
     scene = Scene()
     sliding = solve_sliding(scene.model(), scene.layout, scene.start, SCHEDULE).keys
@@ -41,6 +42,7 @@ def test_global_is_no_worse_than_sliding():
     assert scene.error_mm(together) < 1.05 * scene.error_mm(sliding)
 
 
+@pytest.mark.slow
 def test_residual_rotations_reach_poses_off_the_manifold():
     scene = Scene()
     rng = np.random.default_rng(0)
@@ -58,6 +60,7 @@ def test_residual_rotations_reach_poses_off_the_manifold():
     assert errors[1] < 0.4 * errors[0]
 
 
+@pytest.mark.slow
 def test_a_second_without_any_view_is_bridged():
     scene = Scene()
     blind = scene.keypoints.confidence.copy()
@@ -117,6 +120,7 @@ def test_gradient_by_keys_equals_central_differences(residuals):
         np.testing.assert_allclose((gradient * direction).sum(), numeric, rtol=1e-5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("free", "screw"), [(1, False), (3, False), (3, True)])
 def test_windows_of_other_curves_slide_to_the_points(free: int, screw: bool):
     """Points of the very curve, n keys a window: the gradient is the slope, and the person is found."""
@@ -144,6 +148,7 @@ def test_windows_of_other_curves_slide_to_the_points(free: int, screw: bool):
     assert error_m(solve_sliding(model, layout, start, SCHEDULE).keys) < 0.3 * error_m(start)
 
 
+@pytest.mark.slow
 def test_the_matrix_by_keys_is_close_to_the_exact_gauss_newton_matrix():
     scene = Scene()
     layout = scene.layout

@@ -14,6 +14,9 @@ from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 
+pytestmark = pytest.mark.slow
+"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+
 LABELS = marker_layout("CMU_41")
 RENAMED = {"LSHN": "thing 1", "RFRM": "thing 2", "LFHD": "thing 3", "RFWT": "thing 4"}
 BONES = {"thing 1": {"left_knee"}, "thing 2": {"right_elbow"}, "thing 3": {"head", "neck"}, "thing 4": {"pelvis"}}
@@ -54,7 +57,6 @@ def test_the_bone_with_the_steadiest_offset_wins():
     assert attach(rng.normal(size=(40, 3)), joints, rotations) is None
 
 
-@pytest.mark.slow
 def test_takes_may_lack_some_of_the_markers():
     cloud = worn_markers(LABELS, 60, fps=15.0, step=4).cloud
     parts = [

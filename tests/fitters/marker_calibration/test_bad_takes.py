@@ -83,6 +83,7 @@ def test_a_mirror_image_is_named(worn, person, how):
             solve(capture_of(worn.cloud, positions=points, labels=labels), BY_FRAME, person=known)
 
 
+@pytest.mark.slow
 def test_a_single_frame_is_solved_by_the_method_for_it(worn, person):
     one = capture_of(worn.cloud, positions=worn.cloud.positions[:1])
     with pytest.raises(TakeTooShort, match="needs 4 frames"):

@@ -92,6 +92,7 @@ def test_a_heel_marker_stays_at_the_heel(person):
     assert (np.linalg.norm(person.offsets[heels], axis=-1) < 0.04).all()
 
 
+@pytest.mark.slow
 def test_a_known_person_is_solved_without_calibration(worn, person):
     stages: list[str] = []
     solution = solve(capture_of(worn.cloud), person=person, progress=lambda stage, done, of: stages.append(stage))

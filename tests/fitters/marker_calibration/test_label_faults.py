@@ -15,6 +15,9 @@ from solver_backend.geometry.marker_jumps import frozen, jumping, leaving, neigh
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
 from tests.support.worn_markers import worn_markers
 
+pytestmark = pytest.mark.slow
+"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+
 LABELS = marker_layout("PLUGIN_GAIT_39")
 FPS, FRAMES = 60.0, 90
 SWAP, GHOST, STILL = slice(20, 32), slice(50, 58), slice(40, 90)
@@ -88,7 +91,6 @@ def test_faults_are_named_and_flagged(solution):
     }
 
 
-@pytest.mark.slow
 def test_faults_hardly_move_the_body(worn, solution):
     clean = solve(Capture("take", markers=worn.cloud)).motion
     moved = 1000 * np.linalg.norm(solution.motion.joints - clean.joints, axis=-1)

@@ -16,6 +16,9 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 from tests.support.worn_markers import worn_markers
 
+pytestmark = pytest.mark.slow
+"""Making what these tests look at takes 4 to 14 seconds of CPU time."""
+
 FRAMES = 58
 """The last frame is none of every sixth."""
 
@@ -42,7 +45,6 @@ def test_rough_motion_ends_with_the_take(worn, person):
     assert np.median(off) < 0.02 and off.max() < 0.12
 
 
-@pytest.mark.slow
 def test_a_take_in_fast_motion_is_solved_to_its_last_frame(worn, person):
     motion = solve(Capture("take", markers=worn.cloud), person=person).motion
     assert np.nanmedian(motion.marker_residual_mm) < 6.0

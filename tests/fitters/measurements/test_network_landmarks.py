@@ -82,7 +82,7 @@ def test_what_cannot_be_together_is_refused(recorded):
         prepare(demo_capture(8), DIRECT, silent)
     one = np.zeros((1, 3))
     person = MarkerSubject("neutral", np.zeros(10), ("C7",), ("C7",), one, np.array([0.01]), np.array([0.01]))
-    with pytest.raises(SubjectInvalid, match="labelled"):
+    with pytest.raises(SubjectInvalid, match="cannot be combined"):
         solve(Capture("nameless", markers=nameless(recorded.cloud)), DIRECT, person=person)
 
 

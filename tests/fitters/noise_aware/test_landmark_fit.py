@@ -70,6 +70,7 @@ def distance_mm(fit: LandmarkFit, found: CodedFrames) -> np.ndarray:
     return 1000 * np.linalg.norm(points - fit.points, axis=-1)
 
 
+@pytest.mark.slow
 def test_exact_markers_are_met_by_pose_and_shape_together(fit: LandmarkFit) -> None:
     unknown = replace(fit, subject=replace(fit.subject, betas=np.zeros(10)))
     subject, found = unknown.fit_shape(FixedVariances(), STEPS)

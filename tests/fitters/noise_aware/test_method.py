@@ -47,6 +47,7 @@ def test_a_take_with_displaced_markers_and_an_unseen_frame_is_solved() -> None:
     assert off < 0.25 * np.linalg.norm(after - before, axis=-1).max(), "it is bridged between its neighbours"
 
 
+@pytest.mark.slow
 def test_a_known_shape_stays_and_one_frame_is_enough() -> None:
     capture, joints = take(1)
     motion = solve(capture, SolveSettings(method="noise-aware", betas=tuple(BETAS))).motion

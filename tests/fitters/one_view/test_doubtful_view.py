@@ -117,6 +117,7 @@ def test_a_camera_whose_floor_is_elsewhere_is_named_without_a_stature(walked: Ca
     assert found["stature_at_odds"].values["source"] == "what adults are"
 
 
+@pytest.mark.slow
 def test_a_mirrored_video_is_the_mirrored_person_before_the_mirrored_camera() -> None:
     """One view cannot show it: what is solved is as likely, and the how-to says what to do."""
     walked = filmed_walk(40)

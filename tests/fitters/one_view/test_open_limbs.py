@@ -15,6 +15,7 @@ from tests.support.short_solves import QUICK
 FRAMES = 30
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("limbs", [(0, 1, 2, 3), (2, 3)])
 def test_limbs_that_may_point_the_other_way_are_reported_there(
     limbs: tuple[int, ...], monkeypatch: pytest.MonkeyPatch
@@ -37,6 +38,7 @@ def test_limbs_that_may_point_the_other_way_are_reported_there(
     assert not reported[:10].any() and not reported[25:].any()
 
 
+@pytest.mark.slow
 def test_chances_of_a_walk_are_small_and_a_few_limbs_are_open() -> None:
     motion = solve(filmed_walk(60), QUICK).motion
     assert flagged(motion).mean() < 0.35

@@ -175,7 +175,7 @@ def test_bad_input_is_named(prior: PoseNDF) -> None:
     with pytest.raises(JobInvalid, match="No joint is named as missing"):
         missing_joints([])
     bad = frames(3, 0)
-    with pytest.raises(PoseInvalid, match="no rotations"):
+    with pytest.raises(PoseInvalid, match="not rotations"):
         denoise(subject(), prior, replace(bad, local=1.2 * bad.local), 30.0)
     local = bad.local.copy()
     local[1, 3] = np.nan

@@ -63,6 +63,7 @@ def test_half_size_and_other_lengths(tmp_path: Path) -> None:
     assert "0.5 times as large" in corrected.values["meanings"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("filmed", [pytest.param(False, marks=pytest.mark.slow), True])
 def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 0.5])
@@ -79,6 +80,7 @@ def test_a_camera_of_half_the_frame_rate(tmp_path: Path, filmed: bool) -> None:
     assert [path is not None for path in capture.footage] == [True, True, True, False] * filmed
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("first", "frames"), [(100, 60), (0, 60), (200, 60), (240, 90)])
 def test_a_camera_of_half_the_frame_rate_in_a_short_take(tmp_path: Path, first: int, frames: int) -> None:
     """The number of pictures is half that of the others: no other start, and no lens, is the reason."""
@@ -130,6 +132,7 @@ def test_views_that_agree_in_step_are_of_one_rate(tmp_path: Path) -> None:
     assert "camera_rates_differ" not in [item.code for item in capture.problems]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("places", "turned"),
     [

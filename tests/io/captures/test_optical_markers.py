@@ -153,7 +153,7 @@ def test_labels_that_name_no_places_are_left_to_the_network(tmp_path, cloud):
     capture = load_capture(write_c3d(tmp_path / "numbered.c3d", numbered))
     assert not capture.problems
     text = " ".join(words(capture.notes))
-    assert "The labels name too few places on a body (0 of 39): the solve names the markers" in text
+    assert "The labels name too few places on a body (0 of 39), so the labelling network names the markers" in text
     assert "Labels of no layout" not in text
 
 

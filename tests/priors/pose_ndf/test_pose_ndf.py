@@ -137,7 +137,7 @@ def test_bad_input_is_named(prior: PoseNDF, tmp_path: Path) -> None:
             call(np.full((1, 21, 3, 3), np.nan))
         with pytest.raises(PoseInvalid, match=r"shape \(N, 21, 3, 3\)"):
             call(poses(2)[:, :20])
-        with pytest.raises(PoseInvalid, match=r"no rotations.*pose 1"):
+        with pytest.raises(PoseInvalid, match=r"not rotations.*pose 1"):
             call(poses(2) * np.array([1.0, 1.1])[:, None, None, None])
 
 

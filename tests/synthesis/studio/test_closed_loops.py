@@ -95,6 +95,7 @@ def test_ring_and_median_of_three_depth_sensors_give_markers_within_four_millime
     assert np.median(error) < 2.5
 
 
+@pytest.mark.slow
 def test_depth_of_the_room_is_true_within_its_noise() -> None:
     _, stage, pictures, _ = filmed("azure_kinect_3", 6)
     cameras, low, high = stage.cameras, stage.room.low, stage.room.high

@@ -76,7 +76,7 @@ def test_a_filmed_board_tells_them_by_the_names_of_the_takes_cameras(
         raise CalibrationMissing("far enough")
 
     monkeypatch.setattr(calibrate, "calibrate_by_board", by_board)
-    with pytest.raises(CommandLineInvalid, match="Which board"):
+    with pytest.raises(CommandLineInvalid, match="board that was filmed is not known"):
         calibrate_take(request, KnownOfCameras(), silent)
     with pytest.raises(CalibrationMissing, match="far enough"):
         calibrate_take(request, KnownOfCameras(board="charuco:5x7:35mm"), silent)

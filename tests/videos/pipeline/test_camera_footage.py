@@ -106,6 +106,6 @@ def test_chapters_are_read_one_after_the_other(tmp_path):
 
 def test_board_pictures_one_folder_deeper(tmp_path):
     root = touch(tmp_path, *(f"{camera}/calibration_images/{f}.jpg" for camera in ("back", "top") for f in range(2)))
-    assert board_footage(root).rig == {c: root / c / "calibration_images" for c in ("back", "top")}
+    assert board_footage(root).extrinsic == {c: root / c / "calibration_images" for c in ("back", "top")}
     videos = touch(tmp_path / "videos", "cam1/board.mp4", "cam2/board.mp4")
-    assert board_footage(videos).rig == {c: videos / c / "board.mp4" for c in ("cam1", "cam2")}
+    assert board_footage(videos).extrinsic == {c: videos / c / "board.mp4" for c in ("cam1", "cam2")}

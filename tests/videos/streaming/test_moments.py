@@ -33,6 +33,7 @@ def run(cameras: list[FakeCamera], detectors: list[FakeDetector], rate_hz: float
     return found, np.array(late), live
 
 
+@pytest.mark.slow
 def test_all_views_of_every_moment_are_detected_where_there_is_time():
     found, late, live = run([FakeCamera("a"), FakeCamera("b")], [FakeDetector(PEOPLE), FakeDetector(PEOPLE)])
     assert all(len([p for p in moment.people if p is not None]) == 2 for moment in found)
@@ -42,6 +43,7 @@ def test_all_views_of_every_moment_are_detected_where_there_is_time():
     assert np.median(late) < 0.1
 
 
+@pytest.mark.slow
 def test_a_machine_that_is_too_slow_for_two_views_drops_moments_and_is_not_late():
     slow = [FakeDetector(PEOPLE, 0.1), FakeDetector(PEOPLE, 0.1)]
     found, late, live = run([FakeCamera("a"), FakeCamera("b")], slow)
@@ -51,6 +53,7 @@ def test_a_machine_that_is_too_slow_for_two_views_drops_moments_and_is_not_late(
     assert np.median(late[-5:]) < 0.25  # a picture is at most one moment old before it is detected
 
 
+@pytest.mark.slow
 def test_views_are_left_out_before_moments_and_each_has_its_turn():
     """Four detectors of 15 ms share one core: all four take 60 ms, two take 30 of the 50 that there are."""
     core = threading.Lock()
@@ -78,6 +81,7 @@ def test_the_budget_falls_and_rises_and_keeps_two_views():
     assert budget.count == 4
 
 
+@pytest.mark.slow
 def test_a_view_that_stalls_is_not_waited_for():
     detectors = [FakeDetector(PEOPLE), FakeDetector(PEOPLE), FakeDetector(PEOPLE, 1.0)]
     found, late, live = run([FakeCamera(name) for name in "abc"], detectors)
@@ -85,6 +89,7 @@ def test_a_view_that_stalls_is_not_waited_for():
     assert np.median(late) < 0.25
 
 
+@pytest.mark.slow
 def test_a_camera_that_is_unplugged_is_named_once_and_the_others_go_on():
     gone = FakeCamera("b", frames=10, failure=VideoUnreadable("The webcam went away."))
     found, _, live = run([FakeCamera("a"), gone, FakeCamera("c")], [FakeDetector(PEOPLE)] * 3)
@@ -104,6 +109,7 @@ class _Behind(FakeCamera):
             yield replace(picture, arrived=picture.arrived - (time.perf_counter() - start))
 
 
+@pytest.mark.slow
 def test_cameras_that_fall_behind_are_named_once(monkeypatch):
     monkeypatch.setattr("solver_backend.videos.streaming.moments.BEHIND_S", 0.4)
     found, _, _ = run([_Behind("a"), _Behind("b")], [FakeDetector(PEOPLE), FakeDetector(PEOPLE)])

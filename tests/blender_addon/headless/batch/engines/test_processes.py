@@ -26,6 +26,7 @@ def captures(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     return folder
 
 
+@pytest.mark.slow
 def test_the_same_batch_runs_in_processes(captures: Path, tmp_path: Path) -> None:
     told: list[tuple[str, int, int]] = []
     request = BatchRequest(captures, tmp_path / "out", python=write_stand_in(tmp_path))
