@@ -46,7 +46,7 @@ def read_places(path: Path) -> list[PlaceMap]:
             raise ValueError("another format")
         maps = [
             PlaceMap(
-                str(item.get("camera_array") or item["rig"]),  # the name of the key until 0.1
+                str(item["camera_array" if "camera_array" in item else "rig"]),  # its name until 0.1
                 np.array(item["x_m"], np.float64), np.array(item["y_m"], np.float64),
                 np.array(item["error_mm"], np.float64),
             )
