@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import resource
 import sys
+import tempfile
 import time
 from collections.abc import Sequence
 from importlib.util import find_spec
@@ -98,6 +99,8 @@ def _child(name: str, seconds: float, counts: Path) -> None:
 
         limits = [f"-max_total_time={max(1, round(seconds))}", f"-timeout={2 * target.limit_s:.0f}"]
         limits += [f"-max_len={_LARGEST}", "-rss_limit_mb=2048", "-print_final_stats=1"]
+        # What was slow or broke is written there, not into the folder that somebody happens to stand in.
+        limits.append(f"-artifact_prefix={Path(tempfile.gettempdir()) / 'mocap-fuzz-'}")
         atheris.Setup(["fuzz", str(seeds), *limits], try_one)
         atheris.Fuzz()
 
