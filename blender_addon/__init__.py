@@ -6,9 +6,18 @@ Importing the package does no work; Blender calls ``register`` and ``unregister`
 
 def register() -> None:
     """Register everything of the table in ``registration.py``."""
-    from .ui import registration
+    import gc
 
-    registration.register()
+    # A hundred classes and modules make the collector walk through all of Blender's Python several times.
+    collects = gc.isenabled()
+    gc.disable()
+    try:
+        from .ui import registration
+
+        registration.register()
+    finally:
+        if collects:
+            gc.enable()
 
 
 def unregister() -> None:

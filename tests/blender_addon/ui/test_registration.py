@@ -18,6 +18,7 @@ import build_addon
 ROOT = Path(__file__).resolve().parents[3]
 
 _TWICE = """
+import gc
 import bpy
 import blender_addon
 def census():
@@ -27,7 +28,7 @@ def census():
 before = census()
 for _ in range(2):
     blender_addon.register()
-    assert "MOCAP_OT_import_motion" in dir(bpy.types) and census() != before
+    assert "MOCAP_OT_import_motion" in dir(bpy.types) and census() != before and gc.isenabled()
     blender_addon.unregister()
     assert census() == before, (before, census())
 print("clean")
