@@ -45,7 +45,8 @@ def steps(user: Any) -> Any:
     yield from user.open_panel("VIEW3D_PT_mocap_retarget", at_the_end=True)
     makers: dict[str, Callable[[], Made]] = {"Mixamo": rigs.mixamo, "Rigify": rigs.rigify}
     makers |= {name: lambda character=character: imported(character) for name, character in characters.items()}
-    for name, make in makers.items():
+    # Last comes what is brought onto our body: its take with locked feet plays otherwise than its motion file.
+    for name, make in sorted(makers.items(), key=lambda item: item[0] == "xbot_glb"):
         with bpy.context.temp_override(window=user.window, area=user.viewport, region=user.region("WINDOW")):
             rig, limbs = make()
         rig_name, rig.show_in_front = rig.name, True
@@ -147,7 +148,7 @@ def brought_back(user: Any, rig_name: str) -> Any:
     yield from user.press("mocap.lock_feet()")
     yield from user.until(lambda: mocap().review.take.name.endswith("feet locked"), "its feet are locked", 30)
     yield from user.shot("feet_locked")
-    yield from user.open_stage("DELIVER")  # from now on the actor is the body that it was brought onto
+    yield from user.open_stage("DELIVER")
 
 
 def measured(user: Any, name: str, rig: bpy.types.Object, limbs: Any) -> None:
