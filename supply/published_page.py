@@ -140,8 +140,8 @@ def published_page() -> str:
 
 def _line(row: PublishedRow) -> str:
     published, here = ("–" if value is None else f"{value:.3f}" for value in (row.published, row.here))
-    told = row.what_decides if row.verdict == UNDECIDED else row.reason if row.verdict != REPRODUCED else ""
-    reason = f": {told}" if told else ""
+    why = row.what_decides if row.verdict == UNDECIDED else row.reason if row.verdict != REPRODUCED else ""
+    reason = f": {why}" if why else ""
     log = f" [More](../research-log/{row.log})." if row.log else ""
     bench = f"`{row.bench}`, {row.recorded}" if row.bench else "–"
     return f"| {row.table} | {row.what} | {published} | {here} | **{row.verdict}**{reason}{log} | {bench} |"

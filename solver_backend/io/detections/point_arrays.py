@@ -61,7 +61,10 @@ def read_array(path: Path) -> CameraFrames:
     """
     (array, *others) = _arrays(path).values()
     if others or array.ndim > 4:
-        raise FileDamaged("The file holds several cameras beside files of one.", where=str(path))
+        raise FileDamaged(
+            "The file holds several cameras beside files of one.", where=str(path),
+            hint="Read it alone, or write one array a camera.",
+        )  # fmt: skip
     return _frames(array, path)
 
 
@@ -84,7 +87,10 @@ def _arrays(path: Path) -> dict[str, np.ndarray]:
     """
     if path.suffix.lower() == ".npz":
         if not 1 < len(array_names(path)) <= MOST_CAMERAS:
-            raise FileDamaged("The archive holds no array a camera.", where=str(path))
+            raise FileDamaged(
+                "The archive holds no array a camera.", where=str(path),
+                hint=f"Save 2 to {MOST_CAMERAS} arrays of (frames, K, 3), each by its camera's name.",
+            )  # fmt: skip
         return {name: _checked(array, path) for name, array in read_npz(path).items()}
     if path.suffix.lower() != ".npy":
         raise FileDamaged("The file is not a NumPy array.", where=str(path))

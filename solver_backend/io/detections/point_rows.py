@@ -64,7 +64,10 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
         ) from error
     at = _places(spelled)
     if max(at.values(), default=0) > MOST_POINTS:
-        raise FileDamaged(f"A point has the number {max(at.values())}.", where=str(path))
+        raise FileDamaged(
+            f"A point has the number {max(at.values())}.", where=str(path),
+            hint=f"Number the points of a person from 0; at most {MOST_POINTS} are read.",
+        )  # fmt: skip
     there = np.isfinite(values[:, :2]).all(-1)
     sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
     who = {name: i for i, name in enumerate(dict.fromkeys(people))}
