@@ -76,7 +76,7 @@ class MocapBenchmarkRow(bpy.types.PropertyGroup):
 
     array: bpy.props.StringProperty(name="Camera Array", description="Name of the camera array")
     faults: bpy.props.EnumProperty(name="Faults", description="What the detector made of the truth", items=FAULTS)
-    told: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
+    reached: bpy.props.StringProperty(name="Reached", description="Mean joint error of each method")
     median_mm: bpy.props.FloatProperty(
         name="Median", description="Median error of triangulated keypoints over the floor, mm; -1 where nobody is"
     )

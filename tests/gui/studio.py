@@ -37,7 +37,7 @@ def benchmark(user: Any) -> Any:
     yield from user.shot("judging")
     yield from user.solved("the ring is judged")
     rows = mocap().studio.rows
-    user.note(f"rows: {[(row.array, row.told, round(row.median_mm, 1)) for row in rows]}")
+    user.note(f"rows: {[(row.array, row.reached, round(row.median_mm, 1)) for row in rows]}")
     assert len(rows) == 2 and 0 < rows[0].median_mm < rows[1].median_mm
     shown = extension("studio.place_map").MAP
     assert [obj[shown] for obj in bpy.data.objects if shown in obj] == [rows[0].array]

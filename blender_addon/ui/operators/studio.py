@@ -59,12 +59,12 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         first, faults = len(settings.rows), self._faults
         for array, reached in rows_of(result["rows"], [item.array for item in places]):
             row = settings.rows.add()
-            row.array, row.told, row.faults = array, reached, faults
+            row.array, row.reached, row.faults = array, reached, faults
             median = next(item.median_mm for item in places if item.array == array)
             row.median_mm = -1.0 if median is None else median
             row.page, row.places = stored(result["page"]), stored(result["places"])
         show_row(context, first)
-        self.report({"INFO"}, f"{settings.rows[first].array}: {settings.rows[first].told}")
+        self.report({"INFO"}, f"{settings.rows[first].array}: {settings.rows[first].reached}")
         return {"FINISHED"}
 
 

@@ -113,7 +113,7 @@ def _draw_row(
     row.operator(MOCAP_OT_show_places.bl_idname, text="", icon="MESH_GRID").index = index
     row.operator(MOCAP_OT_open_benchmark.bl_idname, text="", icon="URL").index = index
     faults = item.bl_rna.properties["faults"].enum_items[item.faults].name
-    wrapped(layout, context, f"{faults}: {item.told}")
+    wrapped(layout, context, f"{faults}: {item.reached}")
     floor = "nobody is located on the floor" if item.median_mm < 0 else f"{item.median_mm:.1f} mm over the floor"
     wrapped(layout, context, floor)
 
