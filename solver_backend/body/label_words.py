@@ -17,6 +17,24 @@ _TOKENS = tuple(
     re.compile(rf"{_VERTEBRA}|{capitals}|[A-Z]?[a-z]+|[A-Z]+|\d+")
     for capitals in ("[A-Z]+(?=[A-Z][a-z])", "[A-Z]{2,}(?=[a-z])")
 )
+# Vertebrae in words: SpineThoracic10, 7. Halswirbel, Tenth Thoracic Vertebra.
+_LEVELS = {
+    "C": r"CERVICAL[A-Z]*|HALSWIRBEL[A-Z]*",
+    "T": r"THORA[CK][A-Z]*|TORACI[A-Z]*|BRUSTWIRBEL[A-Z]*",
+    "L": r"LUMBA[A-Z]*|LOMBAIRE|LENDENWIRBEL[A-Z]*",
+}
+_ORDINALS = ("first", "second", "third", "fourth", "fifth", "sixth", "seventh", "eighth", "ninth", "tenth", "eleventh",
+             "twelfth")  # fmt: skip
+_IN_WORDS = tuple(
+    (letter, re.compile(pattern, re.IGNORECASE))
+    for letter, word in _LEVELS.items()
+    for pattern in (
+        rf"(?:SPINE[ ._-]*)?(?:{word})[ ._-]*(?:VERTEBRA[A-Z]*|WIRBEL)?[ ._-]*(?P<number>1?\d)",
+        rf"(?P<number>1?\d|{'|'.join(_ORDINALS)})(?:ST|ND|RD|TH|\.)?[ ._-]*(?:{word})",
+    )
+)
+ARTICLE = 2
+"""Letters of words without meaning that count only where they stand apart, at most."""
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
 
 
@@ -116,11 +134,20 @@ class LabelWords:
         """Return the known words that a token is made of, the longest first; None where it is not made of any."""
         if token in self.vocabulary or token in self.sides.words:
             return [token]
+        return self._parts(token)
+
+    def _parts(self, token: str) -> list[str] | None:
+        if self._is_part(token):
+            return [token]
         for end in range(len(token) - 2, 1, -1):
-            head = token[:end]
-            if (head in self.vocabulary or head in self.sides.words) and (rest := self._split(token[end:])) is not None:
-                return [head, *rest]
+            if self._is_part(token[:end]) and (rest := self._parts(token[end:])) is not None:
+                return [token[:end], *rest]
         return None
+
+    def _is_part(self, text: str) -> bool:
+        """Return whether letters within a token are a word: ``HANDLE`` is no hand with a French article."""
+        long = text in self.vocabulary and len(text) > ARTICLE
+        return bool(self.vocabulary.get(text)) or long or text in self.sides.words
 
 
 def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords:
@@ -134,11 +161,18 @@ def words_of_file(values: dict[str, Any], midline: frozenset[str]) -> LabelWords
     for place, texts in values["phrases"].items():
         for text in texts:
             key = tuple(sorted({vocabulary[word.upper()] for word in text.split()}))
-            phrases[key] = (*phrases.get(key, ()), "-" + place if place in midline else place)
+            named = "-" + place if place in midline else place
+            phrases[key] = tuple(dict.fromkeys((*phrases.get(key, ()), named)))
     return LabelWords(vocabulary, values["alone"], sides_of_file(values), phrases)
 
 
 def spelt(label: str) -> str:
-    """Return a label in letters without accents."""
-    plain = unicodedata.normalize("NFKD", label.translate(_SPELT))
-    return "".join(letter for letter in plain if not unicodedata.combining(letter))
+    """Return a label in letters without accents, vertebrae as a letter and a number: ``Halswirbel 7`` as ``C7``."""
+    decomposed = unicodedata.normalize("NFKD", label.translate(_SPELT))
+    plain = "".join(letter for letter in decomposed if not unicodedata.combining(letter))
+    for level, pattern in _IN_WORDS:
+        if found := pattern.search(plain):
+            number = found["number"].lower()
+            digits = number if number.isdigit() else str(1 + _ORDINALS.index(number))
+            return f"{plain[: found.start()]} {level}{digits} {plain[found.end() :]}"
+    return plain

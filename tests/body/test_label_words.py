@@ -30,6 +30,40 @@ def test_words_name_places_in_any_order_and_language(label, place):
 
 
 @pytest.mark.parametrize(
+    ("label", "place"),
+    [
+        ("Epicondylus lateralis femoris li", "LKNE"), ("Malleolus medialis re", "RANM"),
+        ("Spina iliaca anterior superior re", "RFWT"), ("Left Posterior Superior Iliac Spine", "LBWT"),
+        ("Os metatarsale V li", "LMT5"), ("Os metatarsale I re", "RMT1"), ("Tuberositas tibiae re", "RTTB"),
+        ("Caput fibulae li", "LHFB"), ("Right Fibular Head", "RHFB"), ("malleolo_est_dx", "RANK"),
+        ("gran_trocantere_dx", "RGTR"), ("Sternal Notch", "CLAV"), ("suprasternale", "CLAV"), ("frente_izq", "LFHD"),
+        ("Vertebra prominens", "C7"), ("7. Halswirbel", "C7"), ("Seventh Cervical Vertebra", "C7"),
+        ("SpineThoracic10", "T10"), ("Tenth thoracic vertebra", "T10"), ("8th thoracic", "T8"),
+        ("Brustwirbel 12", "T12"),
+        ("WaistBack", "SACR"), ("WaistL_Back", "LBWT"), ("L_Waist", "LMWT"), ("LForefoot5", "LMT5"),
+        ("RShinFrontHigh", "RTTB"), ("RThighFrontLow", "RTHF"), ("LArmUp", "LUPA"),
+    ],
+)  # fmt: skip
+def test_clinical_latin_ordinals_and_heights_name_places(label, place):
+    assert known(label, "x") == {label: place}
+
+
+@pytest.mark.parametrize("label", ["HandleR", "L_Handle", "R.Thigh.Upper", "L_Knee_V", "Handlebar_R", "KneePad_L"])
+def test_what_only_looks_like_words_of_a_body_names_nothing(label):
+    assert known(label, "x") == {}
+
+
+@pytest.mark.parametrize(
+    "label",
+    ["V_R.Hip_JC", "V_Mid_ASIS", "RSK_PROX", "LTH_DIST", "LFemurANG_x", "r_thigh_4X4", "MidASIS", "RGH"],
+)
+def test_points_that_programs_compute_are_no_markers(label):
+    isb = ("R_EL", "R_EM", "L_EL", "L_EM")
+    names = name_markers([label, *isb])
+    assert names.virtual == (label,) and names.known["L_EM"] == "LELM"
+
+
+@pytest.mark.parametrize(
     ("left", "right", "place"),
     [
         ("Knie_li", "Knie_re", "KNE"), ("Knie li.", "Knie re.", "KNE"), ("liKnie", "reKnie", "KNE"),
