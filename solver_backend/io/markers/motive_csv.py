@@ -27,6 +27,7 @@ from solver_backend.io.markers.text_table import (
     number_table,
     rate_of,
     triples,
+    with_whole_decimals,
 )
 
 _AXES = re.compile(r'"?X"?\s*[,;\t]\s*"?Y"?\s*[,;\t]\s*"?Z"?')
@@ -84,6 +85,7 @@ def read_motive_csv(
     data = [line for line in lines[at + 1 :] if line.strip(f'{delimiter} "')]
     quoted = bool(data) and '"' in data[0]
     rows = [header_cells(line, delimiter) if quoted else line.split(delimiter) for line in data]
+    rows = with_whole_decimals(rows, len(header[-1]), 1, path)
     values = _table(rows, at + 2, path, comma=delimiter != "," or quoted)
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
     numbers = values[:, 0] if values.size else np.zeros(0)

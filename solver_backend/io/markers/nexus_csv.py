@@ -21,11 +21,14 @@ from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
 from solver_backend.io.markers.take import MarkerEvent, MarkerTake
 from solver_backend.io.markers.text_table import (
+    ROWS_LOOKED_AT,
+    decimal_comma,
     frame_problems,
     header_cells,
     number_in,
     number_table,
     triples,
+    with_whole_decimals,
 )
 from solver_backend.io.recognition.camera_names import listing
 from solver_backend.io.recognition.marker_labels import is_model_output
@@ -115,7 +118,9 @@ def _block(lines: Sequence[str], start: int, path: Path) -> tuple[str, _Trajecto
     units = header_cells(lines[at + 1], delimiter) if at + 1 < len(lines) else []
     has_units = bool(units) and not units[0]
     first = at + (2 if has_units else 1)
-    values = number_table(_rows(lines[first:], delimiter), first + 1, path, comma=delimiter != ",")
+    rows = with_whole_decimals(_rows(lines[first:], delimiter), len(axes), 2, path)
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
+    values = number_table(rows, first + 1, path, comma=comma)
     return delimiter, _TrajectoryBlock(
         numbers=values[:, 0] if len(values) else np.zeros(0),
         positions=triples(values, tuple(markers)),
@@ -174,7 +179,7 @@ def _rows(lines: Sequence[str], delimiter: str) -> list[list[str]]:
     """Return the cells of the section's rows, up to the first empty one or the next section."""
     rows: list[list[str]] = []
     for line in lines:
-        cells = line.split(delimiter)
+        cells = header_cells(line, delimiter) if '"' in line else line.split(delimiter)
         if not cells[0].strip() or _section(line):
             break
         rows.append(cells)

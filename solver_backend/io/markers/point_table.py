@@ -19,22 +19,37 @@ from solver_backend.io.files import LONGEST_HEADING, read_text
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.text_table import (
+    ROWS_LOOKED_AT,
     decimal_comma,
     frame_problems,
     header_cells,
     number_table,
     rate_of,
     triples,
+    with_whole_decimals,
 )
 
 LEAST_POINTS = 4
 """Points whose three columns stand side by side; a table of fewer names no person."""
-_HEADING_LINES, _ROWS_LOOKED_AT = 12, 100
-"""Lines in which the headings must come, and rows that show how numbers are written."""
+_HEADING_LINES = 12
+"""Lines in which the headings must come."""
 _COLUMN = re.compile(r"(?P<name>.*?)[ ._:\-\[(]*(?P<axis>[xyz])[\])]?(?: ?[\[(](?P<unit>\w+)[\])])?", re.IGNORECASE)
 """``LASI_x``, ``LASI.X``, ``LASI:X``, ``LASI[x]``, ``LASI X (mm)``."""
-_FRAMES = ("frame", "frames", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
-_TIMES = ("time", "time (s)", "time (seconds)", "time_s", "timestamp", "timestamps", "seconds", "t")
+_FRAMES = ("frame", "frames", "bild", "image", "frame#", "frame_number", "frame_id", "frame_idx", "fnum", "index", "")
+_TIMES = (
+    "time",
+    "time (s)",
+    "time (seconds)",
+    "time_s",
+    "timestamp",
+    "timestamps",
+    "seconds",
+    "t",
+    "zeit",
+    "zeit (s)",
+    "temps",
+    "temps (s)",
+)
 _NAMES = ("marker", "name", "label", "keypoint", "landmark", "joint", "bodypart", "point", "marker_name")
 """Headings in small letters: of the frame's number, of its seconds, and in long tables of the point."""
 
@@ -76,7 +91,9 @@ def read_point_table(
         rows = list(csv.reader(lines[first:], delimiter=delimiter))
     except csv.Error as error:
         raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
-    comma = decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
+    leading = sum(heading in (*_FRAMES, *_NAMES) for heading in headings[:2])
+    rows = with_whole_decimals(rows, len(headings), leading, path)
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     if columns:
         kept = {x + k for x in columns.values() for k in range(3)}
         values = number_table(_numbers_alone(rows, headings, kept), first + 1, path, comma=comma)

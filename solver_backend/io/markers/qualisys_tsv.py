@@ -20,12 +20,15 @@ from solver_backend.io.markers.rigid_bodies import RigidBodies
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerEvent, MarkerTake
 from solver_backend.io.markers.text_table import (
+    ROWS_LOOKED_AT,
+    between_tabs,
+    decimal_comma,
     frame_problems,
-    is_number,
     number_in,
     number_table,
     rate_of,
     triples,
+    with_whole_decimals,
 )
 
 FIRST_LINE = "NO_OF_FRAMES"
@@ -51,7 +54,7 @@ def read_qualisys_tsv(
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = Path(path)
-    lines = read_text(path).splitlines()
+    lines = _lines(path)
     if not lines or not lines[0].strip().upper().startswith(FIRST_LINE):
         raise FileDamaged(f"The file is not one of QTM: '{FIRST_LINE}' is expected at its start.", where=str(path))
     first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
@@ -64,7 +67,8 @@ def read_qualisys_tsv(
             hint=f"Export 3D data.{beside if '6D' in included.upper() else ''}",
         )  # fmt: skip
     labels = [name for name in header.get("MARKER_NAMES", []) if name]
-    values = number_table([line.split("\t") for line in lines[first:] if line.strip()], first + 1, path)
+    timed = 2 if "FRAME" in header else 0
+    values = _numbers(lines, first, path, timed + 3 * len(labels), timed // 2)
     stated = number_in(" ".join(header.get("NO_OF_MARKERS", [])))
     count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
     before = 2 if "FRAME" in header or _has_frame_columns(values, count) else 0
@@ -95,16 +99,37 @@ def _bodies_beside(path: Path, frames: int) -> RigidBodies | None:
     beside = bodies_file(path)
     if beside is None:
         return None
-    lines = read_text(beside).splitlines()
+    lines = _lines(beside)
     first = next((i for i, line in enumerate(lines) if _starts_with_number(line)), len(lines))
-    values = number_table([line.split("\t") for line in lines[first:] if line.strip()], first + 1, beside)
-    return qualisys_bodies(_header(lines[:first])[0], values, frames)
+    return qualisys_bodies(_header(lines[:first])[0], _numbers(lines, first, beside), frames)
+
+
+def _lines(path: Path) -> list[str]:
+    """Return a file's lines with tabs between cells, also where a spreadsheet saved it with semicolons or commas."""
+    lines = read_text(path).splitlines()
+    return between_tabs(lines, lines[0] if lines else "", least=1)
+
+
+def _numbers(lines: list[str], first: int, path: Path, width: int = 0, leading: int = 0) -> np.ndarray:
+    """Return the numbers of the frames, which begin at a line.
+
+    Args:
+        lines: of the file.
+        first: line of the first frame.
+        path: the file.
+        width: cells that a row should have, 0 where nobody knows.
+        leading: of these, first ones without decimals.
+    """
+    rows = [line.split("\t") for line in lines[first:] if line.strip()]
+    rows = with_whole_decimals(rows, width, leading, path) if width else rows
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
+    return number_table(rows, first + 1, path, comma=comma)
 
 
 def _starts_with_number(line: str) -> bool:
     """Return whether a line is a frame: a first cell that is a number, or blank cells before one."""
     cells = [cell for cell in line.split("\t") if cell.strip()]
-    return bool(cells) and is_number(cells[0])
+    return bool(cells) and number_in(cells[0]) is not None
 
 
 def _header(lines: list[str]) -> tuple[dict[str, list[str]], tuple[MarkerEvent, ...]]:

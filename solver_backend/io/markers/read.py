@@ -62,7 +62,7 @@ MARKERS: tuple[Reader[MarkerTake], ...] = (
     _row("OptiTrack Motive CSV", (".csv",), read_motive_csv, begins_as_motive),
     _row("Vicon Nexus CSV", (".csv", ".txt"), read_nexus_csv, lambda head: bool(sections_of(head.splitlines()))),
     Reader("array of 3D points (.npy)", is_point_array, _read_array),
-    _row("Qualisys TSV", (".tsv", ".txt"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
+    _row("Qualisys TSV", (".tsv", ".txt", ".csv"), read_qualisys_tsv, lambda head: head.upper().startswith(FIRST_LINE)),
     _row("Qualisys MATLAB file", (".mat",), read_qualisys_mat),
     _row("table of points", (".csv", ".tsv", ".txt"), read_point_table, begins_as_points),
     _row("live recording that was not finished", (SUFFIX,), read_live_recording),

@@ -13,11 +13,17 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
-"""Cells that stand for no value, beside every spelling of NaN."""
+"""Cells that stand for no value, beside every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
 
+ROWS_LOOKED_AT = 100
+"""Rows that show how numbers are written."""
 _GROUPED = re.compile(r"[-+]?\d{1,3}(,\d{3})+\.\d+")
 """A number whose thousands are separated, as spreadsheets format them: ``-1,779.458``."""
 _EXCHANGED = str.maketrans(",.", ".,")
+_MINUS = str.maketrans("\N{MINUS SIGN}", "-")
+_GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\d{3})")
+"""What separates thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
+_WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
 LARGEST = 1e30
 """Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
 
@@ -75,8 +81,9 @@ def _used(row: Sequence[str]) -> int:
 
 def _number(cell: str, line: int, path: Path, comma: bool) -> float:
     text = cell.strip().strip('"').lower()
-    if text in MISSING:
+    if text in MISSING or text.startswith("#"):
         return float("nan")
+    text = _GROUPS.sub("", text.translate(_MINUS))
     text = text.translate(_EXCHANGED) if comma else text
     try:
         return float(text.replace(",", "") if _GROUPED.fullmatch(text) else text)
@@ -93,6 +100,68 @@ def decimal_comma(cells: Iterable[str]) -> bool:
     """
     last = {text[max(text.rfind(","), text.rfind("."))] for text in cells if "," in text or "." in text}
     return last == {","}
+
+
+def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
+    """Return lines with tabs between cells, where a spreadsheet saved them with semicolons or commas and quotes.
+
+    Args:
+        lines: of the file.
+        heading: the line that shows what stands between its cells.
+        least: semicolons or commas that it has at least.
+    """
+    separator = next((mark for mark in ("\t", ";", ",") if heading.count(mark) >= least), "\t")
+    if separator == "\t" and '"' not in heading:
+        return lines
+    try:
+        return ["\t".join(cells) for cells in csv.reader(lines, delimiter=separator)]
+    except csv.Error:
+        return lines
+
+
+def with_whole_decimals(rows: list[list[str]], width: int, leading: int, path: Path) -> list[list[str]]:
+    """Return rows whose decimal commas were taken for separators of cells, whole again: ``12,50`` of two cells.
+
+    Beside the first cells every value is two cells of digits, or a blank one where it is missing.
+
+    Args:
+        rows: of cells.
+        width: cells that a row should have.
+        leading: first cells that are no decimal numbers: the frame's, a name.
+        path: the file, for messages.
+
+    Raises:
+        FileDamaged: some rows are so, and others cannot be put together.
+    """
+    most = width + (width - leading) // 2
+    if not any(most < _used(row) <= 2 * width and _of_halves(row[leading:]) for row in rows):
+        return rows
+    whole = [_joined(row, width, leading) for row in rows]
+    if not all(whole):
+        raise FileDamaged(
+            "Commas separate both cells and decimals, and which are which cannot be recognised.", where=str(path),
+            hint="Save the table with semicolons or tabs between the cells.",
+        )  # fmt: skip
+    return [row for row in whole if row is not None]
+
+
+def _of_halves(cells: Sequence[str]) -> bool:
+    return all(_WHOLE.fullmatch(cell.strip()) or not cell.strip() for cell in cells)
+
+
+def _joined(row: Sequence[str], width: int, leading: int) -> list[str] | None:
+    """Return the first cells and values of two cells each, ``width`` in all; None where they are not so."""
+    found, at = list(row[:leading]), leading
+    while at < len(row) and len(found) < width:
+        pair = [cell.strip() for cell in row[at : at + 2]]
+        if not pair[0]:
+            found.append("")
+        elif len(pair) == 2 and _WHOLE.fullmatch(pair[0]) and _DIGITS.fullmatch(pair[1]):
+            found.append(".".join(pair))
+        else:
+            return None
+        at += 2 if pair[0] else 1
+    return None if any(cell.strip() for cell in row[at:]) else found
 
 
 def triples(values: np.ndarray, first_columns: Sequence[int]) -> np.ndarray:

@@ -8,7 +8,6 @@ A marker that is not seen is blank, NaN or 0. Counts in the header are often wro
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +18,8 @@ from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerSource, as_take
 from solver_backend.io.markers.take import MarkerTake
 from solver_backend.io.markers.text_table import (
+    ROWS_LOOKED_AT,
+    between_tabs,
     decimal_comma,
     frame_problems,
     is_number,
@@ -26,13 +27,14 @@ from solver_backend.io.markers.text_table import (
     number_table,
     rate_of,
     triples,
+    with_whole_decimals,
 )
 from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 FILE_TYPE = "pathfiletype"
 """How the files begin, in small letters."""
-_HEADER_LINES, _ROWS_LOOKED_AT = 20, 100
-"""Lines in which the labels must come, and rows that show how all are written."""
+_HEADER_LINES = 20
+"""Lines in which the labels must come."""
 
 
 def read_trc(
@@ -53,18 +55,21 @@ def read_trc(
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
     path = Path(path)
-    lines = _between_tabs(read_text(path).splitlines())
+    lines = read_text(path).splitlines()
+    heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
+    lines = between_tabs(lines, heading)
     at = _line_of("frame#", lines, path)
     header = _header(lines[:at])
     labels = _labels(lines[at])
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
-    rows = _without_doubled_tabs(rows, len(labels))
-    comma = decimal_comma(cell for row in rows[:_ROWS_LOOKED_AT] for cell in row)
+    rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
+    if labels and stated == len(labels):
+        rows = with_whole_decimals(rows, 2 + 3 * len(labels), 1, path)
+    comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     values = number_table(rows, first + 1, path, comma=comma)
     columns = max(values.shape[1] - 2, 0)
     count = max(len(labels), -(-columns // 3))
-    stated = number_in(header.get("nummarkers"))
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
         problems = (diagnostic("marker_count_not_as_stated", stated=stated, count=count),)
@@ -83,18 +88,6 @@ def read_trc(
         problems=(*problems, *rate_problems, *frame_problems(numbers, number_in(header.get("numframes")))),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
-
-
-def _between_tabs(lines: list[str]) -> list[str]:
-    """Return the lines with tabs between cells, where a spreadsheet saved them with semicolons or commas and quotes."""
-    heading = next((line for line in lines[:_HEADER_LINES] if line.strip(' "').lower().startswith("frame#")), "")
-    separator = next((mark for mark in ("\t", ";", ",") if heading.count(mark) > 1), "\t")
-    if separator == "\t" and '"' not in heading:
-        return lines
-    try:
-        return ["\t".join(cells) for cells in csv.reader(lines, delimiter=separator)]
-    except csv.Error:
-        return lines
 
 
 def _line_of(start: str, lines: list[str], path: Path) -> int:
@@ -134,7 +127,7 @@ def _cells(line: str) -> list[str]:
 
 def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]]:
     """Return the rows without their odd cells where a second tab follows every number."""
-    sample = rows[:_ROWS_LOOKED_AT]
+    sample = rows[:ROWS_LOOKED_AT]
     too_long = markers and any(len(row) > 3 + 3 * markers for row in sample)
     if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
         return [row[::2] for row in rows]
