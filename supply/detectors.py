@@ -2,7 +2,7 @@
 
 MediaPipe's wheel 0.10.21 carries a pose model that runs offline (Apache-2.0). It asks for an OpenCV that is not the
 headless one and for packages that its pose model does not use, so it is installed without what it asks for, and with
-what its pose model imports. Packages come from the registry that pip is set up for; nothing else is downloaded.
+what its pose model imports; pip's warning of that is switched off. Packages come from the registry that pip is set up for; nothing else is downloaded.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ def main(folder: Path = FOLDER) -> int:
         return 1
     sys.stdout.write(f"Making {folder.name} (once)\n")
     venv.create(folder, clear=True, with_pip=True)
-    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
+    pip = [str(python), "-m", "pip", "install", "--quiet", "--disable-pip-version-check", "--no-warn-conflicts"]
     for command in ([*pip, "--no-deps", MEDIAPIPE], [*pip, *IMPORTED]):
         if subprocess.call(command) != 0:
             sys.stderr.write("A package could not be installed, see above. Check the network and call again.\n")

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged
 from solver_backend.io.calibration.projection_matrix import projection_of, split_projection
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.search import find_calibration
@@ -53,6 +53,16 @@ def test_a_calibration_that_is_not_read_is_named(name: str, words: str, tmp_path
     (tmp_path / name).write_bytes(pickle.dumps({}))
     with pytest.raises(CalibrationMissing, match=words):
         find_calibration(tmp_path, ("cam01",))
+
+
+def test_a_file_beside_the_recording_that_is_of_another_program_is_no_damaged_calibration(tmp_path: Path) -> None:
+    (recording := tmp_path / "session").mkdir()
+    (tmp_path / "mkdocs.yml").write_text("site_name: A site, with commas\n: [", encoding="utf-8")
+    with pytest.raises(CalibrationMissing):
+        find_calibration(recording, ("cam01",))
+    (tmp_path / "calibration_old.yml").write_text("%YAML:1.0\ncamera: [", encoding="utf-8")
+    with pytest.raises(FileDamaged, match="truncated"):
+        find_calibration(recording, ("cam01",))
 
 
 def test_a_folder_of_projections_is_one_calibration(tmp_path: Path) -> None:

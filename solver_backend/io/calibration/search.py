@@ -100,7 +100,7 @@ def find_calibration(
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
         if serious:
             raise serious[0]
-        damaged += errors
+        damaged += [e for e in errors if _may_be_one(e, folder, root)]
     if not others and damaged:
         raise damaged[0]
     if not others:
@@ -135,6 +135,11 @@ def find_calibration(
         hint=f"Assign them with --camera {recorded[0]}={others[0].cameras.names[0]} and so on; or name the cameras "
         "alike (cam01 and cam_1 are alike), or remove folders of cameras without calibration.",
     )
+
+
+def _may_be_one(error: MocapError, folder: Path, root: Path) -> bool:
+    """Whether a file that cannot be read counts as a calibration: beside the recording only by its name."""
+    return folder == root or is_calibration_folder(folder) or bool(_CALIBRATION.match(Path(error.where or "").stem))
 
 
 def _without_calibration(recorded: Sequence[str], calibrated: Sequence[str]) -> list[str]:
