@@ -1,8 +1,9 @@
-"""All methods on the same benchmark captures: accuracy, smoothness, feet, exchanges, reprojection, time and memory.
+"""Methods on the same benchmark captures: accuracy, smoothness, feet, exchanges, reprojection, time and memory.
 
-``python3 dev.py bench bundle`` prints every table; ``python -m tests.benchmarks.bench_bundle --tables methods,views
---takes N --quick`` some of it. Medians over takes; every run is kept under build/bench_bundle and not repeated while
-its code and capture stay. Needs the validation motions (MOCAP_SHARED_DATA).
+``python3 dev.py bench bundle`` measures what its baseline holds: ours and the published method, and three methods by
+the number of cameras. ``python -m tests.benchmarks.bench_bundle`` prints every table of all methods, with ``--tables
+methods,views --takes N --quick`` some of it. Medians over takes; every run is kept under build/bench_bundle and not
+repeated while its code and capture stay. Needs the validation motions (MOCAP_SHARED_DATA).
 """
 
 from __future__ import annotations
@@ -55,15 +56,20 @@ def _cell(value: float) -> str:
 def measured(names: list[str], scope: Scope, jobs: int = 1) -> tuple[dict[str, Section], Found]:
     """Return the sections and what came of their runs."""
     sections = {name: SECTIONS[name](scope) for name in names}
+    return sections, _solved(sections, jobs)
+
+
+def _solved(sections: dict[str, Section], jobs: int = 1) -> Found:
     runs = list(dict.fromkeys(run for section in sections.values() for run in section.runs))
-    return sections, outcomes(runs, lambda line: _say(line + "\n", sys.stderr), jobs)
+    return outcomes(runs, lambda line: _say(line + "\n", sys.stderr), jobs)
 
 
 def run() -> list[Metric]:
-    """Print every table; the figures of ours, and their ratios to the published method."""
-    sections, found = measured(list(SECTIONS), Scope())
+    """Print the recorded rows; return the figures of ours, and their ratios to the published method."""
+    sections = {name: SECTIONS[name](Scope()) for name in ("methods", "views")}
+    sections["methods"] = sections["methods"].only("ours, global", PUBLISHED)
+    found = _solved(sections)
     report(sections, found)
-    illustrate(sections["methods"], found)
     rows = sections["methods"].medians(found)
     ours, published = rows["ours, global"], rows[PUBLISHED]
     return [

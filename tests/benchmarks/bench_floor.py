@@ -27,6 +27,7 @@ from solver_backend.synthesis.faults import MEASURED_DETECTOR, DetectorFaults
 from solver_backend.synthesis.simulation import strange_body
 from solver_backend.types import Capture, Motion
 from tests.benchmarks.comparison.captures import capture_path, take_of
+from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric
 
 LEVELS = (0.0, 0.03, 0.1, 0.2, 0.4, 0.7, 1.0)
@@ -125,7 +126,8 @@ def table(cases: Iterable[Floor]) -> dict[Floor, dict[str, float]]:
     sys.stdout.write(f"{'':<24}" + "".join(f"{column:>15}" for column in COLUMNS) + "\n")
     rows = {}
     for case in cases:
-        rows[case] = case.row()
+        name = f"{case.take} {case.level} {case.seed}"
+        rows[case] = kept("tests.benchmarks.bench_floor", name, case.row)
         cells = "".join(f"{rows[case][column]:15.2f}" for column in COLUMNS)
         sys.stdout.write(f"{case.take:<18}{case.level:5.2f} {cells}\n")
         sys.stdout.flush()

@@ -7,7 +7,9 @@ the motions kept beside the repository (or MOCAP_SHARED_DATA). ``python -m tests
 from __future__ import annotations
 
 import sys
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 
@@ -18,6 +20,7 @@ from solver_backend.metrics import mpjpe_mm
 from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Capture, Keypoints2D
 from tests.benchmarks.comparison.validation_takes import take_named
+from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric
 
 TAKES = tuple(f"08_{number:02d}" for number in range(1, 11))
@@ -47,8 +50,8 @@ class Outcome:
 
 
 def run() -> list[Metric]:
-    """Tell apart and solve every pair."""
-    pairs = [pair(seed) for seed in range(SEEDS)]
+    """Separate and solve every pair."""
+    pairs = [Outcome(**kept("tests.benchmarks.bench_people", f"pair {n}", partial(_pair, n))) for n in range(SEEDS)]
     together = np.array([p.together_mm for p in pairs])
     return [
         Metric("wrong_number", float(sum(p.found != 2 for p in pairs)), "pairs"),
@@ -73,6 +76,10 @@ def pair(seed: int) -> Outcome:
     together = [_error(filmed, i, found[int(np.flatnonzero(owner == i)[0])].keypoints) for i in (0, 1)]
     alone = [_error(filmed, i, filmed.alone[i]) for i in (0, 1)]
     return Outcome(len(found), mixed, float(missed), (together[0], together[1]), (alone[0], alone[1]))
+
+
+def _pair(seed: int) -> dict[str, Any]:
+    return asdict(pair(seed))
 
 
 def _counts(person: SelectedPerson, filmed: Crossing) -> list[int]:

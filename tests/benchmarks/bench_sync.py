@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import sys
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
@@ -21,6 +22,7 @@ from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry
 from solver_backend.videos.sync.speeds import clocks_by_speeds
 from tests.benchmarks.comparison.validation_takes import take_named
+from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric
 
 TAKES = (
@@ -33,7 +35,7 @@ REACH_S = 6.5
 LARGEST_OFFSET_S, LARGEST_PPM = 3.0, 50.0
 BOUND_FRAMES = 0.1
 UNKNOWN_FRAMES = 100.0
-"""Error of a seed whose clocks are not told."""
+"""Error of a seed whose clocks are not found."""
 
 
 @dataclass(frozen=True)
@@ -53,15 +55,14 @@ class FilmedByHand:
         """Return (C,) the largest error within the take, frames."""
         times = np.linspace(0.0, 2.0 * self.middle_s, 20)
         true = self.offset_s[:, None] + self.rate[:, None] * (times - self.middle_s)
-        told = np.stack([clocks.in_video(c, times) - times for c in range(len(true))])
-        return np.abs(told - true).max(axis=1) * self.filmed.fps
+        found = np.stack([clocks.in_video(c, times) - times for c in range(len(true))])
+        return np.abs(found - true).max(axis=1) * self.filmed.fps
 
 
 def run() -> list[Metric]:
-    """Tell the clocks of every seed, with and without calibration."""
-    takes = [filmed_by_hand(seed) for seed in range(SEEDS)]
-    calibrated = np.stack([_with_cameras(take) for take in takes])
-    speeds = np.stack([_by_speeds(take) for take in takes])
+    """Estimate the clocks of every seed, with and without calibration."""
+    found = [kept("tests.benchmarks.bench_sync", f"seed {seed}", partial(errors_of, seed)) for seed in range(SEEDS)]
+    calibrated, speeds = (np.array([row[way] for row in found]) for way in ("calibrated", "speeds"))
     return [
         Metric("largest_error", float(calibrated.max()), "frames", abs_tol=0.01),
         Metric("median_error", float(np.median(calibrated[:, 1:])), "frames", abs_tol=0.01),
@@ -69,6 +70,12 @@ def run() -> list[Metric]:
         Metric("uncalibrated_largest", float(speeds.max()), "frames", abs_tol=0.1),
         Metric("uncalibrated_median", float(np.median(speeds[:, 1:])), "frames", abs_tol=0.05),
     ]
+
+
+def errors_of(seed: int) -> dict[str, list[float]]:
+    """Return the largest error of each camera's clock, in frames: with calibrated cameras, and by speeds alone."""
+    take = filmed_by_hand(seed)
+    return {"calibrated": _with_cameras(take).tolist(), "speeds": _by_speeds(take).tolist()}
 
 
 def _with_cameras(take: FilmedByHand) -> np.ndarray:
@@ -81,10 +88,10 @@ def _with_cameras(take: FilmedByHand) -> np.ndarray:
 def _by_speeds(take: FilmedByHand) -> np.ndarray:
     filmed = take.filmed
     try:
-        told = clocks_by_speeds(filmed.cameras.names, filmed.tracks, filmed.times_s, filmed.joint_set, REACH_S)
+        found = clocks_by_speeds(filmed.cameras.names, filmed.tracks, filmed.times_s, filmed.joint_set, REACH_S)
     except MocapError:
         return np.full(len(take.rate), UNKNOWN_FRAMES)
-    return take.error_frames(told)
+    return take.error_frames(found)
 
 
 def filmed_by_hand(seed: int) -> FilmedByHand:
@@ -129,7 +136,6 @@ def there_and_back(take: Take) -> Take:
 
 if __name__ == "__main__":
     for number in range(SEEDS):
-        of_seed = filmed_by_hand(number)
-        with_cameras, without = (np.round(errors, 3) for errors in (_with_cameras(of_seed), _by_speeds(of_seed)))
+        with_cameras, without = (np.round(errors, 3) for errors in errors_of(number).values())
         sys.stdout.write(f"seed {number}: calibrated {with_cameras}, speeds alone {without} frames\n")
         sys.stdout.flush()

@@ -16,10 +16,10 @@ WEIGHTS = ("body_neutral.npz", "sposer.npz", "vposer.npz", "rvposer.npz", "gmm.n
 
 
 @cache
-def code_version(module: str) -> str:
+def code_version(module: str, packages: tuple[str, ...] = PACKAGES) -> str:
     """Return the hash of a module, of all of the packages it imports, and of the weights."""
     digest = hashlib.sha256()
-    for path in sorted(closure(module)):
+    for path in sorted(closure(module, packages)):
         digest.update(path.read_bytes())
     for name in WEIGHTS:
         if (ASSETS / name).exists():
@@ -27,7 +27,7 @@ def code_version(module: str) -> str:
     return digest.hexdigest()
 
 
-def closure(module: str) -> set[Path]:
+def closure(module: str, packages: tuple[str, ...] = PACKAGES) -> set[Path]:
     """Return the files of a module and of what it imports from the packages, and so on, wherever the import stands.
 
     A package around a module counts only where something is taken out of it: what it offers to others changes nothing.
@@ -39,7 +39,7 @@ def closure(module: str) -> set[Path]:
         path = _file(name)
         if path is not None and path not in seen:
             seen.add(path)
-            waiting += [found for found in _imports(path, name) if found.startswith(PACKAGES)]
+            waiting += [found for found in _imports(path, name) if found.startswith(packages)]
     return seen
 
 

@@ -58,6 +58,10 @@ class Section:
         """Return all runs."""
         return [run for runs in self.rows.values() for run in runs]
 
+    def only(self, *labels: str) -> Section:
+        """Return the table with these rows alone."""
+        return replace(self, rows={label: self.rows[label] for label in labels})
+
     def medians(self, found: Found) -> dict[str, Row]:
         """Return the figures of every row."""
         return {label: medians([found[run].row for run in runs]) for label, runs in self.rows.items()}

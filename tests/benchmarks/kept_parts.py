@@ -1,0 +1,37 @@
+"""Parts of a long benchmark, each kept under ``build/bench_parts``: a run that was stopped goes on where it was.
+
+A part holds as long as the benchmark, every module that it imports and the weights stay as they are.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+from tests.benchmarks.comparison.code_version import PACKAGES, ROOT, code_version
+
+FOLDER = ROOT / "build" / "bench_parts"
+
+
+def kept(module: str, part: str, measure: Callable[[], Any], folder: Path = FOLDER, *, quiet: bool = False) -> Any:
+    """Return what ``measure`` gives (JSON values) for a part of a benchmark, measured now or by the same code before.
+
+    ``module`` is the benchmark's full name, ``part`` a name that no other part of it has.
+    """
+    version = hashlib.sha256(f"{code_version(module, (*PACKAGES, 'tests'))}\0{part}".encode()).hexdigest()[:16]
+    path = folder / f"{module.rpartition('.')[2]}_{version}.json"
+    if path.exists():
+        return json.loads(path.read_text(encoding="utf-8"))
+    found = measure()
+    path.parent.mkdir(parents=True, exist_ok=True)
+    partial = path.with_suffix(".partial")
+    partial.write_text(json.dumps(found), encoding="utf-8")
+    partial.replace(path)
+    if not quiet:
+        sys.stdout.write(f"  {part}: measured\n")
+        sys.stdout.flush()
+    return found
