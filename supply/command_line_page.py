@@ -10,7 +10,7 @@ from blender_addon.headless.arguments import SOLVERS_VERBS
 from blender_addon.headless.arguments import parser as blender_parser
 from solver_backend.cli.arguments import build_parser
 from solver_backend.cli.exit_codes import EPILOG
-from solver_backend.cli.setting_options import ROWS, option
+from solver_backend.cli.setting_options import ROWS, help_of
 from solver_backend.cli.verb_table import TASKS
 
 SHARED = 4
@@ -75,15 +75,23 @@ def _describe(verb: str, own: argparse.ArgumentParser, shared: set[int], example
     actions = list(_shown(own))
     long = [next(name for name in a.option_strings if name.startswith("--")) for a in actions if id(a) in shared]
     others = [f"`{name}`" for name in long]
-    settings = {option(name) for name in ROWS}
-    listed = [a for a in actions if id(a) not in shared and not settings & set(a.option_strings)]
+    settings = [a for a in actions if _is_setting(a)]
+    if 2 * len(settings) < len(ROWS):
+        settings = []
+    listed = [a for a in actions if id(a) not in shared and a not in settings]
     lines = [f"#### {verb}", "", own.description or "", ""]
     lines += ["```sh", example, "```", ""] if example else []
     lines += [*_table(listed), ""] if listed else []
-    if len(listed) + len(others) < len(actions):
+    if settings:
         lines += ["It also takes the [settings of a solve](settings.md) as options.", ""]
     lines += [f"Options of many verbs: {', '.join(others)}.", ""] if others else []
     return lines
+
+
+def _is_setting(action: argparse.Action) -> bool:
+    """Whether an option is a setting of a solve, and not another one of the same name."""
+    row = ROWS.get(action.dest)
+    return row is not None and (action.help or "").startswith(help_of(row))
 
 
 def _table(actions: list[argparse.Action]) -> list[str]:

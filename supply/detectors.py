@@ -2,7 +2,8 @@
 
 MediaPipe's wheel 0.10.21 carries a pose model that runs offline (Apache-2.0). It asks for an OpenCV that is not the
 headless one and for packages that its pose model does not use, so it is installed without what it asks for, and with
-what its pose model imports; pip's warning of that is switched off. Packages come from the registry that pip is set up for; nothing else is downloaded.
+what its pose model imports; pip's warning of that is switched off. Packages come from the registry that pip is set up
+for; nothing else is downloaded.
 """
 
 from __future__ import annotations
