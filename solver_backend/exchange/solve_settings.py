@@ -147,7 +147,7 @@ class SolveSettings:
     """Direct solving of what a network has for each frame, beside labels first."""
     layout: str = setting(
         "file", "", "Marker Layout", "File with the place that each marker's label names, as the command line's "
-        "layout writes it; empty goes by the layouts that are known", group=RESOURCES, metavar="LAYOUT.json",
+        "layout writes it; empty uses the known layouts", group=RESOURCES, metavar="LAYOUT.json",
         in_panel=False,
     )  # fmt: skip
     backend: str = setting(

@@ -83,9 +83,9 @@ _READ: dict[str, DiagnosticEntry] = {
 
 _NAMED: dict[str, DiagnosticEntry] = {
     "points_named": note(
-        "The points had no names: a network named {named:.1f} % of them, as {count} markers; "
+        "A network named {named:.1f} % of the points, as {count} markers; "
         "{nobody:.1f} % are not on a person, {unknown:.1f} % stay unknown",
-        "Takes without labels are labelled before they are solved.",
+        "Takes without labels are labelled before they are solved; `label` names the points of any take.",
     ),
     "labels_named": note(
         "The labels name no places. A network named {named:.1f} % of the points, as {count} markers; "
