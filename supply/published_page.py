@@ -24,14 +24,19 @@ _HEAD = """<!-- Made by python3 dev.py docs from tests/benchmarks/published_tabl
 # Published tables, measured again
 
 Every table of the work that this program implements, one comparison a row. *Published* is the ratio of the two
-published figures, *here* the ratio of ours, by the benchmark of the row, on the day that stands there: data and weights
-differ, so only ratios can be compared. A row is *reproduced* where both ratios lie on the same side of 1, and
-*contradicted* where they do not, with the reason. Where training is involved, ours are medians of three seeds, and a
-row whose ratio is nearer to 1 than two standard errors over seeds is *not found*, with the reason, where the published
-ratio is farther from ours than chance allows between the two, a published figure being of one training; else it is
-*undecided*, with the number of seeds that would separate the published ratio from 1. What is proposed without a figure
-stands as *no published figure*, and what cannot be measured here as *not applicable*, with the reason.
-`python3 dev.py bench seeds` counts them; `python3 dev.py bench NAME --update` measures a row anew.
+published figures. *Here* is the ratio of ours, by the benchmark of the row, on its day. Data and weights differ, so
+only ratios can be compared. Where training is involved, ours are medians of three seeds.
+
+| a row is | where |
+|---|---|
+| *reproduced* | both ratios lie on the same side of 1 |
+| *contradicted* | they lie on different sides; the reason stands in the row |
+| *undecided* | our ratio is nearer to 1 than two standard errors over seeds; the row has the seeds that would decide |
+| *not found* | it is as near to 1, and the published ratio is farther from ours than chance allows for one training |
+| *no published figure* | the work proposes it without one |
+| *not applicable* | it cannot be measured here, for the reason in the row |
+
+`python3 dev.py bench seeds` counts them; `python3 dev.py bench NAME --update` measures a row again.
 [Results](../results.md) has what this program itself reaches."""
 
 

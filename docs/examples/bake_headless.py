@@ -2,7 +2,7 @@
 
     python docs/examples/bake_headless.py MOTION.npz CAPTURE.npz FOLDER
 
-Needs Blender's Python module (``bpy``). The add-on is a program of its own that tells how far it is, one JSON object a
+Needs Blender's Python module (``bpy``). The add-on is a program of its own that reports its progress, one JSON object a
 line.
 """
 

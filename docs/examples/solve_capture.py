@@ -1,4 +1,4 @@
-"""Solve a capture and say where to look: ``python docs/examples/solve_capture.py CAPTURE MOTION.npz``.
+"""Solve a capture and print where to look: ``python docs/examples/solve_capture.py CAPTURE MOTION.npz``.
 
 CAPTURE is what the command line takes too: a Pose2Sim trial, a folder of OpenPose JSON, a capture file.
 """

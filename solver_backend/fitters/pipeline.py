@@ -160,7 +160,7 @@ def resolve_range(
     """Solve some frames of an earlier motion again, through poses that a person pinned; see ``solve_range``.
 
     Raises:
-        JobInvalid: the frame range is none of this take.
+        JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """

@@ -30,7 +30,7 @@ def solve_again(
         progress: called as stages advance.
 
     Raises:
-        JobInvalid: the frame range is none of this take.
+        JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
     """
     body = without_fingers(motion)

@@ -8,15 +8,9 @@ from pathlib import Path
 import pytest
 
 from supply.texts import shown_strings, texts
+from tests.support.style_words import WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
-WORDS = re.compile(
-    r"\b(tells?|told|says?|said|judge[sd]?|errs?|whom|put right|put back|takes? back|by the clock|the way between"
-    r"|processor time|broke|anew|of no use|no use for|goes? with|is to be (?:a|an|the)|is to hold|are to lie)\b"
-    r"|(?<!there )\b(?:is|are) (?:no|none of) |what is no |can be\\.$",
-    flags=re.IGNORECASE,
-)
-"""Left column of the style's table, and what else was met: the program reports, estimates, corrects; X is not a Y."""
 MOST_WORDS = 30
 """Of a sentence; twenty is the style's measure."""
 _NO_SENTENCES = (
@@ -29,7 +23,9 @@ _NO_PROSE = re.compile(r"<|:root|\bimport (?:sys|json)\b|--json")
 """Markup, style sheets, programs and the table of exit codes."""
 
 
-@pytest.mark.parametrize(("package", "least"), [("solver_backend", 1000), ("blender_addon", 1000), ("dev.py", 20)])
+@pytest.mark.parametrize(
+    ("package", "least"), [("solver_backend", 1000), ("blender_addon", 1000), ("dev.py", 20), ("supply", 100)]
+)
 def test_no_message_uses_a_word_that_the_style_replaces(package: str, least: int) -> None:
     files = sorted((ROOT / package).rglob("*.py")) or [ROOT / package]
     shown = [(path, line, text) for path in files for line, text in shown_strings(path)]

@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
+import inspect
 import re
 from pathlib import Path
 
 import pytest
 
+import solver_backend
+from tests.support.style_words import WORDS
+
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
 OF_THE_REPOSITORY = [ROOT / name for name in ("CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md")]
+TEMPLATES = sorted((ROOT / ".github").rglob("*.md"))
+EXAMPLES = sorted((ROOT / "docs" / "examples").glob("*.py"))
 GENERATED = {path for path in PAGES if path.read_text(encoding="utf-8").startswith("<!-- Made by")}
 KEPT = {path for path in PAGES if path.parent.name in ("research-log", "decisions")}
 """Dated records, whose sentences stay as they were written; length and tables bind them too."""
 WRITTEN_BY_A_BENCHMARK = {ROOT / "docs" / "research-log" / "spoiled_captures.md"}
 """Tables that ``bench_spoiled --page`` writes."""
-NOT_THE_FIELDS_WORDS = re.compile(
-    r"\b(told|tells?|says?|said|judge[sd]?|put right|put back|errs?|by the clock|processor time|of no use)\b",
-    flags=re.IGNORECASE,
-)
-"""Words that the style of the project replaces."""
 HISTORY = re.compile(r"\b(not kept|was tried|used to be)\b", flags=re.IGNORECASE)
 """Words that begin what belongs to the research log."""
 
@@ -109,11 +110,27 @@ def test_every_page_is_within_three_clicks_of_the_readme() -> None:
     assert not [path.name for path in PAGES if path not in reached]
 
 
-@pytest.mark.parametrize("page", [README, *OF_THE_REPOSITORY, *PAGES], ids=lambda page: page.name)
+WRITTEN = [README, *OF_THE_REPOSITORY, *PAGES, *TEMPLATES, ROOT / "solver_backend" / "report" / "page.js"]
+
+
+@pytest.mark.parametrize("page", WRITTEN, ids=lambda page: page.name)
 def test_a_page_speaks_as_a_colleague_would(page: Path) -> None:
     prose = re.sub(r"```.*?```|`[^`]*`|\]\([^)]*\)", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
-    assert not NOT_THE_FIELDS_WORDS.findall(re.sub(r"^#### .*$", "", prose, flags=re.MULTILINE))
+    assert not [prose[max(found.start() - 30, 0) : found.end() + 20] for found in WORDS.finditer(prose)]
     assert page in KEPT or not HISTORY.findall(prose)
+
+
+@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.name)
+def test_an_example_speaks_as_a_colleague_would(path: Path) -> None:
+    assert not WORDS.findall(path.read_text(encoding="utf-8"))
+
+
+def test_the_documentation_of_the_python_api_speaks_so_too() -> None:
+    for name in solver_backend.__all__:
+        public = getattr(solver_backend, name)
+        members = [public, *(vars(public).values() if isinstance(public, type) else ())]
+        text = "\n".join(inspect.getdoc(member) or "" for member in members if hasattr(member, "__doc__"))
+        assert not WORDS.findall(text), name
 
 
 def test_the_citation_names_the_methods() -> None:

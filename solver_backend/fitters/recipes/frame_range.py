@@ -56,7 +56,7 @@ def solve_range(
         progress: called as stages advance.
 
     Raises:
-        JobInvalid: the frame range is none of this take.
+        JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
     """
     _check_same_take(problem, subject, motion)
