@@ -1,4 +1,4 @@
-"""Five people's questions, each answered by following links from the README within three clicks.
+"""Ten people's questions, each answered by following links from the README within three clicks.
 
 A click is a link by the words that it shows; the page (and heading) that it leads to must hold the answer.
 """
@@ -30,6 +30,14 @@ QUESTIONS = {
         ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/detectors.py"),
     ),
     "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in TABLE)),
+    "how do I get it onto my Mixamo character": (("retarget",), ("Mixamo's", "*Target*", "press *Retarget*")),
+    "I have one phone video": (("one",), ("from-videos walk.mp4 --stature", "What is measured and what is estimated")),
+    "can it do fingers": (("fingers",), ("find hands", "Gloves", "Markers on hands")),
+    "may I use it commercially, what about SMPL and patents": (
+        ("body and patents",),
+        ("GPL-3.0-or-later", "contain its mesh", "US 10,395,411", "SMPL-family files"),
+    ),
+    "it ended with exit code 3": (("exit codes",), ("  3    a file is missing, damaged or unusable",)),
 }
 """Question: the links to click, by a part of what they show; what the last page must hold."""
 
