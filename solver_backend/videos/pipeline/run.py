@@ -68,10 +68,11 @@ class _Road:
         self._pictures = plan.folder / "pictures"
 
     def detect(self) -> None:
-        settings = self._settings
+        settings, folder = self._settings, self._plan.folder / "detections"
+        done_before = set(folder.glob("*.npz"))
         self._detections = tuple(
             detect_videos(
-                self._plan.take.videos, settings.detector, self._plan.folder / "detections", self._progress,
+                self._plan.take.videos, settings.detector, folder, self._progress,
                 jobs=settings.jobs, again="detect" in settings.redo, cameras=self._plan.take.cameras,
                 pictures_fps=settings.pictures_fps,
             )
@@ -90,7 +91,8 @@ class _Road:
         ]
         if any(video.is_dir() for video in self._plan.take.videos):
             found.append(diagnostic("picture_rate_assumed", rate=settings.pictures_fps))
-        self.steps.report("detect", "made", found, [drawn])
+        kept = set(folder.glob("*.npz")) == done_before and "detect" not in settings.redo
+        self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
     def sync(self) -> None:
         self._calibration = self._kept_calibration()
