@@ -60,7 +60,8 @@ def near_footage(capture: CaptureFile, folders: Sequence[Path]) -> tuple[Capture
         if outside:
             refused.append(
                 f"Camera {plain(camera.name)}: its footage lies outside of the capture's folder and was not looked "
-                f"for: {plain(str(camera.footage))}. If you trust the capture, allow footage from anywhere."
+                f"for: {plain(str(camera.footage))}. If you trust the capture, name its folder with "
+                "--footage-from, or tick Footage Anywhere."
             )
         cameras.append(replace(camera, footage=None) if outside else camera)
     return replace(capture, cameras=tuple(cameras)), tuple(refused)

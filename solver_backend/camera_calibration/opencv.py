@@ -19,5 +19,5 @@ def opencv() -> Any:
     except ImportError as error:
         raise BackendMissing(
             "Pictures and videos are read by OpenCV, which is not installed.",
-            hint="Install it with: pip install 'manifold-mocap[capture]'.",
+            hint="Install it with: pip install opencv-contrib-python-headless.",
         ) from error

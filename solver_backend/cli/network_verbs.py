@@ -29,7 +29,7 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
     except ModuleNotFoundError as error:
         raise BackendMissing(
             f"Writing a network needs the package {error.name}, which is not installed.",
-            hint="pip install manifold-mocap[train,onnx]",
+            hint="Install them with: pip install torch onnx.",
         ) from error
     from solver_backend.labelling.outputs import LANDMARKS
     from solver_backend.labelling.point_network import load_network

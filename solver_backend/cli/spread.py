@@ -46,7 +46,8 @@ class ClusterStretches:
             from distributed import Client
         except ImportError as error:
             raise BackendMissing(
-                "Dask is not installed in this Python.", hint="pip install 'manifold-mocap[scale]', or no --scheduler."
+                "Dask is not installed in this Python.",
+                hint="Install it with: pip install distributed; or leave out --scheduler.",
             ) from error
         where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
         logging.getLogger("distributed").setLevel(logging.CRITICAL)

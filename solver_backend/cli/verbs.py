@@ -211,7 +211,7 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     except ModuleNotFoundError as error:
         raise BackendMissing(
             f"Training needs the package {error.name}, which is not installed.",
-            hint="pip install manifold-mocap[train]",
+            hint="Install what training needs with: pip install torch scipy.",
         ) from error
     if args.prior == "landmarks":
         return _train_landmarks(args, progress)

@@ -11,6 +11,7 @@ from supply.texts import shown_strings, texts
 from tests.support.style_words import WORDS
 
 ROOT = Path(__file__).resolve().parents[2]
+PAGES = sorted([*(ROOT / "docs" / "how-to").glob("*.md"), *(ROOT / "docs" / "tutorials").glob("*.md")])
 MOST_WORDS = 30
 """Of a sentence; twenty is the style's measure."""
 _NO_SENTENCES = (
@@ -49,6 +50,12 @@ def test_a_sentence_of_a_message_is_read_in_one_breath() -> None:
     assert not long, f"more than {MOST_WORDS} words: {long}"
 
 
+def test_nobody_is_sent_to_a_registry_for_this_program() -> None:
+    """It is in none; a missing package is named by its own name."""
+    shown = [text for _, _, text in texts()] + [page.read_text(encoding="utf-8") for page in PAGES]
+    assert not [text for text in shown if re.search(r"pip install\b[^\n]*manifold-mocap", text)]
+
+
 def test_every_argument_of_a_verb_has_a_line_of_help() -> None:
     page = (ROOT / "docs" / "reference" / "command-line.md").read_text(encoding="utf-8")
     rows = [line for line in page.splitlines() if line.startswith("| `")]
@@ -56,7 +63,6 @@ def test_every_argument_of_a_verb_has_a_line_of_help() -> None:
     assert not [line for line in rows if re.search(r"\| (?:–|\(required\)) \|$", line)]
 
 
-PAGES = sorted([*(ROOT / "docs" / "how-to").glob("*.md"), *(ROOT / "docs" / "tutorials").glob("*.md")])
 OTHERS_WORDS = ("No space left on device",)
 """Of the system."""
 _VALUES = re.compile(r"…|\{…\}|[\d.,]*\d ?%?|\b[A-Z]\b(?:, [A-Z]\b)*|\b(?:left|right) \w+\b")

@@ -247,7 +247,7 @@ def test_oaks_without_depthai_are_named_at_once(
     for command in (["sensors-live", *told], ["record-oak", str(tmp_path / "take"), *told], ["oaks", "--json"]):
         assert main(command) != 0
         error = json.loads(capsys.readouterr().out.splitlines()[-1])
-        assert error["code"] == "backend_missing" and "manifold-mocap[oak]" in error["hint"]
+        assert error["code"] == "backend_missing" and "pip install depthai" in error["hint"]
     assert not (tmp_path / "take").exists()
 
 

@@ -161,7 +161,7 @@ def test_depthai_that_is_missing_or_old_is_named(
     with pytest.raises(BackendMissing, match=r"not installed"):
         listed_oaks()
     assert main(["oaks"]) != 0
-    assert "manifold-mocap[oak]" in capsys.readouterr().err
+    assert "pip install depthai" in capsys.readouterr().err
     old = FakeDepthai([])
     old.__version__ = "2.30.0"
     monkeypatch.setattr(oak_module, "import_module", lambda name: old)
@@ -191,7 +191,7 @@ class Prepared(OpenedDevice):
 @pytest.mark.parametrize("kind", [np.uint8, np.uint16])
 def test_a_replay_goes_through_depthais_nodes_unchanged(kind: type) -> None:
     if find_spec("depthai") is None:
-        pytest.skip("depthai is not installed: pip install manifold-mocap[oak]")
+        pytest.skip("depthai is not installed: pip install depthai")
     source = Prepared(kind, lost=(7, 20))
     device = OakReplay(source, 60.0)
     with device:
@@ -208,7 +208,7 @@ def test_a_replay_goes_through_depthais_nodes_unchanged(kind: type) -> None:
 
 def test_depthai_leaves_signals_and_standard_output_alone() -> None:
     if find_spec("depthai") is None:
-        pytest.skip("depthai is not installed: pip install manifold-mocap[oak]")
+        pytest.skip("depthai is not installed: pip install depthai")
     program = (
         "ignored = lambda: [l for l in open('/proc/self/status') if l.startswith('SigIgn')]\n"
         "was = ignored()\n"

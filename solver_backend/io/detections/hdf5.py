@@ -31,7 +31,7 @@ def opened(path: Path, program: str) -> Iterator[Any]:
     except ModuleNotFoundError as error:
         raise BackendMissing(
             f"{program}'s HDF5 files are read with h5py, which is not installed.", where=str(path),
-            hint="pip install manifold-mocap[hdf5]",
+            hint="Install it with: pip install h5py.",
         ) from error  # fmt: skip
     try:
         file = h5py.File(path, "r")

@@ -27,12 +27,12 @@ def depthai() -> Any:
     except ImportError as error:
         raise BackendMissing(
             "OAK cameras are read by depthai, which is not installed.",
-            hint="Install it with: pip install 'manifold-mocap[oak]'.",
+            hint="Install it with: pip install depthai.",
         ) from error
     version = str(module.__version__)
     if int(version.split(".")[0]) < LEAST_VERSION:
         raise BackendMissing(
             f"depthai {version} is installed; {LEAST_VERSION} or later is needed.",
-            hint="Install it with: pip install --upgrade 'manifold-mocap[oak]'.",
+            hint="Install it with: pip install --upgrade depthai.",
         )
     return module

@@ -71,7 +71,7 @@ def _export(
             )  # fmt: skip
         except ModuleNotFoundError as error:
             raise BackendMissing(
-                f"ONNX files need the package {error.name}.", hint="pip install manifold-mocap[onnx]"
+                f"ONNX files need the package {error.name}.", hint="Install it with: pip install onnx."
             ) from error
     return path
 

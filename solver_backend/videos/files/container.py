@@ -64,7 +64,7 @@ def library() -> Any:
         import av.logging
     except ModuleNotFoundError as error:
         raise BackendMissing(
-            "Videos are read with PyAV, which is not installed.", hint="pip install manifold-mocap[capture]"
+            "Videos are read with PyAV, which is not installed.", hint="Install it with: pip install av."
         ) from error
     av.logging.set_level(None)
     return av

@@ -62,7 +62,7 @@ class Webcam:
         try:
             av = library()
         except BackendMissing as error:
-            hint = "pip install manifold-mocap[capture]"
+            hint = "Install it with: pip install av."
             raise BackendMissing("A webcam needs OpenCV or PyAV, and neither is installed.", hint=hint) from error
         kind, name = _FORMATS.get(sys.platform, _FORMATS["linux"])
         options = {"video_size": f"{SIZE[0]}x{SIZE[1]}", "framerate": f"{FPS:g}"}

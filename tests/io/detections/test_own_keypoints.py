@@ -113,7 +113,7 @@ def test_a_bad_file_is_named(tmp_path, demo, content: Any, message: str):
 
 
 def write_sleap(root: Path, demo: Capture) -> Path:
-    h5py = pytest.importorskip("h5py", reason="SLEAP's files need h5py: pip install manifold-mocap[hdf5]")
+    h5py = pytest.importorskip("h5py", reason="SLEAP's files need h5py: pip install h5py")
     _, keypoints = demo.require_multiview()
     for c, camera in enumerate(demo.require_multiview()[0].names):
         with h5py.File(root / f"labels.v001.00{c}_{camera}.analysis.h5", "w") as file:
@@ -136,7 +136,7 @@ _ENDS = {kind: (f"{kind}_id_start", f"{kind}_id_end") for kind in ("instance", "
 
 
 def test_sleaps_labels(tmp_path, demo):
-    h5py = pytest.importorskip("h5py", reason="SLEAP's files need h5py: pip install manifold-mocap[hdf5]")
+    h5py = pytest.importorskip("h5py", reason="SLEAP's files need h5py: pip install h5py")
     root = with_calibration(tmp_path / "take", demo)
     _, keypoints = demo.require_multiview()
     names, count = keypoints.joint_set.keypoints, keypoints.joint_set.num_keypoints
@@ -181,7 +181,7 @@ def test_without_h5py_the_remedy_is_named(tmp_path, demo, monkeypatch):
 
 def write_deeplabcut(root: Path, demo: Capture, *, name: str, columns: Any = None) -> Path:
     """Write tables as pandas does with ``format="table"``: names of columns pickled in protocol 0 by PyTables."""
-    h5py = pytest.importorskip("h5py", reason="HDF5 needs h5py: pip install manifold-mocap[hdf5]")
+    h5py = pytest.importorskip("h5py", reason="HDF5 needs h5py: pip install h5py")
     cameras, keypoints = demo.require_multiview()
     names = [
         ("DLC_resnet50", part, coord) for part in keypoints.joint_set.keypoints for coord in ("x", "y", "likelihood")

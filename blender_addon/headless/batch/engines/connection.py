@@ -22,7 +22,7 @@ def require_dask() -> None:
     except ImportError as error:
         raise EngineMissing(
             "Dask is not installed in this Python.", where=str(error),
-            hint="pip install 'manifold-mocap[scale]'; or leave out --scheduler and give --workers N.",
+            hint="Install it with: pip install distributed; or leave out --scheduler and give --workers N.",
         ) from error  # fmt: skip
 
 

@@ -27,7 +27,7 @@ class OnnxPose:
             raise Refused(
                 "detector_missing",
                 f"This Python has no onnxruntime: {error} ({sys.executable})",
-                "pip install manifold-mocap[capture], or name another Python with --python.",
+                "Install it with: pip install onnxruntime; or name another Python with --python.",
             ) from error
         settings = onnxruntime.SessionOptions()
         settings.intra_op_num_threads = int(options.get("threads", 1))
