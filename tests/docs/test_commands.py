@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import argparse
 import re
-import shlex
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -14,21 +12,14 @@ import pytest
 from blender_addon.headless.arguments import SOLVERS_VERBS
 from blender_addon.headless.arguments import parser as blender_parser
 from solver_backend.cli.arguments import build_parser, parse
+from tests.support.page_commands import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").rglob("*.md")])
 HISTORY = ("research-log", "decisions")
 """Folders of what was run once: their commands are those of their day."""
-COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|]*)")
 OPEN = re.compile(r"…|\.\.\.|[A-Z]{2,}|[\[<]|\bVERB\b")
 """What stands for something else: a placeholder, or what is left out."""
-
-
-def commands(text: str) -> Iterator[tuple[str, list[str]]]:
-    """Yield program and words of each command of a page."""
-    for match in COMMAND.finditer(re.sub(r"\\\n\s*", " ", text)):
-        line = match[2].split("\n")[0].split(" #")[0].split(" && ")[0].split(" > ")[0]
-        yield match[1], shlex.split(line.rstrip(" .,;:)"), comments=True)
 
 
 LISTED = [

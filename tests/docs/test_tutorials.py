@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from solver_backend.cli.main import main
-from tests.docs.test_commands import commands
+from tests.support.page_commands import commands
 
 ROOT = Path(__file__).resolve().parents[2]
 TUTORIALS = ROOT / "docs" / "tutorials"

@@ -1,0 +1,16 @@
+"""Commands of the two programs as a page prints them."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Iterator
+
+COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|]*)")
+
+
+def commands(text: str) -> Iterator[tuple[str, list[str]]]:
+    """Yield program and words of each command of a page."""
+    for match in COMMAND.finditer(re.sub(r"\\\n\s*", " ", text)):
+        line = match[2].split("\n")[0].split(" #")[0].split(" && ")[0].split(" > ")[0]
+        yield match[1], shlex.split(line.rstrip(" .,;:)"), comments=True)
