@@ -77,6 +77,7 @@ def run() -> list[Metric]:
         Metric("accel_m_s2", ours["accel_m_s2"], "m/s²", rel_tol=0.1),
         Metric("mpjpe_ratio", ours["mpjpe_mm"] / published["mpjpe_mm"], ""),
         Metric("accel_ratio", ours["accel_m_s2"] / published["accel_m_s2"], "", rel_tol=0.1),
+        Metric("cpu_ratio", ours["cpu_s"] / published["cpu_s"], "", rel_tol=0.2),
         Metric("seconds_ratio", ours["seconds"] / published["seconds"], "", rel_tol=1.0),
         *by_views(sections["views"].medians(found)),
     ]

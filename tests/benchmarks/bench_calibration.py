@@ -10,6 +10,7 @@ half of its frames, each camera held out in the other half.
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -35,6 +36,7 @@ from solver_backend.metrics import mpjpe_mm
 from solver_backend.types import Cameras, Capture
 from tests.benchmarks.comparison.captures import TAKES, filmed
 from tests.benchmarks.holdout import leave_one_camera_out
+from tests.benchmarks.kept_parts import kept_metrics
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.recordings import ABSENT, BALANCING_TRIAL, recordings_folder
 
@@ -50,7 +52,12 @@ def run() -> list[Metric]:
     folder = recordings_folder()
     if not (folder / CALISCOPE).is_dir():
         raise BenchmarkSkipped("The recordings are not here.", hint=ABSENT)
-    return [*by_board(folder / CALISCOPE), *lenses(folder / PICTURES), *by_person(), *real(folder / BALANCING_TRIAL)]
+    parts = {
+        "board": partial(by_board, folder / CALISCOPE), "lenses": partial(lenses, folder / PICTURES),
+        "person": by_person, "real": partial(real, folder / BALANCING_TRIAL),
+    }  # fmt: skip
+    found = (kept_metrics("tests.benchmarks.bench_calibration", name, measure) for name, measure in parts.items())
+    return [metric for metrics in found for metric in metrics]
 
 
 def by_board(folder: Path) -> list[Metric]:

@@ -18,6 +18,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud, Motion
+from tests.benchmarks.kept_parts import kept_metrics
 from tests.benchmarks.marker_takes import coverage, joint_angles, speed
 from tests.benchmarks.marker_takes.held_out import held_out, pooled, report
 from tests.benchmarks.marker_takes.rigid_bones import HINGES, flexion_in_bones, motion_in_bones
@@ -30,9 +31,14 @@ from tests.support.recordings import recordings_folder
 
 
 def run() -> list[Metric]:
-    """Measure and print the tables."""
+    """Measure and print the tables; each part is kept, so that a run that was stopped goes on."""
     folder()
-    return [*_held_out(), *_spoiled(), *_skeleton(), *_angles(), *_coverage(), *_speed()]
+    parts = {
+        "held out": _held_out, "spoiled": _spoiled, "skeleton": _skeleton, "angles": _angles, "coverage": _coverage,
+        "speed": _speed,
+    }  # fmt: skip
+    found = (kept_metrics("tests.benchmarks.bench_markers", name, measure) for name, measure in parts.items())
+    return [metric for metrics in found for metric in metrics]
 
 
 def _held_out() -> list[Metric]:

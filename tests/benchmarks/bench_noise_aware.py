@@ -13,6 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
@@ -32,9 +33,11 @@ from solver_backend.types import Capture, MarkerCloud, Motion
 from tests.benchmarks.comparison.landmark_takes import NOISES, LandmarkTake
 from tests.benchmarks.comparison.runs import ROOT
 from tests.benchmarks.comparison.validation_takes import take_named, training_take
+from tests.benchmarks.kept_parts import kept
 from tests.benchmarks.metric import Metric
 
 OUT = ROOT / "build" / "bench_noise_aware"
+NAME = "tests.benchmarks.bench_noise_aware"
 FRAMES, STEP = 20, 2
 """Frames of a take, and how many recorded ones each is apart."""
 SEEDS = (0, 1, 2)
@@ -56,26 +59,40 @@ Solver = Callable[[Problem], Motion]
 
 def run() -> list[Metric]:
     """Search α, solve everything, write the tables."""
-    alpha, searched = best_alpha()
+    alpha, tried = kept(NAME, "alpha", _searched)
+    searched = {float(key): error for key, error in tried}
     takes = [LandmarkTake.of(_at_30_hz(name, start), number) for number, (name, start) in enumerate(TAKES)]
     rows = {
-        (noise, points, method): median_row(
-            [mean_row([judged(take, noise, joints, solver, _seed(seed, n)) for n, take in enumerate(takes)])
-             for seed in SEEDS]
+        (noise, points, method): kept(
+            NAME, f"{noise}, {points}, {method}, alpha {alpha:g}", partial(_row, takes, noise, joints, solver)
         )
         for noise in NOISES
         for points, joints in SETS.items()
         for method, solver in solvers(alpha).items()
     }  # fmt: skip
-    roads = {
-        name: median_row(
-            [mean_row([of_cloud(take, solver, _seed(seed, n)) for n, take in enumerate(takes)]) for seed in SEEDS]
-        )
-        for name, solver in cloud_solvers().items()
-    }
+    roads = {name: kept(NAME, name, partial(_road, takes, solver)) for name, solver in cloud_solvers().items()}
     OUT.mkdir(parents=True, exist_ok=True)
     (OUT / "tables.md").write_text(as_text(rows, roads, alpha, searched), encoding="utf-8")
     return metrics_of(rows, roads, alpha)
+
+
+def _searched() -> tuple[float, list[tuple[float, float]]]:
+    alpha, tried = best_alpha()
+    return alpha, list(tried.items())
+
+
+def _row(takes: list[LandmarkTake], noise: str, joints: bool, solver: Solver) -> Row:
+    rows = [
+        mean_row([judged(take, noise, joints, solver, _seed(seed, n)) for n, take in enumerate(takes)])
+        for seed in SEEDS
+    ]
+    return median_row(rows)
+
+
+def _road(takes: list[LandmarkTake], solver: Callable[[Capture], Motion]) -> Row:
+    return median_row(
+        [mean_row([of_cloud(take, solver, _seed(seed, n)) for n, take in enumerate(takes)]) for seed in SEEDS]
+    )
 
 
 def _at_30_hz(name: str, start: int) -> Take:

@@ -9,10 +9,12 @@ import hashlib
 import json
 import sys
 from collections.abc import Callable
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from tests.benchmarks.comparison.code_version import PACKAGES, ROOT, code_version
+from tests.benchmarks.metric import Metric
 
 FOLDER = ROOT / "build" / "bench_parts"
 
@@ -35,3 +37,8 @@ def kept(module: str, part: str, measure: Callable[[], Any], folder: Path = FOLD
         sys.stdout.write(f"  {part}: measured\n")
         sys.stdout.flush()
     return found
+
+
+def kept_metrics(module: str, part: str, measure: Callable[[], list[Metric]]) -> list[Metric]:
+    """Return the figures of a part of a benchmark, measured now or by the same code before; see ``kept``."""
+    return [Metric(**row) for row in kept(module, part, lambda: [asdict(metric) for metric in measure()])]
