@@ -14,7 +14,7 @@ VIEWS, KEYS, TAKES = (2, 3, 4, 8), (2, 3, 4), ("exercises", "dance")
 WRITTEN = {
     "README.md": {
         r"joints, unseen people.*\| ([\d.]+) mm \|": [("bundle", "mpjpe_mm")],
-        r"points, exact detections \| ([\d.]+) mm": [("floor", "exact_points_mm")],
+        r"exact detections \| ([\d.]+) mm": [("floor", "exact_points_mm")],
         r"rigid filling \| ([\d.]+) to ([\d.]+) times": [
             ("markers", "cmu_41_mean_share"), ("markers", "plug-in_gait_39_mean_share")],
         r"confidence ellipsoids \| ([\d.]+) %": [("markers", "held95")],

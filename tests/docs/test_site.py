@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import os
 import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+from supply.site_hooks import RECORDS, RECORDS_BOOST
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -26,7 +29,10 @@ def test_the_site_is_built_without_a_warning(tmp_path: Path) -> None:
     assert "solver_backend.fitters.pipeline.solve" in (tmp_path / "site" / "reference" / "python-api.html").read_text(
         encoding="utf-8"
     )
-    assert (tmp_path / "site" / "search" / "search_index.js").is_file()
+    index = (tmp_path / "site" / "search" / "search_index.js").read_text(encoding="utf-8")
+    found = json.loads(index[index.index("{") : index.rindex("}") + 1])["docs"]
+    assert {entry.get("boost", 1) for entry in found if entry["location"].startswith(RECORDS)} == {RECORDS_BOOST}
+    assert {entry.get("boost", 1) for entry in found if entry["location"].startswith("tutorials/")} == {1}
 
 
 def test_a_broken_link_breaks_the_build(tmp_path: Path) -> None:
