@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.exchange.diagnostics import Severity
+from solver_backend.exchange.diagnostics import Severity, sentence
 from solver_backend.report.marker_plausibility import marker_plausibility
 from solver_backend.types import MARKER_GHOST
 from tests.support.solved import solved
@@ -32,6 +32,7 @@ def test_a_body_far_from_its_markers(place: str, millimetres: float, code: str) 
     assert [item.code for item in found] == ([code] if code else [])
     if code:
         assert found[0].severity is (Severity.ERROR if code == "markers_impossible" else Severity.WARNING)
+        assert "subject file" in sentence(found[0])
 
 
 def test_one_marker_that_is_far_always_or_for_a_while_is_named() -> None:

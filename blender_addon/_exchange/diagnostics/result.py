@@ -125,8 +125,9 @@ RESULT: dict[str, DiagnosticEntry] = {
     ),
     "markers_far": warning(
         "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
-        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
-        "Check the labels, and look at the recording in the program that wrote it.",
+        "Labels or axes are wrong, tracks are shifted in time, the subject file is of somebody else, or the points are "
+        "not of a person.",
+        "Check the labels and the subject file, and look at the recording in the program that wrote it.",
     ),
     "marker_far": warning(
         "The marker {marker} is {size:.0f} mm (median) from where the body has it",
@@ -145,8 +146,9 @@ RESULT: dict[str, DiagnosticEntry] = {
     ),
     "markers_impossible": error(
         "The solved body is {size:.0f} mm (median) from the {kind}; it follows them within {limit:.0f} mm elsewhere",
-        "Labels or axes are wrong, tracks are shifted in time, or the points are not of a person.",
-        "Check the labels, and look at the recording in the program that wrote it.",
+        "Labels or axes are wrong, tracks are shifted in time, the subject file is of somebody else, or the points are "
+        "not of a person.",
+        "Check the labels and the subject file, and look at the recording in the program that wrote it.",
     ),
     "camera_disagrees": warning(
         "Camera {camera} disagrees with the others: {size:.1f} px against {usual:.1f} px",
