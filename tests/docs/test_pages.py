@@ -73,13 +73,16 @@ def sentences(text: str) -> list[str]:
     return [part for whole in plain for part in re.split(r"(?<=[.!?])\s+(?=[A-Z\[])", whole)]
 
 
-@pytest.mark.parametrize("page", sorted({README, *PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
+READ_THROUGH = sorted({README, ROOT / "CONTRIBUTING.md", ROOT / "SECURITY.md", *PAGES} - GENERATED - KEPT)
+
+
+@pytest.mark.parametrize("page", READ_THROUGH, ids=lambda page: page.name)
 def test_a_sentence_is_read_in_one_breath(page: Path) -> None:
     long = [part for part in sentences(page.read_text(encoding="utf-8")) if len(part.split()) > MOST_WORDS]
     assert not long, f"more than {MOST_WORDS} words: {long}"
 
 
-@pytest.mark.parametrize("page", sorted({README, *PAGES} - GENERATED - KEPT), ids=lambda page: page.name)
+@pytest.mark.parametrize("page", READ_THROUGH, ids=lambda page: page.name)
 def test_a_paragraph_has_three_figures_at_most(page: Path) -> None:
     crowded = [
         text for text in paragraphs(page.read_text(encoding="utf-8")) if len(FIGURE.findall(text)) > MOST_FIGURES
