@@ -14,16 +14,16 @@ _HEAD = """# Diagnostics
 What the reader of a capture, a solve and the check of its result can find. The console, the report, Blender's panel
 and `--json` show the same list; the words below are the ones they use, with the names and figures of the take.
 
-- **error**: the input or the result is refused, nothing is written. Results with {refusals}
-  are surely useless; `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in the `settings` of a
-  job, or *Accepted Faults* in the panel takes one as a warning instead.
+- **error**: the input or the result is refused, nothing is written. Some results are surely useless: {refusals}.
+  To take one as a warning instead, use `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in
+  the `settings` of a job, or *Accepted Faults* in the panel.
 - **warning**: the result may be wrong. `solve` ends with every warning on a line and "Look at …". With `--strict`,
   `"strict": true` in a job file, or with `batch --strict` it refuses the result: exit code 3, nothing is written.
 - **note**: worth knowing. A solve whose last line is "OK" may have notes.
 
-With `--json` each is an object with `code`, `severity`, `where` (`file`, `frames` as pairs of first and last,
-`cameras`, `markers`, `joints`, `person`; empty ones are left out), `values` and `remedy`: what the program did about
-it, {remedies}. A motion file holds the list in `provenance` under `diagnostics`.
+With `--json` each is an object with `code`, `severity`, `where`, `values` and `remedy`. `where` holds `file`, `frames`
+as pairs of first and last, `cameras`, `markers`, `joints` and `person`; empty ones are left out. `remedy` is what the
+program did about it: {remedies}. A motion file holds the list in `provenance` under `diagnostics`.
 A program of another version shows a code that it does not know by its name."""
 
 

@@ -135,7 +135,13 @@ def published_page() -> str:
     """Return the page."""
     found = rows()
     total = counts(found)
-    parts = [_HEAD, "", ", ".join(f"{number} {name}" for name, number in total.items()) + "."]
+    parts = [
+        _HEAD,
+        "",
+        f"| {' | '.join(total)} |",
+        "|---" * len(total) + "|",
+        f"| {' | '.join(map(str, total.values()))} |",
+    ]
     for source in dict.fromkeys(row.source for row in found):
         parts += ["", f"## {source}", ""]
         parts += ["| table | comparison | published | here | verdict | benchmark, day |", "|---|---|---|---|---|---|"]

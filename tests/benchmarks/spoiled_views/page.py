@@ -23,8 +23,8 @@ python -m tests.benchmarks.bench_spoiled --record spoiled.jsonl
 python -m tests.benchmarks.bench_spoiled --record spoiled.jsonl --page docs/research-log/spoiled_captures.md
 ```
 """
-_TABLE = "| kind | captures | solved | warned | refused | silent | median, unspoiled (mm) | tilt, largest (°) |\n"
-_TABLE += 8 * "|---" + "|"
+_TABLE = "| kind | solved | warned | refused | silent | median, unspoiled (mm) | tilt, largest (°) |\n"
+_TABLE += 7 * "|---" + "|"
 _STATES = "solved", "warned", "refused", "silent"
 
 
@@ -47,5 +47,5 @@ def _line(kind: str, rows: Sequence[dict[str, Any]]) -> str:
     counts = [sum(row["state"] == state for row in rows) for state in _STATES]
     errors = [float(np.nanmedian([row[key] for row in rows])) for key in ("error_mm", "unspoiled_mm")]
     tilts = [tilt for row in rows if np.isfinite(tilt := row.get("tilt_deg", float("nan")))]
-    cells = [kind, str(len(rows)), *map(str, counts), f"{errors[0]:.1f}, {errors[1]:.1f}"]
+    cells = [kind, f"{counts[0]} of {len(rows)}", *map(str, counts[1:]), f"{errors[0]:.1f}, {errors[1]:.1f}"]
     return f"| {' | '.join([*cells, f'{max(tilts):.1f}' if tilts else 'not measured'])} |"
