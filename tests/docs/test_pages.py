@@ -47,6 +47,12 @@ def links(page: Path) -> list[tuple[Path, str]]:
     return [((page.parent / target).resolve() if target else page, anchor) for target, anchor in found]
 
 
+@pytest.mark.parametrize("page", sorted((ROOT / "docs" / "how-to").glob("*.md")), ids=lambda page: page.name)
+def test_a_how_to_begins_with_its_case(page: Path) -> None:
+    title, empty, case = page.read_text(encoding="utf-8").splitlines()[:3]
+    assert title.startswith("# ") and not empty and re.match(r"\*You[r ]", case), "as in *You have one video …*"
+
+
 def test_the_readme_is_a_front_door() -> None:
     assert len(README.read_text(encoding="utf-8").splitlines()) <= 90
 
