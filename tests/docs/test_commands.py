@@ -48,7 +48,7 @@ def wrong_options(program: str, words: list[str]) -> list[str]:
 
 
 def test_the_pages_hold_commands_of_both_programs() -> None:
-    assert len(LISTED) > 60
+    assert len(LISTED) > 90
     assert {program for _, program, _ in LISTED} == {"solver_backend", "blender_addon"}
 
 
@@ -68,3 +68,8 @@ def test_a_wrong_command_is_found() -> None:
     [(program, words)] = commands("Run `.venv/bin/python -m solver_backend solve capture \\\n  --speed 3`.")
     assert (program, words) == ("solver_backend", ["solve", "capture", "--speed", "3"])
     assert wrong_options(program, words) == ["--speed"]
+
+
+def test_each_line_of_a_block_is_a_command() -> None:
+    found = commands("```sh\npython -m solver_backend info a\npython -m blender_addon bake b --out c\n```")
+    assert [words[0] for _, words in found] == ["info", "bake"]

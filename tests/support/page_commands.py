@@ -6,7 +6,7 @@ import re
 import shlex
 from collections.abc import Iterator
 
-COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|]*)")
+COMMAND = re.compile(r"(?<![\w/])(?:\S*python[\d.]*(?:\.exe)? -m (solver_backend|blender_addon)) ([a-z][^`|\n]*)")
 
 
 def commands(text: str) -> Iterator[tuple[str, list[str]]]:
