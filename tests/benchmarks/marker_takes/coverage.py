@@ -1,4 +1,4 @@
-"""Whether the told ellipsoids hold the true joints of synthetic takes as often as they promise.
+"""Whether the stated ellipsoids hold the true joints of synthetic takes as often as they promise.
 
 Every take is of another person in one of three layouts, markers stuck on a centimetre off their places, skin sliding.
 ``python -m tests.benchmarks.marker_takes.coverage`` prints by joint what does not average out (``OF_MARKERS_M``): the
@@ -8,6 +8,7 @@ level at which a half and four fifths of other takes' errors lie inside.
 from __future__ import annotations
 
 import sys
+from functools import partial
 
 import numpy as np
 
@@ -22,6 +23,7 @@ from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bur
 from solver_backend.synthesis.faults import OPTICAL_MARKERS
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.comparison.judgement import HELD, coverage
+from tests.benchmarks.kept_parts import kept
 
 SEEDS, TUNING_SEEDS = (*range(300, 312), *range(400, 424)), (*range(100, 118), *range(200, 212))
 """A calibration errs alike in all frames, so a take is one sample, whose share inside 95 % varies by 9 points. Seed
@@ -53,12 +55,16 @@ def stranger(seed: int) -> RecordedMarkers:
 
 def held() -> dict[str, float]:
     """Return the percentage of true joints inside the 50, 80 and 95 % ellipsoids, the mean over takes."""
-    rows = []
-    for seed in SEEDS:
-        take = stranger(seed)
-        motion = solve(Capture("take", markers=take.cloud)).motion
-        rows.append(coverage(motion.joints, take.joints, motion.joint_covariance))
+    name = "tests.benchmarks.marker_takes.coverage"
+    rows = [kept(name, f"seed {seed}", partial(_held_by, seed), quiet=True) for seed in SEEDS]
     return {key: float(np.mean([row[key] for row in rows])) for key in rows[0]}
+
+
+def _held_by(seed: int) -> dict[str, float]:
+    take = stranger(seed)
+    motion = solve(Capture("take", markers=take.cloud)).motion
+    found = coverage(motion.joints, take.joints, motion.joint_covariance)
+    return {key: float(value) for key, value in found.items()}
 
 
 def constants_mm() -> dict[str, float]:
