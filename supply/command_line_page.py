@@ -5,9 +5,11 @@ from __future__ import annotations
 import argparse
 from collections import Counter
 from collections.abc import Iterator
+from itertools import groupby
 
 from blender_addon.headless.arguments import SOLVERS_VERBS
 from blender_addon.headless.arguments import parser as blender_parser
+from blender_addon.headless.verb_table import VERBS
 from solver_backend.cli.arguments import build_parser
 from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.setting_options import ROWS, help_of
@@ -37,10 +39,12 @@ def command_line_page() -> str:
             )
     parts += ["### Options of many verbs", "", *_table(_shared_actions(solver))]
     parts += ["", "## The Blender side: `python -m blender_addon VERB`", ""]
-    for verb, own in blender.items():
-        parts += _describe(verb, own, _shared(blender), "")
-        if verb in SOLVERS_VERBS:
-            parts += [f"Takes every option of the solver's [`{verb}`](#{verb}).", ""]
+    for task, rows in groupby(VERBS.items(), key=lambda item: item[1].task):
+        parts += [f"### {task}", ""]
+        for verb, row in rows:
+            parts += _describe(verb, blender[verb], _shared(blender), f"python -m blender_addon {row.example}")
+            if verb in SOLVERS_VERBS:
+                parts += [f"Takes every option of the solver's [`{verb}`](#{verb}).", ""]
     parts += ["### Options of many verbs of the Blender side", "", *_table(_shared_actions(blender))]
     return "\n".join([*parts, "", "## Exit codes and JSON", "", "```text", EPILOG, "```", ""])
 
