@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,6 +19,7 @@ from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of
 from solver_backend.synthesis.studio.stage import set_up
 from solver_backend.synthesis.studio.truth import SELF_HIDDEN, VISIBLE, find_truth, true_motion
+from solver_backend.synthesis.studio.writers.scene_file import write_body
 from solver_backend.types import SMPL_JOINTS, JointSet
 
 
@@ -132,3 +135,20 @@ def test_clean_is_the_truth_and_every_fault_has_its_size() -> None:
     assert np.isnan(error).all(axis=-1).mean() == pytest.approx(0.1, abs=0.04)
     again = perturbed_capture(spec, stage, truth, clean)
     assert np.array_equal(again.keypoints.xy, found.keypoints.xy, equal_nan=True)
+
+
+def test_a_body_of_other_joints_is_read_back_with_them(tmp_path) -> None:
+    body = load_body()
+    tail = replace(
+        body.layout, name="tailed", joints=(*body.layout.joints, "tail"), parents=(*body.parents, 0),
+        groups=(*body.layout.groups, "tail"), resting=(),
+    )  # fmt: skip
+    tailed = replace(
+        body, id="tailed", layout=tail, weights=np.pad(body.weights, ((0, 0), (0, 1))),
+        J_regressor=np.vstack([body.J_regressor, body.J_regressor[:1]]),
+        posedirs=np.pad(body.posedirs, ((0, 0), (0, 0), (0, 9))),
+    )  # fmt: skip
+    for name, one in (("ours", body), ("tailed", tailed)):
+        found = load_body(write_body(tmp_path / f"{name}.npz", one)).layout
+        assert (found.joints, found.parents, found.groups) == (one.layout.joints, one.parents, one.layout.groups)
+        assert found == body.layout or one is tailed

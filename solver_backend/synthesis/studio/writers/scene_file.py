@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.exchange.body_layout import FAMILY
 from solver_backend.exchange.npz import write_npz
 from solver_backend.synthesis.studio.scene.costume import LABELS
 from solver_backend.synthesis.studio.stage import Stage
@@ -30,14 +31,18 @@ def write_scene(path: Path, stage: Stage) -> Path:
 
 
 def write_body(path: Path, body: Body) -> Path:
-    """Write a body that is not the one that ships, with SMPL's key names."""
-    parents = np.array([0 if p < 0 else p for p in body.parents])
+    """Write a body that is not the one that ships, as ``load_body`` reads it; joints outside SMPL's by their names."""
+    layout = body.layout
+    known = FAMILY.get(layout.num_joints)
+    own = known is None or known.joints != layout.joints
+    joints = {"joint_names": np.array(layout.joints), "joint_groups": np.array(layout.groups)} if own else {}
     return write_npz(
         path,
-        {
+        joints
+        | {
             "v_template": body.v_template.astype(np.float32), "shapedirs": body.shapedirs.astype(np.float32),
             "posedirs": body.posedirs.astype(np.float32), "J_regressor": body.J_regressor.astype(np.float32),
             "weights": body.weights.astype(np.float32), "f": body.faces.astype(np.int32),
-            "kintree_table": np.stack([parents, np.arange(len(parents))]), "body_id": np.array(body.id),
+            "kintree_table": np.stack([layout.parents, np.arange(layout.num_joints)]), "body_id": np.array(body.id),
         },
     )  # fmt: skip
