@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -67,3 +67,21 @@ def format_of(name: str) -> Format:
     if name not in FORMATS:
         raise NothingToExport(f"There is no format '{name}'.", hint=f"Known formats: {', '.join(FORMATS)}.")
     return FORMATS[name]
+
+
+def file_names(stem: str, formats: Sequence[str]) -> dict[str, str]:
+    """Return the file's name of each format; of several with one suffix the later ones carry their format's name.
+
+    Args:
+        stem: of the files.
+        formats: their names.
+
+    Raises:
+        NothingToExport: see ``format_of``.
+    """
+    found: dict[str, str] = {}
+    for name in formats:
+        suffix = format_of(name).suffix
+        plain = f"{stem}{suffix}"
+        found[name] = f"{stem}_{name}{suffix}" if plain in found.values() else plain
+    return found

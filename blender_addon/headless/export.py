@@ -52,12 +52,12 @@ def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
     from ..body.looks import show_look
     from ..body.sliders import body_mesh
     from ..export.take import take_of
-    from ..export.write import export_take, format_of
+    from ..export.write import export_take, file_names
 
-    suffixes = {name: format_of(name).suffix for name in request.formats}
+    names = file_names(request.source.stem, request.formats)
     if not request.source.is_file():
         raise FileMissing("There is no such file.", where=str(request.source), hint="Check the path.")
-    paths = {name: request.out / f"{request.source.stem}{suffix}" for name, suffix in suffixes.items()}
+    paths = {name: request.out / file_name for name, file_name in names.items()}
     _check_free(request, list(paths.values()))
     is_blend = request.source.suffix.lower() == ".blend"
     scene, armature = _open(request) if is_blend else _baked(request, progress)

@@ -23,7 +23,7 @@ from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.errors import ExporterMissing, ExportFailed, NothingToExport
 from blender_addon.export.formats import FORMATS
 from blender_addon.export.take import take_of
-from blender_addon.export.write import WRITERS, export_take
+from blender_addon.export.write import WRITERS, export_take, file_names
 from blender_addon.export.writers import alembic, usd
 from blender_addon.export.writers.blender_exporters import run_exporter
 from blender_addon.export.writers.bvh import euler_zxy
@@ -217,3 +217,11 @@ def test_axis_angles_of_matrices_at_all_angles() -> None:
     np.testing.assert_allclose(found[:3], (axis * angle)[:3], atol=1e-12)
     np.testing.assert_allclose(found[4:], (axis * angle)[4:], atol=1e-7)
     np.testing.assert_allclose(matrix_from_rotvec(found), matrix_from_rotvec(axis * angle), atol=1e-12)
+
+
+def test_two_formats_of_one_suffix_get_files_of_their_own():
+    names = file_names("take", ["amass", "fbx", "amass-x"])
+    assert names == {"amass": "take.npz", "fbx": "take.fbx", "amass-x": "take_amass-x.npz"}
+    assert file_names("take", ["amass-x"]) == {"amass-x": "take.npz"}
+    with pytest.raises(NothingToExport, match="no format 'xyz'"):
+        file_names("take", ["xyz"])
