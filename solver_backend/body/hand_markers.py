@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,23 @@ def hand_place(label: str) -> tuple[int, str] | None:
     """
     match = _LABEL.fullmatch(label.rsplit(":", 1)[-1].strip())
     return None if match is None else (("l", "r").index(match[1][0].lower()), match[2].upper())
+
+
+LEAST = 3
+"""Markers of one hand that make it one: a single label such as LMP1 may be a foot's."""
+
+
+def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
+    """Return the columns of the markers of hands by side and place; a side with fewer than ``LEAST`` has none.
+
+    Args:
+        labels: of all markers; of two with the same place the first counts.
+    """
+    found: dict[int, dict[str, int]] = {0: {}, 1: {}}
+    for column, label in enumerate(labels):
+        if (place := hand_place(label)) is not None:
+            found[place[0]].setdefault(place[1], column)
+    return {side: columns for side, columns in found.items() if len(columns) >= LEAST}
 
 
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:

@@ -57,6 +57,10 @@ _READ: dict[str, DiagnosticEntry] = {
         "The labels are joint centres of a skeleton: {count} of them are solved as such",
         "The file was written by a program that computed a skeleton.",
     ),
+    "labels_of_hands": note(
+        "Markers of hands: {left} on the left one, {right} on the right one",
+        "Labels such as L_FT2 name places of a hand. The fingers are solved from them, beside the body.",
+    ),
     "labels_of_no_layout": note(
         "Labels of no layout ({count}): {markers}",
         "Somebody named markers in words of their own.",

@@ -8,12 +8,10 @@ from types import MappingProxyType
 
 import numpy as np
 
-from solver_backend.body.hand_markers import hand_place
+from solver_backend.body.hand_markers import hand_columns, hand_place
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.types import MarkerCloud
 
-LEAST = 3
-"""Markers of one hand that make it one: a single label such as LMP1 may be a foot's."""
 NEAR_M = 0.06
 """Median distance of a marker without a place from the nearest one of a hand, up to which it is the hand's: half of a
 hand's length."""
@@ -47,11 +45,7 @@ def split_hands(
         own: the user's place by label, see ``read_label_places``.
     """
     labels = cloud.labels or ()
-    found: dict[int, dict[str, int]] = {0: {}, 1: {}}
-    for column, label in enumerate(labels):
-        if (place := hand_place(own.get(label, label))) is not None:
-            found[place[0]].setdefault(place[1], column)
-    found = {side: columns for side, columns in found.items() if len(columns) >= LEAST}
+    found = hand_columns([own.get(label, label) for label in labels])
     if not found:
         return cloud, None
     near = _near(cloud, found, own)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from solver_backend.body.hand_markers import hand_columns
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
@@ -16,6 +17,7 @@ from solver_backend.body.marker_names import (
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.hand_points import SIDES
 from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.subjects import of_subject
 from solver_backend.io.markers.take import MarkerTake
@@ -46,17 +48,18 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     except JobInvalid as error:
         raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
     labels, report = take.cloud.labels, take.report
-    names = (
-        None
-        if labels is None
-        else name_markers([label for label in labels if not is_unnamed(label)], places_by_side(take.cloud))
-    )
+    hands = hand_columns(labels or ())
+    of_hands = {column for columns in hands.values() for column in columns.values()}
+    of_body = [label for c, label in enumerate(labels or ()) if c not in of_hands and not is_unnamed(label)]
+    names = None if labels is None else name_markers(of_body, places_by_side(take.cloud))
+    of_sides = {name: len(hands.get(side, ())) for side, name in enumerate(SIDES)}
+    found = [diagnostic("labels_of_hands", **of_sides)] if hands else []
     return Capture(
         name=path.stem,
         markers=take.cloud,
         others=take.others,
         sources=(str(path),),
-        notes=(*report.notes, *_labels(names, report.unlabelled)),
+        notes=(*report.notes, *found, *_labels(names, report.unlabelled)),
         problems=(*report.problems, *([] if names is None else _few(names))),
     )
 

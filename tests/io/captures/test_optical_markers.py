@@ -50,6 +50,15 @@ def test_every_marker_is_in_the_capture_and_what_is_left_out_is_said(tmp_path, c
     assert capture.problems == ()
 
 
+def test_markers_of_hands_are_called_so_and_a_single_label_of_one_is_not(tmp_path, cloud):
+    hand = ("L_FT1", "L_FT2", "L_MP2", "L_MP5")
+    notes = {note.code: note for note in load_capture(write_c3d(tmp_path / "a.c3d", with_points(cloud, *hand))).notes}
+    assert notes["labels_of_hands"].values == {"left": 4, "right": 0}
+    assert "labels_of_no_layout" not in notes
+    notes = {note.code: note for note in load_capture(write_c3d(tmp_path / "b.c3d", with_points(cloud, "L_FT1"))).notes}
+    assert notes["labels_of_no_layout"].where.markers == ("L_FT1",) and "labels_of_hands" not in notes
+
+
 def test_options_reach_the_reader_and_own_files_keep_the_markers(tmp_path, cloud):
     path = write_trc(tmp_path / "take.trc", cloud, unit="cm", up_axis="y")
     capture = load_capture(path, fps=120.0, unit="cm", up_axis="y")
