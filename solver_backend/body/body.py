@@ -79,7 +79,7 @@ class Body:
 
 
 def load_body(path: Path | None = None) -> Body:
-    """Read a body from an ``.npz`` with SMPL's key names; ``docs/reference/file-formats.md`` lists them.
+    """Read a body from an ``.npz`` with SMPL's key names; ``docs/reference/body-file.md`` lists them.
 
     Raises:
         BodyInvalid: keys are missing, shapes or joint counts are wrong, or values are not finite.
@@ -173,7 +173,7 @@ def _layout(
     known = ", ".join(f"{count} ({layout.name})" for count, layout in FAMILY.items())
     raise BodyInvalid(
         f"kintree_table has {len(parents)} joints; {known} are expected.", where=where,
-        hint="A body outside the SMPL family names its joints in joint_names; see The body file in the file formats.",
+        hint="A body outside the SMPL family names its joints in joint_names; see docs/reference/body-file.md.",
     )  # fmt: skip
 
 
