@@ -15,8 +15,9 @@ from solver_backend.types.shapes import Float
 
 PRIOR = "hands"
 """Name in its weight file."""
-LIMIT_SIGMA = float(np.deg2rad(3.0))
-"""Standard deviation of what is beyond a range, radians: ranges of people differ by a few degrees."""
+LIMIT_SIGMA = float(np.deg2rad(1.0))
+"""Standard deviation of what is beyond a range, radians. Ranges hold what people differ by; with 3 degrees, detections
+that contradict each other bend a joint up to 17 degrees beyond (docs/research-log/hands.md)."""
 
 
 @dataclass(frozen=True)
@@ -42,11 +43,16 @@ class HandPrior:
     def equations(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return costs (n,), gradients (n, A) and Gauss-Newton matrices (n, A, A) at angles."""
         off = angles - self.mean
-        beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
         pulled = off @ self.precision
-        cost = 0.5 * (off * pulled).sum(1) + 0.5 * (beyond**2).sum(1) / LIMIT_SIGMA**2
-        matrix = self.precision + np.eye(NUM_ANGLES) * ((beyond != 0) / LIMIT_SIGMA**2)[:, None]
-        return cost, pulled + beyond / LIMIT_SIGMA**2, matrix
+        cost, gradient, stiffness = self.limits(angles)
+        matrix = self.precision + np.eye(NUM_ANGLES) * stiffness[:, None]
+        return cost + 0.5 * (off * pulled).sum(1), gradient + pulled, matrix
+
+    def limits(self, angles: Float[np.ndarray, "n a"]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return costs (n,), gradients (n, A) and second derivatives (n, A) of the ranges alone, at angles (n, A)."""
+        beyond = np.maximum(angles - self.high, 0.0) + np.minimum(angles - self.low, 0.0)
+        stiffness = (beyond != 0) / LIMIT_SIGMA**2
+        return 0.5 * (beyond**2 * stiffness).sum(1), beyond * stiffness, stiffness
 
     def completed(self, angles: Float[np.ndarray, "n a"]) -> Float[np.ndarray, "n a"]:
         """Return (n, A) angles whose unknown ones are the likeliest beside the known, within their ranges.

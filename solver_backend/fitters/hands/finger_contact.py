@@ -9,8 +9,9 @@ from solver_backend.types.shapes import Float
 
 GIVES_WAY_M = 0.002
 """Overlap that costs nothing: skin of fingers that lie side by side."""
-SIGMA_M = 0.002
-"""Standard deviation of what is beyond it: the breadth of fingers differs by so much between people."""
+SIGMA_M = 0.001
+"""Standard deviation of what is beyond it: half of what the breadth of fingers differs by between people, so that
+detections which contradict each other do not press fingers together."""
 
 
 def contact_equations(

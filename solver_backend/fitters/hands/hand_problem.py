@@ -88,10 +88,15 @@ class HandProblem:
         if found.shared is not None:
             rows = found.shared.reshape(*found.shared.shape[:2], -1) @ flat
             hessian -= np.swapaxes(rows, 1, 2) @ rows
+        # In every frame, not at the keys alone: a spline swings beyond them where no view shows the fingers.
+        held, pull, stiffness = self.prior.limits(states[:, FINGERS])
+        gradient[:, FINGERS] += pull
+        hessian[:, FINGERS, FINGERS] += np.eye(NUM_ANGLES) * stiffness[:, None]
+        cost = found.cost + held
         if self.keeps_apart:
             contact = contact_equations(points, jacobian)
-            return found.cost + contact[0], gradient + contact[1], hessian + contact[2]
-        return found.cost, gradient, hessian
+            return cost + contact[0], gradient + contact[1], hessian + contact[2]
+        return cost, gradient, hessian
 
     def jacobian(self, states: np.ndarray) -> Float[np.ndarray, "frames sites 3 d"]:
         """Return (F, L, 3, D) derivatives of the points by the states of all frames."""

@@ -7,10 +7,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.body.finger_overlap import finger_overlap
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
 from solver_backend.fitters.hands.hand_keys import FINGERS, SHIFT, TURN
 from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel
-from solver_backend.fitters.hands.solve_keys import frame_covariances, frame_states, solve_keys
+from solver_backend.fitters.hands.solve_keys import HandKeys, frame_covariances, frame_states, solve_keys
 from solver_backend.fitters.hands.start import initial_keys
 from solver_backend.fitters.keyframes.posterior import noise_inflation
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
@@ -29,6 +30,9 @@ CALIBRATION = 0.5
 ellipsoids hold 90 % of drawn finger joints at twice the studio's noise (docs/research-log/hands.md)."""
 CONSTANT_M = 0.004
 """Standard deviation per axis of what does not average out: others' bones, the calibration, a detector's bias."""
+
+THROUGH_M = 0.006
+"""Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
 
 
 @dataclass(frozen=True)
@@ -96,6 +100,8 @@ def solve_from(
         problem = with_learned_noise(problem, frame_states(model, found.keys), scale)
     model = replace(model, problem=problem)
     found = solve_keys(model, found.keys, (scale,), settings.iterations, alive)
+    if problem.keeps_apart:
+        found = untangled(model, found, scale, settings.iterations, alive)
     states, spread = frame_states(model, found.keys), frame_covariances(model, found.keys, scale)
     measured = problem.points(states)
     inflation = CALIBRATION * noise_inflation(measured, problem.term, scale, max(1, hand_window(problem.fps) // 2))
@@ -106,6 +112,30 @@ def solve_from(
         problem, states[:, TURN], states[:, SHIFT], states[:, FINGERS], points, covariance,
         informed_fingers(problem, spread), found.convergence,
     )  # fmt: skip
+
+
+def untangled(model: KeyModel, found: HandKeys, scale: float, iterations: int, alive: Callable[[], None]) -> HandKeys:
+    """Return keys whose fingers run through one another less, where any do: solved from relaxed fingers there.
+
+    Fingers that have passed through one another are kept on the wrong sides by what keeps them apart.
+
+    Args:
+        model: the hand.
+        found: its solved keys.
+        scale: of the last pass.
+        iterations: linearisations at most.
+        alive: called before each linearisation.
+    """
+    depth = finger_overlap(model.problem.points(frame_states(model, found.keys)))
+    deep = np.flatnonzero(depth > THROUGH_M)
+    if not len(deep):
+        return found
+    keys, window = found.keys.copy(), hand_window(model.problem.fps)
+    near = np.abs(model.layout.key_times[:, None] - deep).min(axis=1) <= window
+    keys[near if model.moving is None else near & model.moving, FINGERS] = model.problem.prior.mean
+    again = solve_keys(model, keys, (scale,), iterations, alive)
+    less = finger_overlap(model.problem.points(frame_states(model, again.keys))).max() < depth.max()
+    return again if less else found
 
 
 def with_learned_noise(problem: HandProblem, states: Float[np.ndarray, "frames d"], scale: float) -> HandProblem:

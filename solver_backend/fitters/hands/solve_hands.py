@@ -19,7 +19,7 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
 from solver_backend.fitters.hands.measured_hands import measure_hands
-from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
+from solver_backend.fitters.hands.solve_hand import THROUGH_M, SolvedHand, solve_hand
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import SolvedFrames
@@ -27,8 +27,6 @@ from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.runs import true_runs
 
 STAGE = "Hands"
-THROUGH_M = 0.006
-"""Overlap of two fingers that no skin gives way to: a third of a finger's breadth."""
 THROUGH_FRAMES = 3
 """Frames of a stretch that is named."""
 LEAST_FRAMES = 4

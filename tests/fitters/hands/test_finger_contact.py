@@ -10,9 +10,11 @@ import pytest
 from solver_backend.body.finger_overlap import PALM_M, RADIUS_M, finger_gaps, finger_overlap, nearest_points
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
 from solver_backend.fitters.hands.finger_contact import contact_equations
-from solver_backend.fitters.hands.hand_problem import HandProblem
-from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand
+from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel
+from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand, untangled
 from solver_backend.fitters.hands.solve_hands import through_fingers
+from solver_backend.fitters.hands.solve_keys import HandKeys, frame_states, solve_keys
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.residuals.positions import PositionTerm
 from tests.support.moving_hand import drawn_states, hand_problem
@@ -81,6 +83,29 @@ def test_a_solve_keeps_fingers_apart_that_noisy_points_press_together() -> None:
         assert bool(through_fingers(solved, 1)) == bool((deep[apart] > 0.006).sum() >= 3)
     assert np.median(deep[False]) > 0.0042
     assert np.median(deep[True]) < 0.0035
+
+
+def tangled(moving: np.ndarray | None = None) -> tuple[KeyModel, HandKeys]:
+    """Return keys whose fingers run through one another where nothing is measured."""
+    problem, states = pressed(1)
+    relaxed = states.copy()
+    relaxed[:, 6:] = problem.prior.mean
+    weight = np.zeros((24, 21))
+    weight[:6], weight[18:] = 1e5, 1e5
+    term = PositionTerm(problem.points(relaxed), weight)
+    model = KeyModel(replace(problem, term=term, keeps_apart=True), KeyframeLayout.even(24, 6), moving)
+    keys = states[np.round(model.layout.key_times).astype(int)]
+    return model, HandKeys(keys, 0.0, solve_keys(model, keys, (3.0,), 1, lambda: None).convergence)
+
+
+def test_fingers_that_passed_through_one_another_are_solved_again_from_relaxed_ones() -> None:
+    model, found = tangled()
+    again = untangled(model, found, 3.0, 20, lambda: None)
+    deep = [finger_overlap(model.problem.points(frame_states(model, keys))).max() for keys in (found.keys, again.keys)]
+    assert deep[0] > 0.006 > deep[1]
+    assert untangled(model, again, 3.0, 20, lambda: None) is again
+    model, found = tangled(np.zeros(len(found.keys), bool))
+    np.testing.assert_array_equal(untangled(model, found, 3.0, 20, lambda: None).keys, found.keys)
 
 
 def test_fingers_that_run_through_one_another_are_named_with_their_frames() -> None:

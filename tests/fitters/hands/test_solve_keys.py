@@ -114,3 +114,14 @@ def test_one_wrong_point_moves_nothing_far() -> None:
     others = [i for i in range(21) if i != 8]
     assert apart[:, others].max() < 0.008
     assert apart[:, 8].max() < 0.02
+
+
+def test_no_joint_goes_far_beyond_its_range_in_any_frame() -> None:
+    """Points that bend a finger backwards for a while, as a detector's do that takes a back for a palm."""
+    problem, states = hand_problem(24)
+    pip = FINGERS.start + int(np.flatnonzero((FINGER_OF == 1) & (JOINT_OF == 1))[0])
+    states[8:14, pip] = problem.prior.low[pip - FINGERS.start] - np.deg2rad(45.0)
+    bent = replace(problem, term=PositionTerm(problem.points(states), np.full((24, 21), 1.0 / 0.003**2)))
+    model = model_of(bent)
+    angles = frame_states(model, solved(model))[:, FINGERS]
+    assert np.rad2deg(np.maximum(bent.prior.low - angles, angles - bent.prior.high)).max() < 1.5
