@@ -81,6 +81,16 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("Known person, 42 markers, on one core", "markers", "known_person_a_core", "frames per second"),
         ("UI-PRMD, 474 takes: failed", "markers_ui_prmd", "failed_takes", "takes"),
     ),
+    "Hands": (
+        ("Fingertips, palms of 40 px in four views, measured noise (RMS)", "hands", "fingertips_rms_mm", "mm"),
+        ("Bends of knuckles and middle joints, the same (RMS)", "hands", "flexion_rms_deg", "°"),
+        ("True finger joints inside the 95 % ellipsoids", "hands", "in_ellipsoids_percent", "%"),
+        ("Bends from 26 markers a hand, recorded (RMS)", "hands", "hand26_flexion_rms_deg", "°"),
+        ("Bends from 10 markers a hand, recorded (RMS)", "hands", "hand10_flexion_rms_deg", "°"),
+        ("Body and hands against the body alone", "hands", "times_the_body_alone", "times its time"),
+        ("Find both hands in a picture, CPU time", "hand_detection", "two_hands_ms", "ms"),
+        ("Balancing videos: the right hand in two views or more", "hand_detection", "right_found_percent", "%"),
+    ),
     "In Blender": (
         ("Bake 10,000 frames of 24 bones, CPU time", "bake", "bake_cpu_s_10000_frames", "s"),
         ("Joints in Blender against the solver's, largest distance", "body", "joints_deviation_mm", "mm"),

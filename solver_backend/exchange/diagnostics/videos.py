@@ -19,6 +19,11 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "The hand at the {joint} is found in no picture",
         "It is hidden or gloved, it holds something, or it is smaller than about 15 pixels.",
     ),
+    "footage_late": note(
+        "The footage is {size:+d} pictures late of the detections",
+        "The videos were cut or converted after the detections were made: hands in them are where the detections have "
+        "the wrists so many frames before. The hands and the footage are moved in time.",
+    ),
     "camera_turns": note(
         "Camera {camera}: turns by up to {size:.1f}°; the detections are as if it had stayed as in the first picture",
         "The camera was panned or held by hand. The background beside the person shows by how much.",

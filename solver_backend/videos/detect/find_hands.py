@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
@@ -19,13 +19,22 @@ from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, Cameras, Capture, Keypoints2D
 from solver_backend.videos.detect.choice import DetectorChoice
+from solver_backend.videos.detect.footage_shift import footage_shift, in_time
 from solver_backend.videos.detect.process import DetectorProcess
-from solver_backend.videos.detect.search_hands import ArmsInViews, search_hands
+from solver_backend.videos.detect.search_hands import ArmsInViews, HandInCrop, search_hands
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.read import Picture, read_pictures
 
 _STEP = 25
 """Frames from one report of progress to the next; chosen by hand."""
+
+AGAIN_S = 0.05
+"""Seconds from one search for a hidden hand to the next: hands hide for longer, and each search costs up to six looks.
+See docs/research-log/hands.md."""
+
+ENOUGH = 2
+"""Views that had a hand, which locate it, so that the others look for it in turn. With 3, a tenth more looks find it in
+1 % more frames (docs/research-log/hands.md)."""
 
 
 def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = silent) -> Capture:
@@ -34,7 +43,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     Wrists and elbows are triangulated, or lifted where one view alone shows the person. In every view a crop is placed
     from them, or where the view itself has them, turned upright, mirrored for the left hand, and placed once more from
     what was found. Views that miss a hand look for it where two others agree that it is. Nobody else's hand is looked
-    for.
+    for. Footage that is some frames late or early of the detections is moved in time.
 
     Args:
         capture: calibrated cameras, keypoints and footage.
@@ -55,13 +64,16 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     hands[..., 2] = 0.0
     with DetectorProcess(choice) as process:
 
-        def look(crop: np.ndarray) -> tuple[np.ndarray, float]:
+        def look(crop: np.ndarray) -> HandInCrop:
             answer = process.detect(crop, 0.0)
-            return answer["points"].astype(np.float64), float(answer["presence"][0])
+            return HandInCrop(
+                answer["points"].astype(np.float64), float(answer["presence"][0]), float(answer["right"][0])
+            )
 
         for frame, pictures in pictures_of(capture):
             before = hands[:, frame - 1] if frame else None
-            hands[:, frame] = search_hands(pictures, cameras, arms.of(frame), look, before)
+            due = is_due(before, frame, round(capture.fps * AGAIN_S))
+            hands[:, frame] = search_hands(pictures, cameras, arms.of(frame), look, before, due)
             if frame % _STEP == 0:
                 progress("Finding hands", frame, keypoints.num_frames)
     progress("Finding hands", keypoints.num_frames, keypoints.num_frames)
@@ -69,7 +81,27 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     found += [
         _at_wrist("hand_not_found", side) for side in np.flatnonzero(wanted & ~(hands[..., 2] > 0).any((0, 1, 3)))
     ]
+    shift = footage_shift(hands, arms.detected[:, :, 1])
+    if shift:
+        firsts = capture.footage_first or (0,) * len(capture.footage)
+        hands, capture = in_time(hands, shift), replace(capture, footage_first=tuple(n + shift for n in firsts))
+        found.append(diagnostic("footage_late", size=shift, remedy=Remedy.REPAIRED))
     return replace(capture, keypoints=replace(keypoints, hands=hands), notes=(*capture.notes, *found))
+
+
+def is_due(before: np.ndarray | None, frame: int, every: int) -> np.ndarray | None:
+    """Return (C, 2) which views look for which hand: those that had it, others in turn where enough views had it.
+
+    Args:
+        before: (C, 2, 21, 3) hands of the frame before; None: all views look.
+        frame: number of the frame.
+        every: frames from one search for a hidden hand to the next.
+    """
+    if before is None or every <= 1:
+        return None
+    had = (before[..., 2] > 0).any(axis=-1)
+    turn = np.arange(had.size).reshape(had.shape)
+    return had | ((frame + turn) % every == 0) | (had.sum(axis=0) < ENOUGH)
 
 
 def seen_by_two(capture: Capture) -> dict[str, float]:

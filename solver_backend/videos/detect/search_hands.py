@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -29,8 +29,31 @@ SURE = 0.3
 SIGMA = 0.06
 """Standard deviation of a point, as a share of the hand's length in the picture, by which views agree on a hand."""
 
-Look = Callable[[np.ndarray], tuple[np.ndarray, float]]
-"""(224, 224, 3) crop -> (21, 2) points in it, and presence 0 to 1."""
+RIGHT, LEAST_TRUST = 0.5, 0.1
+"""A hand that looks less like a right one than this counts for less, in proportion, down to this share: points of a
+back that is taken for a palm are those of other fingers. Chosen on Pose2Sim's balancing videos, where it ends fingers
+that run through one another; of hands below 0.1 that face a view two thirds are turned about."""
+
+
+@dataclass(frozen=True)
+class HandInCrop:
+    """What a network finds in a crop."""
+
+    points: np.ndarray
+    """(21, 2) px of the crop, or of the picture."""
+    presence: float
+    """0 to 1: whether there is a hand."""
+    right: float = 1.0
+    """0 to 1: how much it looks like a right hand, as which every crop shows its hand."""
+
+    def counted(self) -> np.ndarray:
+        """Return (21, 3) points and what they count."""
+        trust = self.presence * min(1.0, max(LEAST_TRUST, self.right / RIGHT))
+        return np.column_stack([self.points, np.full(len(self.points), trust)])
+
+
+Look = Callable[[np.ndarray], HandInCrop]
+"""(224, 224, 3) crop -> what is in it."""
 
 
 @dataclass(frozen=True)
@@ -58,8 +81,9 @@ class ArmsInViews:
 
 
 def search_hands(
-    pictures: Mapping[int, np.ndarray], cameras: Cameras, arms: Arms, look: Look, before: np.ndarray | None = None
-) -> np.ndarray:
+    pictures: Mapping[int, np.ndarray], cameras: Cameras, arms: Arms, look: Look, before: np.ndarray | None = None,
+    due: np.ndarray | None = None,
+) -> np.ndarray:  # fmt: skip
     """Return (C, 2, 21, 3) x, y and confidence of both hands in each view; unseen where there is none.
 
     Args:
@@ -68,15 +92,18 @@ def search_hands(
         arms: of the frame.
         look: finds a hand in a crop.
         before: (C, 2, 21, 3) of the frame before: a hand that is still there is looked for once.
+        due: (C, 2) which views look for which hand; None: all look for both.
     """
+    due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = np.tile(np.array(UNSEEN_POINT), (len(cameras), 2, NUM_HAND_POINTS, 1))
     px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, arms.places, cameras.distortion_model)
     for view, rgb in pictures.items():
-        for side in range(len(SIDES)):
+        for side in np.flatnonzero(due[view]):
             earlier = None if before is None else before[view, side]
             found[view, side] = _at_arm(rgb, cameras, view, side, px[view], arms, look, earlier)
     for side in range(len(SIDES)):
-        _where_others_see_it(pictures, cameras, side, found, look)
+        looking = {view: rgb for view, rgb in pictures.items() if due[view, side]}
+        _where_others_see_it(looking, cameras, side, found, look)
     return found
 
 
@@ -103,9 +130,9 @@ def _at_arm(
         return any(float(np.linalg.norm(points[0, :2] - place[1])) < reach for place in places)
 
     if earlier is not None and earlier[0, 2] > 0:
-        points, presence = _in_crop(rgb, second_crop(earlier[:, :2], side), look)
-        if presence >= PRESENCE and near(points):
-            return np.column_stack([points, np.full(len(points), presence)])
+        again = _in_crop(rgb, second_crop(earlier[:, :2], side), look)
+        if again.presence >= PRESENCE and near(again.points):
+            return again.counted()
     for elbow, at in places:
         found = _looked_twice(rgb, first_crop(cameras, view, at, elbow, depth, side), side, look)
         if found is not None and near(found):
@@ -139,13 +166,13 @@ def _where_others_see_it(
 
 def _looked_twice(rgb: np.ndarray, crop: HandCrop, side: int, look: Look) -> np.ndarray | None:
     """Return (21, 3) of a hand in a crop about what a first look finds; None where the second sees no hand."""
-    points, presence = _in_crop(rgb, crop, look)
-    if presence < PLACED:
+    first = _in_crop(rgb, crop, look)
+    if first.presence < PLACED:
         return None
-    points, presence = _in_crop(rgb, second_crop(points, side), look)
-    return np.column_stack([points, np.full(len(points), presence)]) if presence >= PRESENCE else None
+    second = _in_crop(rgb, second_crop(first.points, side), look)
+    return second.counted() if second.presence >= PRESENCE else None
 
 
-def _in_crop(rgb: np.ndarray, crop: HandCrop, look: Look) -> tuple[np.ndarray, float]:
-    points, presence = look(crop.cut(rgb))
-    return crop.in_picture(points), presence
+def _in_crop(rgb: np.ndarray, crop: HandCrop, look: Look) -> HandInCrop:
+    seen = look(crop.cut(rgb))
+    return replace(seen, points=crop.in_picture(seen.points))

@@ -16,9 +16,9 @@ from solver_backend.videos.detect.child.pose_workers import litert_hands
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
 from solver_backend.videos.detect.choice import chosen_hand_detector
 from solver_backend.videos.detect.errors import DetectorMissing
-from solver_backend.videos.detect.find_hands import arms_of, pictures_of, seen_by_two
+from solver_backend.videos.detect.find_hands import arms_of, is_due, pictures_of, seen_by_two
 from solver_backend.videos.detect.hand_crops import HAND_M, SIDE, HandCrop, first_crop, second_crop
-from solver_backend.videos.detect.search_hands import Arms, Look, search_hands
+from solver_backend.videos.detect.search_hands import LEAST_TRUST, RIGHT, Arms, HandInCrop, Look, search_hands
 from solver_backend.videos.files.read import Picture
 from tests.support.fake_litert import FakeModel, install, sha256
 from tests.support.handed_take import handed_take
@@ -78,12 +78,14 @@ class Scene:
     def look(self, seen: np.ndarray, spent: list[tuple[int, int]], reach: float = 0.7) -> Look:
         """Return what finds hands whose middle lies in the crop's, in views and sides (C, 2) that show them."""
 
-        def find(rgb: np.ndarray) -> tuple[np.ndarray, float]:
+        def find(rgb: np.ndarray) -> HandInCrop:
             view, crop, side = placed.pop()
             spent.append((view, side))
             own = np.linalg.solve(crop.A, (self.truth[view, side] - crop.b).T).T
             inside = np.abs(own.mean(axis=0) - 0.5 * SIDE).max() < reach * 0.5 * SIDE
-            return (own, 0.9) if inside and seen[view, side] else (np.full((21, 2), 0.5 * SIDE), 0.01)
+            return (
+                HandInCrop(own, 0.9) if inside and seen[view, side] else HandInCrop(np.full((21, 2), 0.5 * SIDE), 0.01)
+            )
 
         return find
 
@@ -146,7 +148,7 @@ def test_a_view_that_misses_a_hand_finds_it_where_two_others_have_it(scene: Scen
     astray = replace(arms, detected=np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1))
     own, well = scene.look(every, [], 0.9), scene.look(every, [], 0.4)
 
-    def blind(rgb: np.ndarray) -> tuple[np.ndarray, float]:
+    def blind(rgb: np.ndarray) -> HandInCrop:
         """View 2 needs crops that sit well."""
         return own(rgb) if placed[-1][0] != 2 else well(rgb)
 
@@ -154,6 +156,21 @@ def test_a_view_that_misses_a_hand_finds_it_where_two_others_have_it(scene: Scen
     np.testing.assert_allclose(found[..., :2], scene.truth, atol=1e-6)
     alone = {2: scene.pictures[2]}
     assert not search_hands(alone, scene.cameras, astray, blind)[..., 2].any()
+
+
+@pytest.mark.parametrize(("right", "share"), [(0.9, 1.0), (0.5 * RIGHT, 0.5), (0.0, LEAST_TRUST)])
+def test_a_hand_that_looks_like_one_of_the_other_side_counts_for_less(scene: Scene, right: float, share: float) -> None:
+    look = scene.look(np.ones((4, 2), bool), [])
+    found = search_hands(scene.pictures, scene.cameras, scene.arms, lambda crop: replace(look(crop), right=right))
+    np.testing.assert_allclose(found[..., 2], 0.9 * share)
+
+
+def test_a_view_that_is_not_due_does_not_look(scene: Scene) -> None:
+    every, spent = np.ones((4, 2), bool), list[tuple[int, int]]()
+    due = every.copy()
+    due[2, 0] = False
+    found = search_hands(scene.pictures, scene.cameras, scene.arms, scene.look(every, spent), None, due)
+    assert (2, 0) not in spent and not found[2, 0, :, 2].any() and found[2, 1, :, 2].all()
 
 
 def test_a_hand_far_from_its_wrist_is_somebody_elses(scene: Scene) -> None:
@@ -170,6 +187,15 @@ def test_a_side_whose_wrist_no_views_agree_on_is_named() -> None:
     assert [(item.code, item.where.joints) for item in found] == [("hand_without_wrist", ("left_wrist",))]
     assert np.isfinite(arms.places[:, :, 1]).all()
     assert not arms_of(capture)[1]
+
+
+def test_a_view_that_misses_a_hand_of_two_others_looks_for_it_in_turn() -> None:
+    hands = np.zeros((4, 2, 21, 3))
+    hands[:3, 1, :, 2], hands[:1, 0, :, 2] = 0.9, 0.9
+    due = np.stack([is_due(hands, frame, 3) for frame in range(1, 7)])
+    assert due[:, :3].all() and due[:, 3, 0].all(), "hands that are there, and one that a single view has"
+    assert due[:, 3, 1].tolist() == [False, True, False] * 2
+    assert is_due(None, 0, 3) is None and is_due(hands, 1, 1) is None
 
 
 def test_shares_count_frames_that_two_views_show() -> None:
@@ -219,7 +245,7 @@ def test_the_worker_feeds_the_model_and_reads_its_points(litert: None, tmp_path:
     assert worker.about["licence"] == "Apache-2.0"
     found = worker.detect(np.full((224, 224, 3), 255, np.uint8), 0.0)
     np.testing.assert_array_equal(found["points"][1], [3.0, 4.0])
-    assert found["presence"] == [1.0]
+    assert found["presence"] == [1.0] and found["right"] == [0.0]
 
 
 def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert: None, tmp_path: Path) -> None:
@@ -227,7 +253,7 @@ def test_a_model_of_another_version_is_refused_by_its_hash_or_its_outputs(litert
     with pytest.raises(Refused, match="SHA-256 of other.tflite is [0-9a-f]{64}; it is not one of hand_landmark_full"):
         litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
     (tmp_path / "other.tflite").write_bytes(b"with other outputs")
-    with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers; \[63, 1\] are expected"):
+    with pytest.raises(Refused, match=r"hold \[1, 63, 1, 63\] numbers; \[63, 1, 1\] are expected"):
         litert_hands.LiteRtHands({"model": str(tmp_path / "other.tflite")})
 
 

@@ -30,7 +30,7 @@ class Hands:
     def detect(self, rgb, time_s):
         assert rgb.shape == (224, 224, 3)
         points = np.full((21, 2), 112.0) + 40.0 * np.random.default_rng(0).standard_normal((21, 2))
-        return {"points": points, "presence": np.array([0.9])}
+        return {"points": points, "presence": np.array([0.9]), "right": np.array([1.0])}
 
 if __name__ == "__main__":
     sys.exit(serve(Hands))

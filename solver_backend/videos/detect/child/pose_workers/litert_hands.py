@@ -17,7 +17,7 @@ MODELS = {
 }
 """SHA-256 of the models that are known."""
 _PACKAGE = "@mediapipe/hands 0.4.1675469240"
-_POINTS, _PRESENCE = 63, 1
+_POINTS, _PRESENCE, _RIGHT = 63, 1, 1
 
 
 class LiteRtHands:
@@ -25,13 +25,18 @@ class LiteRtHands:
 
     def __init__(self, options: dict[str, Any]) -> None:
         self._model = LiteRtModel(Path(options["model"]), MODELS, _PACKAGE, int(options.get("threads", 1)))
-        self._model.require_outputs([_POINTS, _PRESENCE])
+        self._model.require_outputs([_POINTS, _PRESENCE, _RIGHT])
         self.about = {"name": self._model.name, "licence": LICENCE, "num_keypoints": 21, "people": 1}
 
     def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
-        """Return the ``points`` (21, 2) of a crop (224, 224, 3), crop pixels, and their ``presence`` (1,), 0 to 1."""
-        points, presence, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
-        return {"points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1)}
+        """Return the ``points`` (21, 2) of a crop (224, 224, 3), crop pixels, and from 0 to 1 their ``presence`` (1,).
+
+        ``right`` (1,) is how much they look like a right hand's.
+        """
+        points, presence, right, *_ = self._model.run(rgb.astype(np.float32) / 255.0)
+        return {
+            "points": points.reshape(21, 3)[:, :2], "presence": presence.reshape(1), "right": right.reshape(1),
+        }  # fmt: skip
 
 
 if __name__ == "__main__":
