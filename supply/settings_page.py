@@ -39,5 +39,7 @@ def settings_page() -> str:
 def _row(name: str, row: Setting) -> str:
     panel = f"*{row.label}*" if row.in_panel else _ELSEWHERE[name]
     values = describe_range(row) or row.metavar or "on, off"
-    cells = (f"`{name}`", f"`{option(name)}`", panel, values, describe_default(name) or "–", f"{row.description}.")
+    alone = f" Of method {' and '.join(f'`{method}`' for method in row.methods)} alone." if row.methods else ""
+    what = f"{row.description}.{alone}"
+    cells = (f"`{name}`", f"`{option(name)}`", panel, values, describe_default(name) or "–", what)
     return f"| {' | '.join(cell.replace('|', chr(92) + '|') for cell in cells)} |"

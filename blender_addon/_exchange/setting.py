@@ -54,6 +54,8 @@ class Setting:
     """What stands for the value in help texts."""
     in_panel: bool = True
     """False where the panel has something of its own for it, such as sliders."""
+    methods: tuple[str, ...] = ()
+    """Methods of a solve in which it acts; of all where there is none."""
 
     @property
     def expected(self) -> str:
@@ -66,6 +68,10 @@ class Setting:
             "name_or_file": "a name or the path of a file", "texts": f"a list of {self.metavar}",
             "numbers": f"{self.count} numbers or null", "range": "the first and the last whole number, from 0",
         }[self.kind]  # fmt: skip
+
+    def acts_in(self, method: str) -> bool:
+        """Return whether it does anything in a method of a solve."""
+        return not self.methods or method in self.methods
 
     def accepts(self, value: Any) -> bool:
         """Return whether a value is valid; true and false are no numbers."""

@@ -10,13 +10,14 @@ from dataclasses import dataclass
 from typing import Any
 
 from .diagnostics.refusal import check_accepted
-from .setting import Choice, check_settings, known_values, setting
+from .setting import Choice, check_settings, defaults_of_class, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"
 """Groups; those of the first are what a preset of the panel chooses."""
+GLOBAL, SLIDING = "global", "sliding"
 METHODS = (
-    Choice("global", "Whole Take", "All keyframes of the take at once"),
-    Choice("sliding", "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
+    Choice(GLOBAL, "Whole Take", "All keyframes of the take at once"),
+    Choice(SLIDING, "Sliding Window", "Window after window, as published: for very long takes and for comparison"),
     Choice("frame", "Frame by Frame", "Every frame on its own: for single poses and for comparison"),
     Choice("noise-aware", "Noise-Aware", "Every frame on its own, each landmark's reliability estimated, as published"),
 )
@@ -58,37 +59,41 @@ class SolveSettings:
     """
 
     method: str = setting(
-        "choice", "global", "Method", "How frames are tied together", group=METHOD, choices=METHODS, metavar="NAME"
+        "choice", GLOBAL, "Method", "How frames are tied together", group=METHOD, choices=METHODS, metavar="NAME"
     )
     window: int = setting(
         "whole", 20, "Window", "Frames at 60 a second between the ends of a window of keyframes", group=METHOD,
-        low=4, high=240, unit="frames",
+        low=4, high=240, unit="frames", methods=(SLIDING,),
     )  # fmt: skip
     """Frames a window of 'sliding'; it holds a key at each end and ``interpolation`` - 1 between."""
     refine_window: int = setting(
         "whole", 10, "Refined Window", "The same for the last passes; fewer follow faster limbs", group=METHOD,
-        low=2, high=240, unit="frames",
+        low=2, high=240, unit="frames", methods=(GLOBAL,),
     )  # fmt: skip
     """The same for 'global', as a duration: so many frames at 60 a second, and down to 0.6 times as many in takes that
     are fast throughout, 0.4 where they are of markers."""
     interpolation: int = setting(
         "whole", 2, "Keys a Window", "Free keyframes of a sliding window, n of SIDER-n: 1 is SLERP, 2 as published",
-        group=METHOD, low=1, high=6,
+        group=METHOD, low=1, high=6, methods=(SLIDING,),
     )  # fmt: skip
     """Of 'sliding' alone (thesis 6.4); beyond 6 a polynomial of translations swings between its keys."""
     root_curve: str = setting(
         "choice", APART, "Root Curve", "How the root moves between the keyframes of a sliding window", group=METHOD,
-        choices=ROOT_CURVES, metavar="NAME",
+        choices=ROOT_CURVES, metavar="NAME", methods=(SLIDING,),
     )  # fmt: skip
     """Of 'sliding' alone."""
     residual_rotations: bool = setting(
-        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", group=METHOD
-    )
+        "switch", True, "Free Joints", "Let joints leave the manifold of learned poses a little", group=METHOD,
+        methods=(GLOBAL,),
+    )  # fmt: skip
     """In the refinement, let each joint leave the prior's manifold by a small rotation."""
-    contacts: bool = setting("switch", True, "Foot Contact", "Hold feet that stand to where they stand", group=METHOD)
-    learn_noise: bool = setting(
-        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view", group=METHOD
+    contacts: bool = setting(
+        "switch", True, "Foot Contact", "Hold feet that stand to where they stand", group=METHOD, methods=(GLOBAL,)
     )
+    learn_noise: bool = setting(
+        "switch", True, "Camera Weighting", "Learn how reliable each keypoint is in each view", group=METHOD,
+        methods=(GLOBAL,),
+    )  # fmt: skip
     """Without it all views of a keypoint count alike."""
     iterations: int = setting(
         "whole", 30, "Iterations", "Linearisations at most for each robust step", group=METHOD, low=1, high=200
@@ -102,12 +107,12 @@ class SolveSettings:
     smoothing: float = setting(
         "number", 1.0, "Smoothing",
         "How many times as smooth as recorded motion: 1 follows the detections, 3 is smooth, 10 loses detail",
-        group=CLEAN_UP, low=0.1, high=100, soft_high=10,
+        group=CLEAN_UP, low=0.1, high=100, soft_high=10, methods=(GLOBAL,),
     )  # fmt: skip
     """How many times as bounded accelerations are as those of recorded motion."""
     foot_lock: float = setting(
         "number", 1.0, "Foot Lock", "How many times as firmly standing feet are held where they stand", group=CLEAN_UP,
-        low=0.1, high=5,
+        low=0.1, high=5, methods=(GLOBAL,),
     )  # fmt: skip
     """Beyond 5 the equations grow too stiff, and feet slip again."""
     sync: str = setting(
@@ -163,6 +168,14 @@ class SolveSettings:
         """Names of the settings of curves between keyframes that are not as published."""
         published = (("interpolation", 2), ("root_curve", APART))
         return tuple(name for name, value in published if getattr(self, name) != value)
+
+    @property
+    def without_effect(self) -> tuple[str, ...]:
+        """Names of the settings that are not at their default and do nothing in the method."""
+        defaults, rows = defaults_of_class(SolveSettings), settings_of_class(SolveSettings)
+        return tuple(
+            name for name, row in rows.items() if not row.acts_in(self.method) and getattr(self, name) != defaults[name]
+        )
 
     @property
     def is_direct(self) -> bool:

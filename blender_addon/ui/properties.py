@@ -124,9 +124,14 @@ class MocapSolve(SettingProperties, bpy.types.PropertyGroup):
     )
     report: bpy.props.BoolProperty(name="Report", description="Write a page about the solve", default=True)
 
+    def acts(self, name: str) -> bool:
+        """Return whether a setting does anything in the method that is chosen; presets have the solver's own."""
+        return ROWS[name].acts_in(self.method if self.preset == "CUSTOM" else DEFAULTS["method"])
+
     def values(self) -> dict[str, Any]:
         """Return the job file's settings: those of the preset or one's own, and what else is not as it ships."""
-        method = panel_values(self, CHOSEN_BY_PRESETS) if self.preset == "CUSTOM" else PRESETS[self.preset]
+        acting = tuple(name for name in CHOSEN_BY_PRESETS if self.acts(name))
+        method = panel_values(self, acting) if self.preset == "CUSTOM" else PRESETS[self.preset]
         others = panel_values(self, tuple(name for name in ROWS if name not in CHOSEN_BY_PRESETS))
         return method | {name: value for name, value in others.items() if value != DEFAULTS[name]}
 

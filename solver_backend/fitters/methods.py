@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.chunked import Stretches
@@ -54,6 +55,8 @@ class Method:
     """Every frame is solved on its own, so that a take may be as short as one."""
     solves_one_view: bool = False
     """It solves a take of one camera."""
+    starts_at: bool = False
+    """It holds to a motion that it starts at, where the views show nothing."""
     has_curves: bool = False
     """The curves between its keyframes are those that are asked for; others smooth across windows."""
     fits_network: bool = False
@@ -80,7 +83,7 @@ def _solve_take(
 METHODS = {
     method.name: method
     for method in (
-        Method("global", _solve_take, solves_one_view=True),
+        Method("global", _solve_take, solves_one_view=True, starts_at=True),
         Method("sliding", solve_sliding_windows, has_curves=True),
         Method("frame", solve_single_frames, per_frame=True),
         Method("noise-aware", solve_noise_aware, finds_shape=True, per_frame=True, fits_network=True, prior=pose_prior),
@@ -118,6 +121,22 @@ def require_curves(settings: SolveSettings, where: str) -> None:
             f"The method '{settings.method}' has no setting {names}.", where=where,
             hint=f"Choose the method {able}, or leave {names} out.",
         )  # fmt: skip
+
+
+def require_start(settings: SolveSettings, where: str) -> None:
+    """Raise ``JobInvalid`` unless the method holds to a motion that it starts at."""
+    if not METHODS[settings.method].starts_at:
+        able = _named(method.name for method in METHODS.values() if method.starts_at)
+        raise JobInvalid(
+            f"The method '{settings.method}' does not start at a motion.", where=where,
+            hint=f"Choose the method {able}, or leave --start out.",
+        )  # fmt: skip
+
+
+def diagnose_settings(settings: SolveSettings, *, hands: bool) -> list[Diagnostic]:
+    """Return a warning that names the settings which do nothing in the method; views of hands weight cameras, too."""
+    idle = [name for name in settings.without_effect if not (hands and name == "learn_noise")]
+    return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
 
 
 def _named(names: Iterable[str]) -> str:

@@ -31,7 +31,14 @@ from solver_backend.fitters.measurements.meant_confidence import with_meant_conf
 from solver_backend.fitters.measurements.motion import measure_motion
 from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.measurements.network_landmarks import measure_directly
-from solver_backend.fitters.methods import METHODS, require_curves, require_network, require_one_view
+from solver_backend.fitters.methods import (
+    METHODS,
+    diagnose_settings,
+    require_curves,
+    require_network,
+    require_one_view,
+    require_start,
+)
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
@@ -114,6 +121,7 @@ def solve_problem(
     problem = replace(problem, measurements=named)
     solved, hands = solve_hands(problem.measurements, solved, settings, progress)
     props, found = solve_props(problem.measurements, solved, progress)
+    found = [*found, *diagnose_settings(settings, hands=problem.measurements.hands is not None)]
     prior = method.prior_of(problem)
     record = {
         "solver": VERSION,
@@ -218,6 +226,8 @@ def prepare(
             "A motion to start at is for takes of several cameras.", where=capture.name,
             hint="Leave --start out, or read the capture with the camera that was added.",
         )  # fmt: skip
+    if start is not None:
+        require_start(settings, capture.name)
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)

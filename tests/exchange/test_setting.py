@@ -50,3 +50,10 @@ def test_a_dataclass_of_ones_own_is_checked_alike():
     check_settings(Toy(2))
     with pytest.raises(JobInvalid, match=r"The setting speed = 3 is not valid; a number from 0\.5 to 2 is expected"):
         check_settings(Toy(3))
+
+
+def test_settings_act_in_the_methods_they_declare():
+    known = {choice.value for choice in ROWS["method"].choices}
+    assert all(set(row.methods) <= known for row in ROWS.values())
+    assert SolveSettings(method="frame", foot_lock=2.0, robust_scale=3.0).without_effect == ("foot_lock",)
+    assert SolveSettings(window=8).without_effect == ("window",)

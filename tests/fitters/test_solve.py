@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from solver_backend.evaluation.evaluate import evaluate
+from solver_backend.exchange.diagnostics import read_diagnostics, sentence
 from solver_backend.exchange.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
 from solver_backend.fitters import solve
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D
+from tests.support.short_motion import short_motion
 from tests.support.short_solves import QUICK, cut
 
 
@@ -144,6 +146,20 @@ def test_windows_of_three_keys_and_screws_are_for_the_sliding_method(capture):
     assert evaluate(short, motion).joints_mpjpe_mm < 40
     with pytest.raises(JobInvalid, match=r"'global' has no setting interpolation and root_curve.*method 'sliding'"):
         solve(short, replace(QUICK, **curves))
+
+
+def test_settings_without_effect_are_named(capture):
+    short = cut(capture, 0, 6)
+    given = replace(QUICK, method="frame", iterations=1, smoothing=3.0, window=30, contacts=False)
+    found = read_diagnostics(solve(short, given).motion.provenance["diagnostics"])
+    (named,) = [item for item in found if item.code == "setting_without_effect"]
+    assert named.severity == "warning"
+    assert sentence(named).startswith("The method 'frame' has no use for window, contacts, smoothing")
+
+
+def test_methods_that_hold_to_no_start_refuse_one(capture):
+    with pytest.raises(JobInvalid, match=r"'sliding' does not start at a motion.*method 'global'"):
+        solve(cut(capture, 0, 6), SolveSettings(method="sliding"), start=short_motion(6))
 
 
 def test_settings_name_what_is_wrong():

@@ -98,7 +98,9 @@ class VIEW3D_PT_mocap_clean_up(TakePanel, bpy.types.Panel):
             column = layout.column(align=True)
             column.enabled = not current.busy
             for name in names_of(CLEAN_UP):
-                column.prop(settings.solve, name)
+                row = column.row(align=True)
+                row.enabled = settings.solve.acts(name)
+                row.prop(settings.solve, name)
             column.operator(MOCAP_OT_solve.bl_idname, text="Solve Again", icon="FILE_REFRESH")
         else:
             layout.operator(MOCAP_OT_lock_feet.bl_idname, icon="LOCKED")

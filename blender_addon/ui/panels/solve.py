@@ -64,11 +64,11 @@ class VIEW3D_PT_mocap_solve_settings(StagePanel, bpy.types.Panel):
         return bool(settings.capture.file)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw the settings; of a preset its own values, greyed."""
+        """Draw the settings that act in the method; of a preset its own values, greyed."""
         layout, solve = self.layout, context.scene.mocap.solve
         settings_layout(layout, context)
         column = layout.column()
-        for name in CHOSEN_BY_PRESETS:
+        for name in filter(solve.acts, CHOSEN_BY_PRESETS):
             if solve.preset == "CUSTOM":
                 draw_setting(column, context, solve, name)
             else:

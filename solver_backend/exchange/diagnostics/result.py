@@ -9,6 +9,11 @@ _FAR_MARKERS = "Markers are labelled wrongly, exchanged or loose."
 _COMPARE = "Compare with the footage there."
 
 RESULT: dict[str, DiagnosticEntry] = {
+    "setting_without_effect": warning(
+        "The method '{method}' has no use for {settings}: nothing of the motion follows from it",
+        "The setting is one of another method.",
+        "Choose the method that has it, or leave the setting out.",
+    ),
     "one_camera": warning(
         "One camera: distance and the depth of limbs are estimated, not measured. Limbs are known to ± {size:.0f} cm "
         "along the line of sight, the person's size and distance to ± {share:.0f} %, from {source}",

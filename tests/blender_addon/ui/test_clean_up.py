@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import product
 from types import SimpleNamespace
 
 import bpy
@@ -33,7 +34,8 @@ def test_smoothing_and_foot_lock_are_options_of_every_solve(solved_take, mocap) 
 
 def test_every_setting_of_a_solve_is_drawn_in_a_panel(solved_take, mocap) -> None:
     mocap.solve.preset, drawn = "CUSTOM", list[str]()
-    for panel in (solve.VIEW3D_PT_mocap_solve_settings, review.VIEW3D_PT_mocap_clean_up):
+    panels = (solve.VIEW3D_PT_mocap_solve_settings, review.VIEW3D_PT_mocap_clean_up)
+    for mocap.solve.method, panel in product(("global", "sliding"), panels):
         layout = Layout()
         panel.draw(SimpleNamespace(layout=layout), NarrowContext(400))
         drawn += layout.drawn

@@ -45,6 +45,20 @@ def test_a_preset_shows_its_own_values_and_custom_those_that_can_be_set(solved_t
     assert "prop:MocapSolve.iterations" in layout.drawn
 
 
+def test_settings_without_effect_in_the_method_are_not_shown_and_not_sent(solved_take, mocap) -> None:
+    def drawn() -> list[str]:
+        layout = Layout()
+        solve.VIEW3D_PT_mocap_solve_settings.draw(SimpleNamespace(layout=layout), NarrowContext(400))
+        return [line for line in layout.drawn if line.startswith("prop:MocapSolve")]
+
+    mocap.solve.preset, mocap.solve.method, mocap.solve.interpolation = "CUSTOM", "sliding", 3
+    assert "prop:MocapSolve.interpolation" in drawn() and "prop:MocapSolve.refine_window" not in drawn()
+    assert mocap.solve.values()["interpolation"] == 3
+    mocap.solve.method = "global"
+    assert "prop:MocapSolve.root_curve" not in drawn() and "prop:MocapSolve.refine_window" in drawn()
+    assert "interpolation" not in mocap.solve.values()
+
+
 def test_the_run_under_way_is_on_top_with_its_cancel(mocap, monkeypatch) -> None:
     assert bpy.types.VIEW3D_PT_mocap_run.bl_order < bpy.types.VIEW3D_PT_mocap_capture.bl_order
     under_way = SimpleNamespace(
