@@ -11,7 +11,6 @@ import subprocess
 import sys
 import time
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,6 +19,7 @@ from solver_backend.exchange.unfinished import is_leftover, sweep
 from solver_backend.io.markers.read import read_markers
 from solver_backend.io.png import read_png
 from tests.kills.frames import lost_frames, recorded_frames
+from tests.kills.moments import Moment, follow
 from tests.kills.operation import Operation
 from tests.kills.operations import solve_command, write_solved
 from tests.kills.processes import MARK, wait_for_the_end
@@ -41,6 +41,8 @@ class Measured:
     seconds: float
     files: frozenset[str]
     """Everything that then lay in its folder."""
+    changes: int = 0
+    """How often that folder changed meanwhile."""
 
 
 def solved_folder(folder: Path) -> Path:
@@ -55,22 +57,24 @@ def measure(operation: Operation, folder: Path, solved: Path) -> Measured:
     """Let the operation end well once, and note how long that took and what lies there then."""
     _prepared(operation, folder, solved)
     start = time.monotonic()
-    ended = _resume(operation, folder)
-    if ended:
-        raise RuntimeError(f"{operation.name} does not end well undisturbed: {ended}")
+    process = _started(operation, folder)
+    changes = follow(folder, lambda: process.poll() is not None)
+    said = process.communicate()[1].decode("utf-8", "replace")
+    if process.returncode:
+        raise RuntimeError(f"{operation.name} ends undisturbed with exit code {process.returncode}: {said[-300:]}")
+    seconds = time.monotonic() - start
     files = frozenset(contents(folder))
     if not operation.outputs <= files:
         raise RuntimeError(f"{operation.name} did not write {sorted(operation.outputs - files)}")
-    return Measured(operation, time.monotonic() - start, files)
+    return Measured(operation, seconds, files, changes)
 
 
-def kill_once(measured: Measured, folder: Path, solved: Path, share: float) -> tuple[str, list[str]]:
-    """Kill the operation after a share of its time; return what was there then and everything that is wrong."""
+def kill_once(measured: Measured, folder: Path, solved: Path, moment: Moment) -> tuple[str, list[str]]:
+    """Kill the operation at a moment; return what was there then and everything that is wrong."""
     operation = measured.operation
     before = _prepared(operation, folder, solved)
     process = _started(operation, folder)
-    with suppress(subprocess.TimeoutExpired):
-        process.wait(share * measured.seconds)
+    follow(folder, lambda: process.poll() is not None, moment, measured.seconds)
     ended = process.poll() is not None
     process.kill()  # it alone, as a system short of memory does: what it has started must find out
     process.communicate()

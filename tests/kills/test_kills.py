@@ -4,11 +4,15 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+from tests.kills.__main__ import Kills
+from tests.kills.moments import Moment, drawn
 from tests.kills.operations import OPERATIONS, Operation
 from tests.kills.run import kill_once, measure, solved_folder
 
+EARLY, MIDDLE = Moment("early", 0.1), Moment("working", 0.5)
 WRITES_TWO = """
 import pathlib, sys, time
 from solver_backend.exchange.outputs import write_text
@@ -33,15 +37,16 @@ def stand_in(program: str, *outputs: str) -> Operation:
     return Operation("stand-in", prepare, ("-c", program), frozenset(outputs))
 
 
-@pytest.mark.parametrize("share", [0.1, 0.5, 0.8, 1.5])
-def test_whole_files_are_kept_and_the_others_made_again(tmp_path: Path, share: float) -> None:
+@pytest.mark.parametrize("moment", [EARLY, MIDDLE, Moment("writing", change=2, delay_s=0.01), Moment("ending", 1.5)])
+def test_whole_files_are_kept_and_the_others_made_again(tmp_path: Path, moment: Moment) -> None:
     measured = measure(stand_in(WRITES_TWO, "a.json", "b.json"), tmp_path / "work", tmp_path)
-    assert kill_once(measured, tmp_path / "work", tmp_path, share)[1] == []
+    assert measured.changes >= 2
+    assert kill_once(measured, tmp_path / "work", tmp_path, moment)[1] == []
 
 
 def test_damage_losses_and_doubles_are_seen(tmp_path: Path) -> None:
     measured = measure(stand_in(WRITES_BADLY, "a.json"), tmp_path / "work", tmp_path)
-    _, wrong = kill_once(measured, tmp_path / "work", tmp_path, 0.5)
+    _, wrong = kill_once(measured, tmp_path / "work", tmp_path, MIDDLE)
     said = " ".join(wrong)
     assert "killed: a.json is damaged" in said
     assert "resumed: mine.txt was changed" in said
@@ -52,5 +57,15 @@ def test_damage_losses_and_doubles_are_seen(tmp_path: Path) -> None:
 def test_a_solve_killed_anywhere_is_resumed(tmp_path: Path) -> None:
     solved = solved_folder(tmp_path / "solved")
     measured = measure(OPERATIONS[0], tmp_path / "work", solved)
-    for share in (0.5, 0.9):
-        assert kill_once(measured, tmp_path / "work", solved, share)[1] == []
+    for moment in (MIDDLE, drawn(np.random.default_rng(0), 1, measured.changes)):
+        assert kill_once(measured, tmp_path / "work", solved, moment)[1] == []
+
+
+def test_kills_are_counted_over_several_runs(tmp_path: Path) -> None:
+    kills = Kills.load(tmp_path / "state.json")
+    kills.count("solve", Moment("early", 0.1), [])
+    kills.count("solve", Moment("writing", change=1), ["lost take.npz"])
+    kills.save(tmp_path / "state.json")
+    again = Kills.load(tmp_path / "state.json")
+    assert (again.total, again.of("solve"), again.wrong) == (2, 2, ["solve (writing, change 1): lost take.npz"])
+    assert "2 kills, 1 resumed with every file whole" in again.table()
