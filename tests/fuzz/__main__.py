@@ -1,20 +1,23 @@
 """The long run: ``python -m tests.fuzz --count 100000 --seed 0``; exits with 1 where a reader broke.
 
 ``--mutator grammar`` draws documents by the grammar of their format instead of changing files. With ``--state FILE``
-the counts are kept there, and the same command goes on where an earlier one was stopped. The table is printed after
-every 5,000 inputs. ``--coverage`` prints instead which share of the readers' lines the inputs reach, ``--bytes
-SECONDS`` lets atheris change bytes by what it sees executed, ``--minimise`` keeps of the corpus and of new inputs the
-fewest files that reach all their lines.
+the counts are kept there, and the same command goes on where an earlier one was stopped; ``--seconds`` stops it, and
+``--sum`` adds several files up. The table is printed after every 5,000 inputs. ``--coverage`` prints instead which
+share of the readers' lines the inputs reach, ``--bytes SECONDS`` lets atheris change bytes by what it sees executed,
+``--minimise`` keeps of the corpus and of new inputs the fewest files that reach all their lines.
 """
 
 from __future__ import annotations
 
 import argparse
+import subprocess
 import sys
+import time
+from importlib.util import find_spec
 from pathlib import Path
 
 from tests.fuzz.campaign import campaign, run_child
-from tests.fuzz.run import CHANGES, MUTATORS, keep, turns
+from tests.fuzz.run import BATCH, CHANGES, MUTATORS, keep, turns
 from tests.fuzz.tried import Tried
 
 
@@ -26,9 +29,13 @@ def main() -> int:
 
         sys.stdout.write(coverage_table(args.only, args.count, args.seed) + "\n")
         return 0
-    from tests.fuzz.targets import TARGETS
+    if args.sum:
+        return _sum(args.sum)
+    if args.bytes is not None:
+        return _bytes(args)
+    from tests.fuzz.targets import chosen
 
-    targets = [target for target in TARGETS if target.name.startswith(args.only)]
+    targets = chosen(args.only)
     if args.child is not None:
         run_child(targets, args.count, args.seed, args.first, args.child, args.mutator)
         return 0
@@ -42,11 +49,25 @@ def main() -> int:
         for kept in minimise(targets, args.count, args.seed, args.mutator):
             sys.stdout.write(f"{kept.reader:<32}{kept.sound:>6} lines, {kept.added} more by {len(kept.files)} files\n")
         return 0
-    if args.bytes is not None:
-        from tests.fuzz.byte_fuzzing import fuzz_bytes
-
-        return fuzz_bytes(targets, args.bytes, args.state)
     return _long_run(args)
+
+
+def _bytes(args: argparse.Namespace) -> int:
+    """Let atheris run, in a process that has imported none of the readers."""
+    if find_spec("atheris") is None:
+        sys.stderr.write("skipped: atheris is not installed in this Python\n")
+        return 0
+    words = [args.only, str(args.bytes), *([str(args.state)] if args.state else [])]
+    return subprocess.run([sys.executable, "-m", "tests.fuzz.instrumented", *words], check=False).returncode
+
+
+def _sum(states: list[Path]) -> int:
+    """Print the counts of several runs as one table."""
+    whole = Tried()
+    for state in states:
+        whole.add(Tried.load(state)[0])
+    sys.stdout.write(whole.table() + "\n")
+    return int(whole.broke)
 
 
 def _long_run(args: argparse.Namespace) -> int:
@@ -60,7 +81,11 @@ def _long_run(args: argparse.Namespace) -> int:
         if args.state is not None:
             whole.save(args.state, seed, following)
 
-    tried = campaign(tried, args.first + args.count - first, seed, first, args.only, told, mutator=args.mutator)
+    until = time.monotonic() + args.seconds
+    tried = campaign(
+        tried, args.first + args.count - first, seed, first, args.only, told, mutator=args.mutator,
+        until=lambda: time.monotonic() > until, batch=args.batch,
+    )  # fmt: skip
     return int(tried.broke)
 
 
@@ -71,10 +96,13 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--count", type=int, default=10_000, help="inputs in all, those of earlier runs with them")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--first", type=int, default=0, help="number of the first input")
-    parser.add_argument("--only", default="", help="readers whose name begins so")
+    parser.add_argument("--only", default="", help="names that begin so; 'readers': all but verbs")
     parser.add_argument("--state", type=Path, metavar="FILE", help="keep counts here, and go on from them")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="begin no more inputs after so long")
+    parser.add_argument("--batch", type=int, default=BATCH, help="inputs a process; the table is printed after each")
+    parser.add_argument("--sum", type=Path, nargs="+", metavar="FILE", help="print the counts of several runs as one")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="write the files of input --first here")
-    parser.add_argument("--mutator", choices=tuple(MUTATORS), default=CHANGES, help="what makes the inputs")
+    parser.add_argument("--mutator", choices=MUTATORS, default=CHANGES, help="what makes the inputs")
     parser.add_argument("--coverage", action="store_true", help="share of the readers' lines that are reached")
     parser.add_argument("--bytes", type=float, metavar="SECONDS", help="atheris, for so long in all")
     parser.add_argument(

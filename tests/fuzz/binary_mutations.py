@@ -9,6 +9,7 @@ import zlib
 import numpy as np
 
 _NUMBERS = (0, 1, 2, 127, 128, 255, 256, 32767, 32768, 65535, 2**31 - 1, 2**31, 2**32 - 1, 2**63 - 1, 2**63, 2**64 - 1)
+_ODD_FLOATS = (np.nan, np.inf, -1.0, 1e300, 1e-300)
 _HEAD = 1200
 """Bytes in which formats keep their headers."""
 _ODD_OPERATIONS = (
@@ -24,10 +25,10 @@ def change_numbers(data: bytes, rng: np.random.Generator) -> bytes:
     if not data:
         return rng.bytes(8)
     reach = min(len(data), _HEAD) if rng.random() < 0.8 else len(data)
-    at, width = int(rng.integers(reach)), int(rng.choice([1, 2, 4, 8]))
+    at, width = int(rng.integers(reach)), 1 << int(rng.integers(4))
     number = _NUMBERS[int(rng.integers(len(_NUMBERS)))]
     if rng.random() < 0.2:
-        piece = struct.pack("<d", float(rng.choice([np.nan, np.inf, -1.0, 1e300, 1e-300])))[-width:]
+        piece = struct.pack("<d", _ODD_FLOATS[int(rng.integers(len(_ODD_FLOATS)))])[-width:]
     else:
         piece = (number % 256**width).to_bytes(width, "little" if rng.random() < 0.5 else "big")
     return data[:at] + piece + data[at + width :]

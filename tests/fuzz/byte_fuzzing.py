@@ -1,14 +1,17 @@
-"""Bytes changed by what atheris (libFuzzer) sees executed in the readers, each reader in a process of its own."""
+"""Bytes changed by what atheris (libFuzzer) sees executed in the readers.
+
+The readers are instrumented once, which takes seven seconds; each is then fuzzed in a fork of that process.
+"""
 
 from __future__ import annotations
 
-import multiprocessing
+import os
 import resource
+import signal
 import sys
 import tempfile
 import time
 from collections.abc import Sequence
-from importlib.util import find_spec
 from pathlib import Path
 
 from tests.fuzz.campaign import MEMORY_BYTES
@@ -17,15 +20,14 @@ from tests.fuzz.run import BYTES, Homes, how_it_ends, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import GOOD, Tried
 
-WHY_NOT = "" if find_spec("atheris") is not None else "atheris is not installed in this Python"
 _LARGEST = 20_000
 """Bytes of an input."""
 _FILES, _SAVED = 40, 500
 """Files of a folder that are seeds; inputs after which the counts are saved."""
-
-
-class Broke(Exception):
-    """A reader neither read nor named what was wrong."""
+_PATIENCE_S, _LOOK_S = 120.0, 0.2
+"""A reader that is not over so long after its time hangs."""
+KEPT = Path(tempfile.gettempdir()) / "mocap-fuzz"
+"""What broke a reader is written there, not into the folder that somebody happens to stand in."""
 
 
 def fuzz_bytes(targets: Sequence[Target], seconds: float, state: Path | None = None) -> int:
@@ -36,73 +38,89 @@ def fuzz_bytes(targets: Sequence[Target], seconds: float, state: Path | None = N
         seconds: in all.
         state: file of counts, see ``Tried``, to which those of this run are added.
     """
-    if WHY_NOT:
-        sys.stderr.write(f"skipped: {WHY_NOT}\n")
-        return 0
-    failed, (whole, seed, following) = 0, (Tried(), 0, 0)
+    whole, seed, following = Tried(), 1, 0
     if state is not None and state.exists():
         whole, seed, following = Tried.load(state)
+    for target in targets:
+        part = _in_a_fork(target, seconds / len(targets), seed)
+        whole.add(part)
+        broke = [what for what in part.bad if what.startswith(target.name)]
+        sys.stdout.write(f"{target.name:<32} {part.total:>9,} inputs, {'; '.join(broke) or 'nothing broke'}\n")
+        sys.stdout.flush()
+        if state is not None:
+            whole.save(state, seed + 1, following)
+    sys.stdout.write(whole.table().splitlines()[-1] + "\n")
+    return int(whole.broke)
+
+
+def _in_a_fork(target: Target, seconds: float, seed: int) -> Tried:
     with scratch_folder() as folder:
-        for target in targets:
-            counts, limit_s = folder / "counts.json", seconds / len(targets)
-            counts.unlink(missing_ok=True)
-            child = multiprocessing.get_context("spawn").Process(target=_child, args=(target.name, limit_s, counts))
-            child.start()
-            child.join()
-            failed |= child.exitcode != 0
-            how = "nothing broke" if child.exitcode == 0 else f"broke, exit code {child.exitcode}"
-            part = Tried.load(counts)[0] if counts.exists() else Tried()
-            whole.add(part)
-            sys.stdout.write(f"{target.name:<32} {part.total:>9,} inputs, {how}\n")
-            sys.stdout.flush()
-            if state is not None:
-                whole.save(state, seed, following)
-    return failed
+        counts = folder / "counts.json"
+        pid = os.fork()
+        if pid == 0:
+            silent = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(silent, 1)
+            os.dup2(silent, 2)
+            _child(target, seconds, seed, counts)
+            os._exit(1)
+        code = _wait(pid, seconds + _PATIENCE_S)
+        part = Tried.load(counts)[0] if counts.exists() else Tried()
+        if code:
+            part.count(target.name, BYTES, "hang" if code == -signal.SIGKILL else "crash")
+            part.bad[f"{target.name}: the process ended with {code}"] = f"seed {seed} of atheris, see {KEPT}"
+        return part
 
 
-def _child(name: str, seconds: float, counts: Path) -> None:
+def _wait(pid: int, seconds: float) -> int:
+    end = time.monotonic() + seconds
+    while time.monotonic() < end:
+        ended, status = os.waitpid(pid, os.WNOHANG)
+        if ended:
+            return os.waitstatus_to_exitcode(status)
+        time.sleep(_LOOK_S)
+    os.kill(pid, signal.SIGKILL)
+    return os.waitstatus_to_exitcode(os.waitpid(pid, 0)[1])
+
+
+def _child(target: Target, seconds: float, seed: int, counts: Path) -> None:
     """Be the process of one reader; libFuzzer ends it, so that counts are saved on the way."""
     import atheris  # pyright: ignore[reportMissingImports]
 
-    with atheris.instrument_imports(  # pyright: ignore[reportAttributeAccessIssue]
-        include=["solver_backend.io", "solver_backend.exchange", "solver_backend.body.files"]
-    ):
-        from tests.fuzz.targets import TARGETS
-    target = next(target for target in TARGETS if target.name == name)
     resource.setrlimit(resource.RLIMIT_DATA, (MEMORY_BYTES, MEMORY_BYTES))
-    with scratch_folder() as folder:
-        seeds = folder / "seeds"
-        seeds.mkdir()
-        homes, tried, end = Homes(folder), Tried(), time.monotonic() + seconds
-        write_seeds(target, homes, seeds)
+    KEPT.mkdir(exist_ok=True)
+    homes, tried, end = Homes(counts.parent), Tried(), time.monotonic() + seconds
+    seeds = counts.parent / "seeds"
+    seeds.mkdir()
+    write_seeds(target, homes, seeds)
 
-        def try_one(data: bytes) -> None:
-            if len(data) < 2:
-                return
-            home, path = _chosen(target, homes, data)
-            before, start = path.read_bytes(), time.process_time()
-            path.write_bytes(data[2:])
-            try:
-                outcome, where = how_it_ends(target, home)
-            finally:
-                path.write_bytes(before)
-            took = time.process_time() - start
-            tried.count(target.name, BYTES, outcome, took)
-            tried.processor_s += took
-            if outcome not in GOOD:
-                tried.bad[f"{target.name}: {where}"] = "an input of atheris"
-            if outcome not in GOOD or tried.total % _SAVED == 0 or time.monotonic() > end - 1.0:
-                tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
-                tried.save(counts, 0, 0)
-            if outcome not in GOOD:
-                raise Broke(where)
+    def save() -> None:
+        tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+        tried.save(counts, seed, 0)
 
-        limits = [f"-max_total_time={max(1, round(seconds))}", f"-timeout={2 * target.limit_s:.0f}"]
-        limits += [f"-max_len={_LARGEST}", "-rss_limit_mb=2048", "-print_final_stats=1"]
-        # What was slow or broke is written there, not into the folder that somebody happens to stand in.
-        limits.append(f"-artifact_prefix={Path(tempfile.gettempdir()) / 'mocap-fuzz-'}")
-        atheris.Setup(["fuzz", str(seeds), *limits], try_one)
-        atheris.Fuzz()
+    def try_one(data: bytes) -> None:
+        if len(data) < 2:
+            return
+        home, path = _chosen(target, homes, data)
+        start = time.process_time()
+        path.write_bytes(data[2:])
+        try:
+            outcome, where = how_it_ends(target, home)
+        finally:
+            path.write_bytes(homes.content(path))
+        took = time.process_time() - start
+        tried.count(target.name, BYTES, outcome, took)
+        tried.processor_s += took
+        if outcome not in GOOD:
+            kept = KEPT / f"{target.name.replace(' ', '_')}-{seed}_{tried.total}"
+            kept.write_bytes(data)
+            tried.bad[f"{target.name}: {where}"] = str(kept)
+        if outcome not in GOOD or tried.total % _SAVED == 0 or time.monotonic() > end - 1.0:
+            save()
+
+    limits = [f"-max_total_time={max(1, round(seconds))}", f"-timeout={2 * target.limit_s:.0f}", f"-seed={seed}"]
+    limits += [f"-max_len={_LARGEST}", "-rss_limit_mb=2048", f"-artifact_prefix={KEPT}/"]
+    atheris.Setup(["fuzz", str(seeds), *limits], try_one)
+    atheris.Fuzz()
 
 
 def _chosen(target: Target, homes: Homes, data: bytes) -> tuple[Path, Path]:

@@ -10,13 +10,11 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
-from tests.fuzz.run import CHANGES, fuzz, scratch_folder
+from tests.fuzz.run import BATCH, CHANGES, fuzz, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
 MEMORY_BYTES = 2 * 2**30
-BATCH = 5_000
-"""Inputs a child."""
 HANG_S, WAIT_S = 60, 600
 """A child that stays at one input for so long of processor time, or on the wall, is ended: its own limits did not
 reach it."""
@@ -34,7 +32,7 @@ def run_child(
 
 def campaign(
     whole: Tried, count: int, seed: int, first: int, only: str, told: Callable[[Tried, int], None], batch: int = BATCH,
-    mutator: str = CHANGES,
+    mutator: str = CHANGES, until: Callable[[], bool] = lambda: False,
 ) -> Tried:  # fmt: skip
     """Try inputs in children and return their counts, those of ``whole`` with them.
 
@@ -47,9 +45,10 @@ def campaign(
         told: called with the counts and the next input after every child.
         batch: inputs a child.
         mutator: what makes the inputs.
+        until: whether to stop before the next child.
     """
     at = first
-    while at < first + count:
+    while at < first + count and not until():
         done, part = _one_child(min(batch, first + count - at), seed, at, only, mutator)
         whole.add(part)
         at += done

@@ -11,7 +11,7 @@ import numpy as np
 
 from tests.fuzz.corpus import FOLDER, corpus_files, file_name_of, put_in_place
 from tests.fuzz.reader_coverage import TracedLines, reader_files
-from tests.fuzz.run import MUTATORS, how_it_ends, scratch_folder
+from tests.fuzz.run import drawn_input, how_it_ends, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import GOOD
 
@@ -68,7 +68,7 @@ def _of_reader(target: Target, count: int, seed: int, mutator: str, corpus: Path
         for number in range(count):
             rng = np.random.default_rng([seed, number])
             suffix = sorted(first)[int(rng.integers(len(first)))]
-            content = MUTATORS[mutator](first[suffix].read_bytes(), target.kinds[suffix], rng)
+            content = drawn_input(mutator, first[suffix].read_bytes(), target.kinds[suffix], rng, number)
             files[f"{begin}{BY_LINES}_{seed}_{number}{suffix}"] = content
         reached = _lines_of(target, sound)
         found = {name: _lines_of_file(target, name, content, folder) for name, content in files.items()}

@@ -6,10 +6,12 @@ import io
 import json
 import re
 import zipfile
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 
+from tests.fuzz.archives import Member, archive_bytes, member
 from tests.fuzz.binary_mutations import change_numbers, change_pickle, change_png
 
 _TOKEN = re.compile(r"[\w.+\-]+|\s+|.", re.DOTALL)
@@ -30,10 +32,16 @@ _KINDS = ("<f8", "<f4", "<i4", "<u8", "|b1", "<U3", "|S2", "<c16", "<f2", ">f8",
 
 def mutated(data: bytes, kind: str, rng: np.random.Generator) -> bytes:
     """Return changed bytes of a file of this kind: 'text', 'table', 'json', 'npz', 'png', 'pickle' or 'binary'."""
-    for _ in range(int(rng.choice([1, 2, 3], p=[0.7, 0.2, 0.1]))):
+    for _ in range(1 + _drawn(rng, 0.7, 0.9)):
         structured = rng.random() < 0.8
         data = _BY_KIND[kind](data, rng) if structured else change_bytes(data, rng)
     return data
+
+
+def _drawn(rng: np.random.Generator, *limits: float) -> int:
+    """Return between which limits a number of [0, 1) falls."""
+    drawn = rng.random()
+    return sum(drawn >= limit for limit in limits)
 
 
 def change_bytes(data: bytes, rng: np.random.Generator) -> bytes:
@@ -57,7 +65,7 @@ def change_bytes(data: bytes, rng: np.random.Generator) -> bytes:
 
 def change_text(data: bytes, rng: np.random.Generator) -> bytes:
     """Replace, remove, repeat or exchange words of a text."""
-    tokens = _TOKEN.findall(data.decode("latin-1"))
+    tokens = list(_tokens(data))
     if not tokens:
         return data
     i, j = (int(rng.integers(len(tokens))) for _ in range(2))
@@ -74,6 +82,11 @@ def change_text(data: bytes, rng: np.random.Generator) -> bytes:
         word = _WORDS[int(rng.integers(len(_WORDS)))]
         tokens[i:i] = _repeated([word], int(rng.integers(1, 300)))
     return "".join(tokens).encode("utf-8", "replace")
+
+
+@lru_cache(maxsize=256)
+def _tokens(data: bytes) -> tuple[str, ...]:
+    return tuple(_TOKEN.findall(data.decode("latin-1")))
 
 
 def _repeated(words: list[str], times: int) -> list[str]:
@@ -116,7 +129,7 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
         tree = json.loads(data)
     except (ValueError, RecursionError):
         return change_text(data, rng)
-    places = list(_places(tree))
+    places = _places(tree) if isinstance(tree, dict | list) else []
     if not places or rng.random() < 0.05:
         return json.dumps(_VALUES[int(rng.integers(len(_VALUES)))]).encode()
     holder, key = places[int(rng.integers(len(places)))]
@@ -136,44 +149,61 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
     return json.dumps(tree).encode()
 
 
-def _places(tree: Any) -> Any:
-    """Yield container and key of every node."""
-    for key in range(len(tree)) if isinstance(tree, list) else list(tree) if isinstance(tree, dict) else ():
-        yield tree, key
-        yield from _places(tree[key])
+def _places(tree: Any) -> list[tuple[Any, Any]]:
+    """Return container and key of every node."""
+    found, open_ones = [], [tree]
+    while open_ones:
+        inner = open_ones.pop()
+        for key, value in inner.items() if isinstance(inner, dict) else enumerate(inner):
+            found.append((inner, key))
+            if isinstance(value, dict | list):
+                open_ones.append(value)
+    return found
 
 
 def change_npz(data: bytes, rng: np.random.Generator) -> bytes:
     """Change one array of an archive, its header, or how it is packed."""
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            members = {name: archive.read(name) for name in archive.namelist()}
-        names = list(members)
+        whole = _members(data)
+        names = list(whole)
         name = names[int(rng.integers(len(names)))]
-        members |= _changed_member(name, members, rng)
-        method = int(rng.choice([zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA], p=[0.6, 0.35, 0.05]))
-        out = io.BytesIO()
-        with zipfile.ZipFile(out, "w") as archive:
-            for key, content in members.items():
-                if content is not None:
-                    archive.writestr(key, content, method if key in (name, f"x{name}") else zipfile.ZIP_STORED)
-        return out.getvalue()
+        changed = _changed_member(name, whole[name], rng)
+        packing = _drawn(rng, 0.6, 0.95)
+        kept = [one for key, (one, _) in whole.items() if key not in changed]
+        kept += [member(key, content, packing == 1) for key, content in changed.items() if content is not None]
+        return _by_lzma(kept, name) if packing == 2 else archive_bytes(kept)
     except Exception:  # an archive that earlier changes have broken
         return change_bytes(data, rng)
 
 
-def _changed_member(name: str, members: dict[str, bytes], rng: np.random.Generator) -> dict[str, Any]:
-    what = int(rng.integers(6))
+@lru_cache(maxsize=256)
+def _members(data: bytes) -> dict[str, tuple[Member, bytes]]:
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        contents = {name: archive.read(name) for name in archive.namelist()}
+    return {name: (member(name, content), content) for name, content in contents.items()}
+
+
+def _by_lzma(members: list[Member], name: str) -> bytes:
+    """Return an archive of members that are as they are, one of them packed by LZMA."""
+    out = io.BytesIO()
+    with zipfile.ZipFile(out, "w") as archive:
+        for one in members:
+            archive.writestr(one.name, one.content, zipfile.ZIP_LZMA if one.name.endswith(name) else None)
+    return out.getvalue()
+
+
+def _changed_member(name: str, whole: tuple[Member, bytes], rng: np.random.Generator) -> dict[str, bytes | None]:
+    what, content = int(rng.integers(6)), whole[1]
     if what == 0:
         return {name: None}
     if what == 1:
-        return {name: None, f"x{name}": members[name]}
+        return {name: None, f"x{name}": content}
     if what == 2:
-        return {name: change_bytes(members[name], rng)}
+        return {name: change_bytes(content, rng)}
     if what == 3:
-        return {name: _with_header(members[name], rng)}
+        return {name: _with_header(content, rng)}
     out = io.BytesIO()
-    np.save(out, _changed_array(np.load(io.BytesIO(members[name]), allow_pickle=False), rng))
+    np.save(out, _changed_array(np.load(io.BytesIO(content), allow_pickle=False), rng))
     return {name: out.getvalue()}
 
 

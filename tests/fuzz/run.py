@@ -10,7 +10,7 @@ import tempfile
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from types import FrameType
@@ -27,8 +27,10 @@ from tests.fuzz.tried import Tried
 _WAITING_S = 100
 """Seconds on the wall after which a reader that takes no processor time waits for what never comes."""
 CHANGES, GRAMMAR, BYTES = "changes", "grammar", "bytes"
-MUTATORS: dict[str, Callable[[bytes, str, np.random.Generator], bytes]] = {CHANGES: mutated, GRAMMAR: document}
+MUTATORS = (CHANGES, GRAMMAR)
 """Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
+BATCH = 5_000
+"""Inputs a child, which take values of one stock."""
 _MEMORY_FOLDER = Path("/dev/shm")
 
 
@@ -40,7 +42,9 @@ class Homes:
     """A folder of sound files for each dialect of each reader, made when it is needed."""
 
     def __init__(self, folder: Path) -> None:
-        self._folder, self._homes = folder, {}
+        self._folder = folder
+        self._homes: dict[tuple[str, int], tuple[Path, list[Path]]] = {}
+        self._contents: dict[Path, bytes] = {}
 
     def of(self, target: Target, dialect: int) -> tuple[Path, list[Path]]:
         """Return the folder, and those of its files that are changed."""
@@ -51,6 +55,12 @@ class Homes:
             files = sorted(p for p in home.rglob("*") if p.is_file() and p.suffix in target.kinds)
             self._homes[target.name, dialect] = home, files
         return self._homes[target.name, dialect]
+
+    def content(self, path: Path) -> bytes:
+        """Return what a file held when it was made."""
+        if path not in self._contents:
+            self._contents[path] = path.read_bytes()
+        return self._contents[path]
 
 
 def turns(targets: Sequence[Target]) -> list[Target]:
@@ -98,9 +108,14 @@ def mutate_one(
     rng = np.random.default_rng([seed, number])
     home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
-    before = path.read_bytes()
-    path.write_bytes(MUTATORS[mutator](before, target.kinds[path.suffix], rng))
+    before = homes.content(path)
+    path.write_bytes(drawn_input(mutator, before, target.kinds[path.suffix], rng, number))
     return home, path, before
+
+
+def drawn_input(mutator: str, sound: bytes, kind: str, rng: np.random.Generator, number: int) -> bytes:
+    """Return what a mutator makes of a sound file of this kind; ``number`` is the input's."""
+    return document(sound, kind, rng, number // BATCH) if mutator == GRAMMAR else mutated(sound, kind, rng)
 
 
 def keep(target: Target, seed: int, number: int, folder: Path, mutator: str = CHANGES) -> Path:

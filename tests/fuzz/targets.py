@@ -22,3 +22,10 @@ TARGETS: tuple[Target, ...] = (
     *sensor_targets.TARGETS,
     *verb_targets.TARGETS,
 )
+
+
+def chosen(only: str) -> list[Target]:
+    """Return those whose name begins so; ``readers`` are all but the verbs."""
+    if only == "readers":
+        return [target for target in TARGETS if not target.name.startswith("verb")]
+    return [target for target in TARGETS if target.name.startswith(only)]

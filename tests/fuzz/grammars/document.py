@@ -1,92 +1,73 @@
-"""One document by the grammar of its format, drawn from bytes, so that an input's number names it."""
+"""One document by the grammar of its format, so that an input's number names it."""
 
 from __future__ import annotations
 
 import json
 import tomllib
-import warnings
 from collections.abc import Callable
 from functools import lru_cache
-from typing import Any, Protocol
+from typing import TypeVar
 from xml.etree import ElementTree
 
 import numpy as np
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 
 from tests.fuzz.grammars import binaries, texts
+from tests.fuzz.grammars.draws import Draw
 
-_BYTES = 8192
-"""Of randomness for one document; what it does not need is left."""
-
+T = TypeVar("T")
 _LARGE = 20_000
-"""Characters from which a tree is drawn by its lines and words: node by node takes half a second."""
+"""Characters from which a tree is drawn by its lines and words, node by node being slow."""
+_BINARY = {"pickle": binaries.pickle_bytes, "png": binaries.png_bytes}
 
 
-class _Fuzzed(Protocol):
-    fuzz_one_input: Callable[[bytes], bytes | None]
-
-
-def document(sound: bytes, kind: str, rng: np.random.Generator) -> bytes:
-    """Return a document by the grammar of the sound file's format; the sound file itself where the draw came to none.
+def document(sound: bytes, kind: str, rng: np.random.Generator, number: int = 0) -> bytes:
+    """Return a document by the grammar of the sound file's format.
 
     Args:
         sound: what is read without an error.
         kind: as of ``mutations.mutated``.
         rng: randomness.
+        number: of the stock of values that hypothesis made.
     """
-    found: list[bytes] = []
-    _drawer(sound, kind, found.append)(rng.bytes(_BYTES))
-    return found[0] if found else sound
+    return _grammar_of(sound, kind)(Draw(rng, number))
 
 
-def _drawer(sound: bytes, kind: str, take: Callable[[bytes], None]) -> Callable[[bytes], bytes | None]:
-    @settings(database=None, suppress_health_check=list(HealthCheck), deadline=None)
-    @given(strategy_of(sound, kind))
-    def draw(content: bytes) -> None:
-        take(content)
-
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
-        inner: _Fuzzed = draw.hypothesis  # type: ignore[attr-defined]
-        return inner.fuzz_one_input
-
-
-@lru_cache(maxsize=512)
-def strategy_of(sound: bytes, kind: str) -> st.SearchStrategy[bytes]:
+@lru_cache(maxsize=1024)
+def _grammar_of(sound: bytes, kind: str) -> Callable[[Draw], bytes]:
     """Return what draws documents of a sound file's format."""
-    made: dict[str, Any] = {"pickle": binaries.pickle_bytes, "png": binaries.png_bytes}
-    if kind in made:
-        return made[kind](sound)
-    if kind == "npz" and binaries.is_archive(sound):
-        return binaries.npz_bytes(sound)
+    if kind in _BINARY:
+        return _BINARY[kind]
+    if kind == "npz" and (members := binaries.members_of(sound)):
+        return lambda draw: binaries.npz_bytes(draw, members)
     if kind in ("npz", "binary"):
-        return binaries.box_bytes(sound) if sound[4:8] in (b"ftyp", b"moov", b"mdat") else binaries.word_bytes(sound)
-    text = sound.decode("utf-8", "replace")
-    return _text_grammar(text, kind)(text).map(lambda drawn: drawn.encode("utf-8", "surrogatepass"))
+        boxes = sound[4:8] in (b"ftyp", b"moov", b"mdat")
+        return lambda draw: (binaries.box_bytes if boxes else binaries.word_bytes)(draw, sound)
+    grammar = _text_grammar(sound.decode("utf-8", "replace"), kind)
+    return lambda draw: grammar(draw).encode("utf-8", "surrogatepass")
 
 
-def _text_grammar(text: str, kind: str) -> Callable[[str], st.SearchStrategy[str]]:
-    if text.lstrip()[:1] in ("{", "[") and len(text) < _LARGE and _parses(_json, text):
-        return texts.json_text
+def _text_grammar(text: str, kind: str) -> Callable[[Draw], str]:
+    if text.lstrip()[:1] in ("{", "[") and len(text) < _LARGE and (trees := _parsed(_json, text)) is not None:
+        return lambda draw: texts.json_text(draw, trees)
     if kind == "table":
-        return texts.table_text
-    if text.lstrip()[:1] == "<" and _parses(ElementTree.fromstring, text):
-        return texts.xml_text
-    return texts.toml_text if "=" in text and _parses(tomllib.loads, text) else texts.lines_text
+        return lambda draw: texts.table_text(draw, text)
+    if text.lstrip()[:1] == "<" and (root := _parsed(ElementTree.fromstring, text)) is not None:
+        return lambda draw: texts.xml_text(draw, root)
+    if "=" in text and (tree := _parsed(tomllib.loads, text)) is not None:
+        return lambda draw: texts.toml_text(draw, tree)
+    rows = texts.words_of(text)
+    return lambda draw: texts.lines_text(draw, rows)
 
 
-def _json(text: str) -> None:
+def _json(text: str) -> list[object]:
     try:
-        json.loads(text)
+        return [json.loads(text)]
     except ValueError:
-        for line in text.splitlines():
-            json.loads(line)
+        return [json.loads(line) for line in text.splitlines() if line.strip()]
 
 
-def _parses(parse: Callable[[str], object], text: str) -> bool:
+def _parsed(parse: Callable[[str], T], text: str) -> T | None:
     try:
-        parse(text)
+        return parse(text)
     except (ValueError, RecursionError, ElementTree.ParseError):
-        return False
-    return True
+        return None

@@ -4,46 +4,62 @@ from __future__ import annotations
 
 import json
 import re
-import tomllib
+from collections.abc import Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.sax.saxutils import escape, quoteattr
 
-from hypothesis import strategies as st
-
-from tests.fuzz.grammars.values import NUMBERS, oddly, tree_like
+from tests.fuzz.grammars.draws import Draw
+from tests.fuzz.grammars.values import ODDLY
 
 _WORD = re.compile(r"[-+]?\.?\d[\w.+-]*|[A-Za-z_][\w-]*|\s+|.", re.DOTALL)
+_ROWS = 60
+"""Of a table, from which one is drawn."""
 
 
-@st.composite
-def json_text(draw: st.DrawFn, sound: str) -> str:
+def tree_like(draw: Draw, sound: Any) -> Any:
+    """Draw a tree of the same grammar: keys left out or added, lists shorter or longer, values of other kinds."""
+    if draw.seldom(4 * ODDLY):
+        return draw.value("tree")
+    if isinstance(sound, dict):
+        found = {draw.oddly(key, "text"): tree_like(draw, value) for key, value in sound.items()}
+        return {key: value for key, value in found.items() if not draw.seldom(2 * ODDLY)}
+    if isinstance(sound, list):
+        return _list_like(draw, sound)
+    return draw.value("float" if isinstance(sound, float) and draw.seldom(2) else "scalar") if draw.seldom() else sound
+
+
+def _list_like(draw: Draw, sound: list[Any]) -> list[Any]:
+    if len(sound) > 40:  # numbers of a long list are alike: one of them changes
+        at = draw.integer(0, len(sound) - 1)
+        return [*sound[:at], tree_like(draw, sound[at]), *sound[at + 1 :]]
+    found = [tree_like(draw, value) for value in sound]
+    if not draw.seldom():
+        return found
+    return (found * 2 + [draw.value("scalar"), draw.value("scalar")])[: draw.integer(0, 2 * len(found) + 2)]
+
+
+def json_text(draw: Draw, trees: Sequence[object]) -> str:
     """Draw a document, or lines of documents where the sound file has those, laid out in one way or another."""
-    try:
-        trees = [json.loads(sound)]
-    except ValueError:
-        trees = [json.loads(line) for line in sound.splitlines() if line.strip()]
-    drawn = [draw(tree_like(tree)) for tree in trees]
-    indent, ascii_only = draw(oddly(None, st.integers(0, 3))), draw(st.booleans())
-    return "\n".join(json.dumps(tree, indent=indent, ensure_ascii=ascii_only) for tree in drawn)
+    indent, ascii_only = (draw.integer(0, 3) if draw.seldom() else None), draw.seldom(2)
+    return "\n".join(json.dumps(tree_like(draw, tree), indent=indent, ensure_ascii=ascii_only) for tree in trees)
 
 
-@st.composite
-def toml_text(draw: st.DrawFn, sound: str) -> str:
+def toml_text(draw: Draw, tree: dict[str, Any]) -> str:
     """Draw a document of tables, arrays and values, in the several ways in which TOML lets them be written."""
     lines: list[str] = []
-    _toml_table(draw, draw(tree_like(tomllib.loads(sound))), "", lines)
-    return draw(st.sampled_from(["\n", "\r\n"])).join(lines) + "\n"
+    _toml_table(draw, tree_like(draw, tree), "", lines)
+    return draw.one_of(["\n", "\r\n"]).join(lines) + "\n"
 
 
-def _toml_table(draw: st.DrawFn, tree: Any, name: str, lines: list[str]) -> None:
+def _toml_table(draw: Draw, tree: Any, name: str, lines: list[str]) -> None:
     if not isinstance(tree, dict):
         lines.append(f"value = {_toml_value(draw, tree)}")
         return
     tables = {key: value for key, value in tree.items() if isinstance(value, dict)}
     for key, value in tree.items():
         if key not in tables:
-            comment = draw(oddly("", st.sampled_from([" # noted", "\t", "  #"])))
+            comment = draw.oddly("", [" # noted", "\t", "  #"])
             lines.append(f"{_toml_key(str(key))} = {_toml_value(draw, value)}{comment}")
     for key, value in tables.items():
         inner = f"{name}.{_toml_key(str(key))}" if name else _toml_key(str(key))
@@ -55,77 +71,77 @@ def _toml_key(key: str) -> str:
     return key if re.fullmatch(r"[\w-]+", key, re.ASCII) else json.dumps(key)
 
 
-def _toml_value(draw: st.DrawFn, value: Any) -> str:
+def _toml_value(draw: Draw, value: Any) -> str:
     if isinstance(value, bool):
         return str(value).lower()
     if isinstance(value, list):
-        between = draw(st.sampled_from([", ", ",\n  ", ","]))
-        return "[" + between.join(_toml_value(draw, item) for item in value) + "]"
+        return "[" + draw.one_of([", ", ",\n  ", ","]).join(_toml_value(draw, item) for item in value) + "]"
     if isinstance(value, dict):
         return "{" + ", ".join(f"{_toml_key(str(k))} = {_toml_value(draw, v)}" for k, v in value.items()) + "}"
     if isinstance(value, int | float):
-        return draw(oddly(repr(value), NUMBERS))
-    return draw(st.sampled_from([json.dumps(value), "'" + str(value).replace("'", "") + "'"]))
+        return draw.oddly(repr(value), "number")
+    return json.dumps(value) if draw.seldom(2) else "'" + str(value).replace("'", "") + "'"
 
 
-@st.composite
-def xml_text(draw: st.DrawFn, sound: str) -> str:
+def xml_text(draw: Draw, root: ElementTree.Element) -> str:
     """Draw elements and attributes of the same names, left out, repeated, in another order or with other values."""
-    head = draw(oddly('<?xml version="1.0"?>\n', st.sampled_from(["", "<!-- said -->", "<!DOCTYPE a>"])))
-    return head + _xml_element(draw, ElementTree.fromstring(sound))
+    head = draw.oddly('<?xml version="1.0"?>\n', ["", "<!-- said -->", "<!DOCTYPE a>"])
+    return head + _xml_element(draw, root)
 
 
-def _xml_element(draw: st.DrawFn, element: ElementTree.Element) -> str:
+def _xml_element(draw: Draw, element: ElementTree.Element) -> str:
     given = "".join(
-        f" {name}={quoteattr(draw(oddly(value, NUMBERS)))}"
+        f" {name}={quoteattr(draw.oddly(value, 'number'))}"
         for name, value in element.attrib.items()
-        if draw(st.integers(0, 40))
+        if not draw.seldom(40)
     )
     children = list(element)
-    if children and draw(st.integers(0, 30)) == 0:
-        children = draw(st.lists(st.sampled_from(children), max_size=2 * len(children)))
+    if children and draw.seldom(30):
+        children = [draw.one_of(children) for _ in range(draw.integer(0, 2 * len(children)))]
     inner = escape(element.text or "") + "".join(_xml_element(draw, child) + (child.tail or "") for child in children)
-    tag = draw(oddly(element.tag, st.sampled_from(["a", "camera", "transform"])))
+    tag = draw.oddly(element.tag, ["a", "camera", "transform"])
     return f"<{tag}{given}>{inner}</{tag}>"
 
 
-@st.composite
-def table_text(draw: st.DrawFn, sound: str) -> str:
+def table_text(draw: Draw, sound: str) -> str:
     """Draw a table: rows more or fewer, other numbers in cells, other marks between them and other ends of lines."""
-    lines = sound.splitlines()
     mark = max("\t,; ", key=sound.count)
-    rows = [line.split(mark) for line in lines[:60]]
-    rows = [[draw(oddly(cell, NUMBERS)) if _is_number(cell) else draw(oddly(cell, st.text(max_size=6))) for cell in row]
-            for row in rows]  # fmt: skip
-    if rows and draw(st.integers(0, 9)) == 0:
-        at = draw(st.integers(0, len(rows) - 1))
-        rows[at] = rows[at][: draw(st.integers(0, len(rows[at])))]
-    if draw(st.integers(0, 9)) == 0:
-        rows = rows[: draw(st.integers(0, len(rows)))]
-    mark = draw(oddly(mark, st.sampled_from(["\t", ",", ";", "|"])))
-    head = draw(oddly("", st.just("\ufeff")))
-    return head + draw(st.sampled_from(["\n", "\r\n", "\r"])).join(mark.join(row) for row in rows) + "\n"
+    rows = [line.split(mark) for line in sound.splitlines()[:_ROWS]]
+    cells = sum(map(len, rows))
+    for _ in range(draw.integer(0, 2 * cells // ODDLY) if draw.seldom(2) else draw.integer(0, 3)):
+        row = draw.one_of(rows) if rows else []
+        if row:
+            at = draw.integer(0, len(row) - 1)
+            row[at] = draw.value("number" if any(c.isdigit() for c in row[at]) else "text")
+    if rows and draw.seldom(10):
+        at = draw.integer(0, len(rows) - 1)
+        rows[at] = rows[at][: draw.integer(0, len(rows[at]))]
+    if draw.seldom(10):
+        rows = rows[: draw.integer(0, len(rows))]
+    mark = draw.oddly(mark, ["\t", ",", ";", "|"])
+    head = draw.oddly("", ["\ufeff"])
+    return head + draw.one_of(["\n", "\r\n", "\r"]).join(mark.join(row) for row in rows) + "\n"
 
 
-def _is_number(cell: str) -> bool:
-    return any(character.isdigit() for character in cell)
+def words_of(text: str) -> list[list[str]]:
+    """Return the words, numbers and blanks of each line."""
+    return [_WORD.findall(line) for line in text.splitlines()]
 
 
-@st.composite
-def lines_text(draw: st.DrawFn, sound: str) -> str:
+def lines_text(draw: Draw, sound: list[list[str]]) -> str:
     """Draw lines of the same words: numbers and a word now and then another, lines repeated, left out or exchanged."""
-    lines = sound.splitlines()
-    if lines and draw(st.integers(0, 9)) == 0:
-        a, b = (draw(st.integers(0, len(lines) - 1)) for _ in range(2))
+    lines = list(sound)
+    if lines and draw.seldom(10):
+        a, b = (draw.integer(0, len(lines) - 1) for _ in range(2))
         lines[a], lines[b] = lines[b], lines[a]
-    if lines and draw(st.integers(0, 9)) == 0:
-        del lines[draw(st.integers(0, len(lines) - 1))]
-    if lines and draw(st.integers(0, 9)) == 0:
-        lines.insert(draw(st.integers(0, len(lines))), draw(st.sampled_from(lines)))
-    words = [_WORD.findall(line) for line in lines]
-    for _ in range(draw(st.integers(0, 3))):
-        row = draw(st.integers(0, max(len(words) - 1, 0)))
-        if words and words[row]:
-            at = draw(st.integers(0, len(words[row]) - 1))
-            words[row][at] = draw(NUMBERS | st.text(max_size=5))
-    return draw(st.sampled_from(["\n", "\r\n"])).join("".join(row) for row in words) + "\n"
+    if lines and draw.seldom(10):
+        del lines[draw.integer(0, len(lines) - 1)]
+    if lines and draw.seldom(10):
+        lines.insert(draw.integer(0, len(lines)), draw.one_of(lines))
+    for _ in range(draw.integer(0, 3)):
+        row = draw.integer(0, max(len(lines) - 1, 0))
+        if lines and lines[row]:
+            at = draw.integer(0, len(lines[row]) - 1)
+            word = draw.value("number" if draw.seldom(2) else "text")
+            lines[row] = [*lines[row][:at], word, *lines[row][at + 1 :]]
+    return draw.one_of(["\n", "\r\n"]).join("".join(row) for row in lines) + "\n"
