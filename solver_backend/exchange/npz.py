@@ -28,11 +28,13 @@ def require_file(path: Path | str) -> Path:
     """Return the path of a file that exists.
 
     Raises:
-        FileMissing: there is no such file.
+        FileMissing: there is no such file, or a folder, pipe or device in its place.
     """
     path = Path(path)
     if not path.is_file():
-        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+        other = "A folder, a pipe or a device is in the place of the file."
+        what = other if path.exists() else "There is no such file."
+        raise FileMissing(what, where=str(path), hint="Check the path.")
     return path
 
 

@@ -50,10 +50,13 @@ class LiveRecorder(Recorder):
             yield frame
 
     def _write(self) -> None:
-        finish_recording(self.unfinished, self.path, self._world(), overwrite=self._overwrite)
+        lost = self._file.lost
+        finish_recording(self.unfinished, self.path, self._world(), overwrite=self._overwrite, lost=lost)
 
 
-def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, overwrite: bool = False) -> bool:
+def finish_recording(
+    recording: Path, path: Path, world: np.ndarray | None, *, overwrite: bool = False, lost: int = 0
+) -> bool:
     """Write a recording as C3D and remove it; return whether it had points.
 
     Args:
@@ -61,6 +64,7 @@ def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, o
         path: the C3D file.
         world: what turns the points into metres, Z up; None takes what the recording knows.
         overwrite: replace a file that is there.
+        lost: frames that came and are not in it.
 
     Raises:
         OutputExists, OutputNotWritable: the C3D file cannot be written; the recording is kept.
@@ -78,7 +82,8 @@ def finish_recording(recording: Path, path: Path, world: np.ndarray | None, *, o
             try:
                 write_c3d_parts(path, size, parts, overwrite=overwrite)
             except OutputNotWritable as error:
-                hint = f"The recording is whole in {recording.name}: info and solve open it, the next run finishes it."
+                kept = f"{extent.frames} of {extent.frames + lost} frames are in {recording.name}"
+                hint = f"{kept}: info and solve open it, the next run finishes it."
                 raise OutputNotWritable(error.message, where=str(path), hint=hint) from error
     recording.unlink()
     return bool(extent.most)

@@ -28,8 +28,10 @@ class MarkerCloud:
 
     def __post_init__(self) -> None:
         shape = np.shape(self.positions)
-        if len(shape) != 3 or shape[-1] != 3 or (shape[1] and not shape[0]):
+        if len(shape) != 3 or shape[-1] != 3:
             raise CaptureInvalid(f"Markers have the shape {shape}; (frames, markers, 3) is expected.", where="markers")
+        if shape[1] and not shape[0]:
+            raise CaptureInvalid(f"The recording of {shape[1]} markers has no frames.", where="markers")
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.", where="markers")
         if self.labels is not None and len(self.labels) != shape[1]:

@@ -158,3 +158,6 @@ def test_bare_array_is_not_an_archive(tmp_path: Path) -> None:
 def test_missing_file(tmp_path: Path) -> None:
     with pytest.raises(FileMissing, match=r"no such file.*nowhere"):
         read_npz(tmp_path / "nowhere")
+    for place in (tmp_path, Path(os.devnull)):
+        with pytest.raises(FileMissing, match="A folder, a pipe or a device is in the place of the file"):
+            read_npz(place)

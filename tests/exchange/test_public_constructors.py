@@ -152,3 +152,8 @@ def test_a_number_that_cannot_be_is_named_with_its_field(name: str) -> None:
     parts[name].flat[1] = 7e37
     with pytest.raises(MocapError, match="pose" if name == "body_pose" else name):
         Motion(**parts)
+
+
+def test_a_recording_without_frames_is_named_so() -> None:
+    with pytest.raises(MocapError, match="The recording of 42 markers has no frames"):
+        MarkerCloud(np.zeros((0, 42, 3)), 60.0)

@@ -84,6 +84,16 @@ def test_what_cannot_be_finished_stays_and_is_named(tmp_path: Path) -> None:
     assert finish_recording(recording_of(path), path, None) and os.listdir(tmp_path) == ["walk.c3d"]
 
 
+def test_frames_that_a_full_disk_cost_are_counted_where_finishing_fails_too(tmp_path: Path) -> None:
+    path = tmp_path / "walk.c3d"
+    record = recorder(path)
+    with full_disk(5000):
+        list(record.watched(frames()))
+        with pytest.raises(OutputNotWritable) as caught:
+            record.finish()
+    assert f"{record.count} of {FRAMES} frames are in walk.c3d.recording" in caught.value.hint
+
+
 def test_the_next_run_finishes_what_a_killed_one_left(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     killed = recorder(path)

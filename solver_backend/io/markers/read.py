@@ -6,7 +6,8 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
+from solver_backend.exchange.errors import CaptureNotRecognised
+from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.files import as_text
 from solver_backend.io.markers.c3d import read_c3d
@@ -84,9 +85,7 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
         JobInvalid: the frame rate, unit or axis is impossible.
         MocapError: whatever else the reader raises.
     """
-    path, chosen = Path(path), ReadOptions(**options)
-    if not path.is_file():
-        raise FileMissing("There is no such file.", where=str(path), hint="Check the path.")
+    path, chosen = require_file(path), ReadOptions(**options)
     reader = next((reader for reader in readers if reader.recognises(path)), None)
     if reader is None:
         kinds = "; ".join(reader.kind for reader in readers)

@@ -1,0 +1,84 @@
+"""Recordings that are valid and wrong, by the command line: the demo's 120 frames, spoiled in 25 ways, without options.
+
+Each is mended (within 1.15 times the error of the same frames unspoiled), named (a warning that those frames do not
+have), refused, or silent. What is warned of stands on the console, in the report and in the JSON. Writes
+docs/research-log/lies.md. LIES names some rows, commas between.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from solver_backend.exchange.outputs import write_text
+from tests.benchmarks.metric import Metric, key_of
+from tests.benchmarks.spoiled_views.lie_rows import FULL, ROWS, Found, found_of
+
+WITHIN = 1.15
+"""Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it."""
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
+MENDED, HARMLESS, NAMED, REFUSED, SILENT = "mended", "harmless", "named", "refused", "silent"
+_HEAD = """# Lies
+
+Valid recordings that are wrong, each made of the embedded demo's first 120 frames, written as a trial of Pose2Sim and
+solved by the command line without options. *Mended*: within 1.15 times the error of the same frames unspoiled, and a
+diagnostic names what was wrong. *Harmless*: the same, without a word. *Named*: farther off, with a warning that the
+unspoiled frames do not have. *Silent*: farther off, without one. Every warning was looked for on the console, in the
+report and in the JSON.
+
+```sh
+python3 dev.py bench lies --update
+```
+
+| what is wrong | what becomes of it | error (mm) | diagnostics that the unspoiled frames do not have | lacking |
+|---|---|---|---|---|
+"""
+
+
+def run() -> list[Metric]:
+    """Solve every row, write the page, and count."""
+    chosen = [name for name in os.environ.get("LIES", "").split(",") if name]
+    found: dict[str, Found] = {}
+    for name in dict.fromkeys([FULL, *(chosen or ROWS)]):
+        with TemporaryDirectory() as folder:
+            found[name] = found_of(ROWS[name], Path(folder))
+        sys.stdout.write(f"  {line_of(name, found)}\n")
+        sys.stdout.flush()
+    if not chosen:
+        write_text(PAGE, _HEAD + "\n".join(line_of(name, found) for name in found) + "\n", overwrite=True)
+    states = [state_of(name, found) for name in found]
+    errors = [
+        Metric(f"{key_of(name)}_mm", row.error_mm, "mm", rel_tol=0.1) for name, row in found.items() if not row.refused
+    ]
+    return [
+        *errors,
+        Metric("silent", states.count(SILENT), "rows", rel_tol=0.0),
+        Metric("refused", states.count(REFUSED), "rows", rel_tol=0.0),
+        Metric("lacking", sum(bool(row.missing) for row in found.values()), "rows", rel_tol=0.0),
+    ]
+
+
+def new_codes(name: str, found: Mapping[str, Found]) -> list[str]:
+    """Return what a row has named that the unspoiled frames do not have."""
+    return [code for code in found[name].named if code not in found[FULL].named]
+
+
+def state_of(name: str, found: Mapping[str, Found]) -> str:
+    """Return what became of a row."""
+    row, new = found[name], new_codes(name, found)
+    if row.refused:
+        return REFUSED
+    if row.error_mm <= WITHIN * found[FULL].error_mm:
+        return MENDED if new else HARMLESS
+    return NAMED if new and row.says else SILENT
+
+
+def line_of(name: str, found: Mapping[str, Found]) -> str:
+    """Return a row of the page."""
+    row = found[name]
+    error = "–" if row.refused else f"{row.error_mm:.1f}"
+    new = row.says if row.refused else ", ".join(f"`{code}`" for code in new_codes(name, found)) or "none"
+    return f"| {name} | {state_of(name, found)} | {error} | {new} | {', '.join(row.missing) or 'nothing'} |"

@@ -1,0 +1,160 @@
+"""The table of valid but wrong recordings: how each is made of the demo's, and what stands everywhere of it."""
+
+from __future__ import annotations
+
+import html
+import io
+from collections.abc import Callable
+from contextlib import redirect_stderr
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.cli.arguments import parse
+from solver_backend.cli.main import function_of
+from solver_backend.cli.outcome import ForPeople, ForPrograms, Outcome
+from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics, sentence
+from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.progress import silent
+from solver_backend.io.native.motion_file import read_motion
+from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.benchmarks.spoiled_views.kinds import KINDS, Recording, in_unit
+from tests.benchmarks.spoiled_views.lies import LIES, mirrored, still
+from tests.benchmarks.spoiled_views.more_lies import MORE_LIES
+from tests.benchmarks.spoiled_views.trial import error_mm
+from tests.support.trial_files import write_trial
+
+FRAMES, FPS = 120, 60.0
+SQUAT = 63
+"""Frame of the demo in which the hips are lowest, 0.63 m over the floor."""
+SCALED, FULL = 1.25, "as it should be"
+_BEGIN = 24
+"""Letters of a sentence by which it is found again in a text that breaks lines."""
+Spoil = Callable[[Recording, np.random.Generator], Recording]
+
+
+@dataclass(frozen=True)
+class Lie:
+    """One row: how a recording becomes wrong without becoming invalid."""
+
+    spoil: Spoil
+    fps: float = FPS
+    """What its configuration says; the true rate is ``FPS``."""
+    held: int | None = None
+    """Frame that the person holds, where the truth is that frame throughout."""
+
+
+@dataclass(frozen=True)
+class Found:
+    """What became of a row."""
+
+    refused: bool = False
+    error_mm: float = float("nan")
+    """Joints off the truth, laid over it rigidly; NaN where it was refused."""
+    named: tuple[str, ...] = ()
+    """Codes of warnings and notes, or the error's name."""
+    missing: tuple[str, ...] = field(default=())
+    """Where a warning does not stand, of console, report and JSON."""
+    says: str = ""
+    """First sentence of the first one."""
+
+
+def _known(name: str) -> Spoil:
+    made = (KINDS | LIES | MORE_LIES)[name]
+    return lambda recording, rng: made(recording, rng, 0)
+
+
+def _moved_numbers(recording: Recording, rng: np.random.Generator) -> Recording:
+    """Return the recording calibrated with the numbers of other cameras: each has its neighbour's."""
+    cameras = recording.cameras
+    order = np.roll(np.arange(len(cameras)), 1)
+    return replace(recording, cameras=replace(cameras, K=cameras.K[order], R=cameras.R[order], t=cameras.t[order]))
+
+
+def _squat(recording: Recording, rng: np.random.Generator) -> Recording:
+    held = replace(recording, xy=np.roll(recording.xy, -SQUAT, 1), confidence=np.roll(recording.confidence, -SQUAT, 1))
+    return still(held, rng)
+
+
+ROWS: dict[str, Lie] = {
+    FULL: Lie(_known(FULL)),
+    "scaled by 1.25": Lie(lambda r, g: in_unit(r, SCALED)),
+    "cm for m": Lie(_known("cm")),
+    "own unit": Lie(_known("own unit")),
+    "half size": Lie(_known("half size")),
+    "one half size": Lie(_known("one half size")),
+    "v from below": Lie(_known("v from below")),
+    "one mirrored": Lie(_known("one mirrored")),
+    "two mirrored": Lie(lambda r, g: mirrored(r, np.arange(2))),
+    "all mirrored": Lie(_known("all mirrored")),
+    "one late": Lie(_known("one late")),
+    "cameras exchanged": Lie(_known("cameras exchanged")),
+    "numbers of other cameras": Lie(_moved_numbers),
+    "confidence 0.01": Lie(_known("confidence 0.01")),
+    "confidence 1": Lie(_known("confidence 1")),
+    "lenses 10 % long": Lie(_known("lenses 10 % long")),
+    "one lens 10 % long": Lie(_known("one lens 10 % long")),
+    "sides exchanged": Lie(_known("sides exchanged")),
+    "rate doubled": Lie(_known(FULL), fps=2 * FPS),
+    "rate halved": Lie(_known(FULL), fps=FPS / 2),
+    "pictures dropped": Lie(_known("pictures dropped")),
+    "person away": Lie(_known("person away")),
+    "somebody crosses": Lie(_known("somebody crosses")),
+    "still": Lie(_known("still"), held=0),
+    "squat": Lie(_squat, held=SQUAT),
+    "other layout": Lie(_known("other layout")),
+}
+"""By name, the first as it should be."""
+
+
+def found_of(lie: Lie, folder: Path) -> Found:
+    """Return what becomes of a row: the demo's recording, spoiled, written as files and solved without options."""
+    capture = demo_capture(FRAMES, FPS)
+    cameras, keypoints = capture.require_multiview()
+    whole = Recording(keypoints.xy, keypoints.confidence, cameras, cameras.names)
+    spoiled = lie.spoil(whole, np.random.default_rng(0))
+    write_trial(
+        folder / "trial", cameras=spoiled.cameras, people=[(spoiled.xy, spoiled.confidence)], names=spoiled.names,
+        calibrated=spoiled.cameras.names, config=f"[project]\nframe_rate = {lie.fps:g}\n",
+    )  # fmt: skip
+    out, report = folder / "motion.npz", folder / "report.html"
+    words = ["solve", str(folder / "trial"), "--out", str(out), "--report", str(report)]
+    try:
+        outcome = function_of("solve")(parse(words), silent)
+    except MocapError as error:
+        return Found(True, named=(error.code,), missing=_lacking_error(error), says=error.message)
+    joints = np.asarray(capture.truth["joints"])
+    if lie.held is not None:
+        joints = np.repeat(joints[lie.held : lie.held + 1], FRAMES, axis=0)
+    motion = read_motion(out)
+    found = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity != "note"]
+    notes = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity == "note"]
+    missing = _lacking(outcome, html.unescape(report.read_text("utf-8")), found, motion.fps)
+    named = tuple(dict.fromkeys(item.code for item in (*found, *notes)))
+    return Found(
+        False, error_mm(motion.joints, joints), named, missing, sentence(found[0], motion.fps) if found else ""
+    )
+
+
+def _lacking(outcome: Outcome, page: str, found: list[Diagnostic], fps: float) -> tuple[str, ...]:
+    people, programs, errors = io.StringIO(), io.StringIO(), io.StringIO()
+    with redirect_stderr(errors):
+        ForPeople(people).result(outcome)
+    ForPrograms(programs).result(outcome)
+    texts = {"console": people.getvalue() + errors.getvalue(), "report": page, "JSON": programs.getvalue()}
+    return tuple(
+        f"{item.code} in {place}"
+        for item in found
+        for place, text in texts.items()
+        if (item.code if place == "JSON" else sentence(item, fps)[:_BEGIN]) not in text
+    )
+
+
+def _lacking_error(error: MocapError) -> tuple[str, ...]:
+    people, programs, errors = io.StringIO(), io.StringIO(), io.StringIO()
+    with redirect_stderr(errors):
+        ForPeople(people).error(error)
+    ForPrograms(programs).error(error)
+    texts = {"console": errors.getvalue(), "JSON": programs.getvalue()}
+    return tuple(place for place, text in texts.items() if error.message[:_BEGIN] not in text)
