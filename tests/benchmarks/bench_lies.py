@@ -2,16 +2,20 @@
 
 Each is mended (within 1.15 times the error of the same frames unspoiled), named (a warning that those frames do not
 have), refused, or silent. What is warned of stands on the console, in the report and in the JSON. Writes
-docs/research-log/lies.md. LIES names some rows, commas between.
+docs/research-log/lies.md once every row is there. LIES names some rows, commas between; LIES_RECORD is a file to which
+rows are added, and from which they are taken the next time.
 """
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 from solver_backend.exchange.outputs import write_text
 from tests.benchmarks.metric import Metric, key_of
@@ -41,14 +45,17 @@ python3 dev.py bench lies --update
 def run() -> list[Metric]:
     """Solve every row, write the page, and count."""
     chosen = [name for name in os.environ.get("LIES", "").split(",") if name]
-    found: dict[str, Found] = {}
-    for name in dict.fromkeys([FULL, *(chosen or ROWS)]):
-        with TemporaryDirectory() as folder:
-            found[name] = found_of(ROWS[name], Path(folder))
+    place = os.environ.get("LIES_RECORD", "")
+    known, found = _recorded(Path(place)) if place else {}, dict[str, Found]()
+    for name in dict.fromkeys([FULL, *known, *(chosen or ROWS)]):
+        found[name] = known.get(name) or _tried(name)
+        if place and name not in known:
+            with Path(place).open("a", encoding="utf-8") as lines:
+                lines.write(json.dumps([name, asdict(found[name])]) + "\n")
         sys.stdout.write(f"  {line_of(name, found)}\n")
         sys.stdout.flush()
-    if not chosen:
-        write_text(PAGE, _HEAD + "\n".join(line_of(name, found) for name in found) + "\n", overwrite=True)
+    if set(found) == set(ROWS):
+        write_text(PAGE, _HEAD + "\n".join(line_of(name, found) for name in ROWS) + "\n", overwrite=True)
     states = [state_of(name, found) for name in found]
     errors = [
         Metric(f"{key_of(name)}_mm", row.error_mm, "mm", rel_tol=0.1) for name, row in found.items() if not row.refused
@@ -59,6 +66,21 @@ def run() -> list[Metric]:
         Metric("refused", states.count(REFUSED), "rows", rel_tol=0.0),
         Metric("lacking", sum(bool(row.missing) for row in found.values()), "rows", rel_tol=0.0),
     ]
+
+
+def _tried(name: str) -> Found:
+    with TemporaryDirectory() as folder:
+        return found_of(ROWS[name], Path(folder))
+
+
+def _recorded(record: Path) -> dict[str, Found]:
+    """Return the rows that earlier runs have tried."""
+    rows = [json.loads(line) for line in record.read_text("utf-8").splitlines()] if record.exists() else []
+    return {name: Found(**{key: _plain(value) for key, value in row.items()}) for name, row in rows}
+
+
+def _plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value
 
 
 def new_codes(name: str, found: Mapping[str, Found]) -> list[str]:

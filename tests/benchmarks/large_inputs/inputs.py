@@ -1,7 +1,9 @@
-"""The inputs: each fills a folder and returns the arguments of the program that reads it."""
+"""The inputs: each fills a folder and returns the module of the program that reads it, and its arguments."""
 
 from __future__ import annotations
 
+import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 
@@ -9,17 +11,22 @@ import numpy as np
 
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.native.capture_file import write_capture
+from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, JointSet, MarkerCloud
 from tests.support.calibration_files import toml_text
 from tests.support.many_views import demo_points, ring, seen_by
 from tests.support.scenes import detected, walker
+from tests.support.short_solves import cut
 from tests.support.trial_files import write_detections
+
+SOLVER, ADDON = "solver_backend", "blender_addon"
+_QUICK = {"iterations": 1, "residual_rotations": False, "contacts": False, "learn_noise": False}
 
 
 def _views(count: int, frames: int) -> Callable[[Path], list[str]]:
     def prepare(folder: Path) -> list[str]:
         write_capture(folder / "capture.npz", seen_by(ring(count), frames))
-        return ["solve", "capture.npz", "--out", "motion.npz", "--report", "report.html"]
+        return [SOLVER, "solve", "capture.npz", "--out", "motion.npz", "--report", "report.html"]
 
     return prepare
 
@@ -36,7 +43,7 @@ def crowd(folder: Path, count: int = 500, frames: int = 20) -> list[str]:
         people.append((xy, confidence * (rng.uniform(size=confidence.shape) > 0.1)))
     write_detections(folder / "pose", cameras.names, people)
     _describe(folder, cameras)
-    return ["info", "."]
+    return [SOLVER, "info", "."]
 
 
 def many_files(folder: Path, count: int = 100_000) -> list[str]:
@@ -45,7 +52,7 @@ def many_files(folder: Path, count: int = 100_000) -> list[str]:
     keypoints = seen_by(cameras, count // len(cameras)).require_multiview()[1]
     write_detections(folder / "pose", cameras.names, [(keypoints.xy, keypoints.confidence)])
     _describe(folder, cameras)
-    return ["info", "."]
+    return [SOLVER, "info", "."]
 
 
 def _describe(folder: Path, cameras: Cameras) -> None:
@@ -63,7 +70,18 @@ def many_labels(folder: Path, count: int = 1000, frames: int = 600) -> list[str]
     cloud[:, :own] = points[at]
     labels = tuple(f"M{i:04d}" for i in range(count))
     write_c3d(folder / "take.c3d", MarkerCloud(cloud.astype(np.float32), 60.0, labels=labels))
-    return ["solve", "take.c3d", "--out", "motion.npz", "--report", "report.html"]
+    return [SOLVER, "solve", "take.c3d", "--out", "motion.npz", "--report", "report.html"]
+
+
+def batch(folder: Path, count: int = 300, frames: int = 16) -> list[str]:
+    """Write so many short captures."""
+    (folder / "captures").mkdir()
+    first = folder / "captures" / "000.npz"
+    write_capture(first, cut(demo_capture(frames), 0, frames))
+    for number in range(1, count):
+        os.link(first, folder / "captures" / f"{number:03d}.npz")
+    (folder / "job.json").write_text(json.dumps({"version": 1, "settings": _QUICK}))
+    return [ADDON, "batch", "captures", "--out", "out", "--job", "job.json"]
 
 
 INPUTS: dict[str, Callable[[Path], list[str]]] = {
@@ -71,6 +89,9 @@ INPUTS: dict[str, Callable[[Path], list[str]]] = {
     "500 people": crowd,
     "1000 labels": many_labels,
     "100000 files": many_files,
+    "batch of 30": lambda folder: batch(folder, 30),
+    "batch of 300": batch,
+    "8 views 2250 frames": _views(8, 2_250),
     "8 views 9000 frames": _views(8, 9_000),
     "8 views 36000 frames": _views(8, 36_000),
 }

@@ -46,9 +46,9 @@ class Run:
 
 
 def run_measured(arguments: Sequence[str], folder: Path) -> Run:
-    """Run ``python -m solver_backend`` with ``--json`` in a folder to its end."""
+    """Run a module of Python, the first of the words, with ``--json`` in a folder to its end."""
     process = subprocess.Popen(
-        [sys.executable, "-m", "solver_backend", *arguments, "--json"], cwd=folder, stdin=subprocess.DEVNULL,
+        [sys.executable, "-m", *arguments, "--json"], cwd=folder, stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True, env=os.environ | {"PYTHONPATH": str(ROOT)},
     )  # fmt: skip
     found, over = Run(), threading.Event()
