@@ -2,7 +2,7 @@
 
 ``--mutator grammar`` draws documents by the grammar of their format instead of changing files. With ``--state FILE``
 the counts are kept there, and the same command goes on where an earlier one was stopped; ``--seconds`` stops it, and
-``--sum`` adds several files up. The table is printed after every 5,000 inputs. ``--coverage`` prints instead which
+``--sum`` adds several files up. The table is printed after every 20,000 inputs. ``--coverage`` prints instead which
 share of the readers' lines the inputs reach, ``--bytes SECONDS`` lets atheris change bytes by what it sees executed,
 ``--minimise`` keeps of the corpus and of new inputs the fewest files that reach all their lines.
 """

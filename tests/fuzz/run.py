@@ -29,7 +29,7 @@ _WAITING_S = 100
 CHANGES, GRAMMAR, BYTES = "changes", "grammar", "bytes"
 MUTATORS = (CHANGES, GRAMMAR)
 """Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
-BATCH = 5_000
+BATCH = 20_000
 """Inputs a child, which take values of one stock."""
 _MEMORY_FOLDER = Path("/dev/shm")
 

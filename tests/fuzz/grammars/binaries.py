@@ -41,11 +41,11 @@ def _saved(array: np.ndarray) -> bytes:
 
 
 def npz_bytes(draw: Draw, members: list[tuple[np.ndarray, Member]]) -> bytes:
-    """Draw an archive that any NumPy reads: members of other shapes, types or values, left out or added."""
-    kept, packed = [], draw.seldom(2)
-    for array, whole in members:
-        what = draw.integer(0, 2 * ODDLY)
-        if 0 < what < 16:
+    """Draw an archive that any NumPy reads: members of other shapes, types or values, or left out; often one alone."""
+    kept, packed, alone = [], draw.seldom(2), draw.integer(0, len(members) - 1) if draw.seldom(2) else -1
+    for number, (array, whole) in enumerate(members):
+        what = draw.integer(0, 2 * ODDLY) if alone < 0 or alone == number else 2 * ODDLY
+        if 0 < what < (2 * ODDLY if alone == number else 16):
             kept.append(member(whole.name, _saved(_array_like(draw, array)), packed))
         elif what:
             kept.append(whole)

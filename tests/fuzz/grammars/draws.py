@@ -91,7 +91,7 @@ class Draw:
         """Return a value that hypothesis made, by a name of ``STRATEGIES``."""
         return self._random.choice(stock(kind, self._number))
 
-    def oddly(self, usual: T, other: str | Sequence[Any]) -> Any:
+    def oddly(self, usual: Any, other: str | Sequence[Any]) -> Any:
         """Return the usual value, seldom one of a kind or one of others."""
         if not self.seldom():
             return usual
