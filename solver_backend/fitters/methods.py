@@ -21,6 +21,7 @@ from solver_backend.fitters.recipes.views import solve_views
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult
 from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.types import Capture
 
 
 class Recipe(Protocol):
@@ -123,8 +124,14 @@ def require_curves(settings: SolveSettings, where: str) -> None:
         )  # fmt: skip
 
 
-def require_start(settings: SolveSettings, where: str) -> None:
-    """Raise ``JobInvalid`` unless the method holds to a motion that it starts at."""
+def require_start(settings: SolveSettings, capture: Capture) -> None:
+    """Raise ``JobInvalid`` unless the method holds to a motion that it starts at, and several cameras saw the take."""
+    where = capture.name
+    if capture.keypoints is None or capture.is_one_view:
+        raise JobInvalid(
+            "A motion to start at is for takes of several cameras.", where=where,
+            hint="Leave --start out, or read the capture with the camera that was added.",
+        )  # fmt: skip
     if not METHODS[settings.method].starts_at:
         able = _named(method.name for method in METHODS.values() if method.starts_at)
         raise JobInvalid(

@@ -13,7 +13,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
 from solver_backend.cameras.view_checks.left_out import without_views
-from solver_backend.exchange.errors import BackendMissing, JobInvalid, NoDetections, TakeTooShort
+from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
@@ -221,13 +221,8 @@ def prepare(
             f"The bundle needs 4 frames, the take has {capture.num_frames}.", where=capture.name,
             hint="Use the method 'frame' for single images.",
         )  # fmt: skip
-    if start is not None and (capture.keypoints is None or capture.is_one_view):
-        raise JobInvalid(
-            "A motion to start at is for takes of several cameras.", where=capture.name,
-            hint="Leave --start out, or read the capture with the camera that was added.",
-        )  # fmt: skip
     if start is not None:
-        require_start(settings, capture.name)
+        require_start(settings, capture)
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     prior = load_sposer() if prior is None else prior
     meant = with_meant_confidence(capture, settings.noise)
