@@ -10,7 +10,7 @@ _COMPARE = "Compare with the footage there."
 
 RESULT: dict[str, DiagnosticEntry] = {
     "setting_without_effect": warning(
-        "The method '{method}' has no use for {settings}: nothing of the motion follows from it",
+        "The method '{method}' does not use {settings}: the motion is the same without",
         "The setting is one of another method.",
         "Choose the method that has it, or leave the setting out.",
     ),
