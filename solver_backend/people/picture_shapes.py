@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -48,37 +49,40 @@ def with_shapes(scores: ReadingScores, best: list[CameraCorrection]) -> list[Cam
     coarse = scores.on(COARSE_FRAMES, list(range(len(best)))).within(COARSE)
     alike = max(set(best), key=best.count)
     worst = min(range(len(best)), key=lambda c: scores.of_camera(c, best))
-    found = [
-        _nearest(near, max(([replace(alike, factor=f, shape=s)] * len(best) for f in _SIZES), key=coarse.of))
-        for s in ("", *SHAPES)
-    ]
+    everyone = tuple(range(len(best)))
+    shaped = [([replace(alike, shape=s)] * len(best), everyone) for s in ("", *SHAPES)]
     if scores.without(worst).of(best) >= OTHERS_AGREE:
-        of_one = [[_with(best, worst, replace(alike, factor=f, shape=s)) for f in _SIZES] for s in _OF_ONE]
-        found += [_nearest(near, max(sizes, key=coarse.of), (worst,)) for sizes in of_one]
+        shaped += [(_with(best, worst, replace(alike, shape=s)), (worst,)) for s in _OF_ONE]
+    found = [_nearest(near, _best_size(coarse, reading, _SIZES, cameras), cameras) for reading, cameras in shaped]
     chosen = max(found, key=near.of)
     if not any(r.shape for r in chosen) and abs(np.log(chosen[0].factor / alike.factor)) < LIKE_CALIBRATED:
         return best
     return chosen if near.of(chosen) >= near.of(best) + CLEARLY else best
 
 
-def _nearest(
-    near: ReadingScores, reading: list[CameraCorrection], cameras: tuple[int, ...] | None = None
+def _best_size(
+    scores: ReadingScores, reading: list[CameraCorrection], sizes: Sequence[float], cameras: tuple[int, ...]
 ) -> list[CameraCorrection]:
-    """Return the reading with the size of these cameras' pictures, or of all, that fits best to a few per mille.
+    """Return the reading with the size of these cameras' pictures that scores best."""
+    return _of_size(reading, sizes[int(np.argmax(scores.of_sizes(reading, sizes, cameras)))], cameras)
+
+
+def _of_size(reading: list[CameraCorrection], factor: float, cameras: tuple[int, ...]) -> list[CameraCorrection]:
+    return [replace(r, factor=factor) if c in cameras else r for c, r in enumerate(reading)]
+
+
+def _nearest(near: ReadingScores, reading: list[CameraCorrection], cameras: tuple[int, ...]) -> list[CameraCorrection]:
+    """Return the reading with the size of these cameras' pictures that fits best to a few per mille.
 
     A standard size is taken where it fits about as well.
     """
-    chosen = range(len(reading)) if cameras is None else cameras
-    found = reading[chosen[0]].factor
-
-    def of_size(factor: float) -> list[CameraCorrection]:
-        return [replace(r, factor=factor) if c in chosen else r for c, r in enumerate(reading)]
-
-    best = max((of_size(found * f) for f in _FINER), key=near.of)
-    size = best[chosen[0]].factor
+    found = reading[cameras[0]].factor
+    best = _best_size(near, reading, [found * f for f in _FINER], cameras)
+    size = best[cameras[0]].factor
     standard = min(FACTORS, key=lambda factor: abs(np.log(factor / size)))
-    if abs(np.log(standard / size)) < _STANDARD and near.of(of_size(standard)) > near.of(best) - _AS_WELL:
-        return of_size(standard)
+    usual = _of_size(reading, standard, cameras)
+    if abs(np.log(standard / size)) < _STANDARD and near.of(usual) > near.of(best) - _AS_WELL:
+        return usual
     return best
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Container, Sequence
 from copy import copy
 from dataclasses import replace
 
@@ -10,7 +11,7 @@ import numpy as np
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.camera_pairs import compared_pairs
 from solver_backend.cameras.projection import undistort
-from solver_backend.people.pair_agreement import OFF_LINE, pair_agreement
+from solver_backend.people.pair_agreement import OFF_LINE, pair_agreement, pair_agreements
 from solver_backend.people.sightings import MIN_CONFIDENCE
 from solver_backend.types import Cameras
 
@@ -55,6 +56,35 @@ class ReadingScores:
     def penalised(self, reading: list[CameraCorrection]) -> float:
         """Return the same, less what its changes must be worth."""
         return self.of(reading) - CHANGE_COST * max(correction.changes for correction in reading)
+
+    def of_sizes(self, reading: list[CameraCorrection], sizes: Sequence[float], chosen: Container[int]) -> np.ndarray:
+        """Return (S,) what ``of`` returns of a reading in which pictures of chosen cameras have each of S sizes.
+
+        Pictures ``s`` times as large as those calibrated are read as detections at ``(u + 0.5) / s - 0.5`` px, so all
+        sizes are computed in one array; sizes that ``of`` rounds to whole pixels are not rounded here.
+        """
+        scores = np.full((len(self._compared), len(sizes)), np.nan)
+        views = [self._sizes(c, r, sizes if c in chosen else (r.factor,)) for c, r in enumerate(reading)]
+        for row, (a, b) in enumerate(self._compared):
+            (x_a, R_a, t_a), (x_b, R_b, t_b) = views[a], views[b]
+            count = max(len(x_a), len(x_b))
+            x_a, x_b = (np.broadcast_to(x, (count, *x.shape[1:])) for x in (x_a, x_b))
+            scores[row] = pair_agreements(x_a, R_a, t_a, x_b, R_b, t_b, self._off_line)
+        known = np.isfinite(scores)
+        return np.where(known, scores, 0.0).sum(0) / np.maximum(known.sum(0), 1)
+
+    def _sizes(
+        self, c: int, correction: CameraCorrection, sizes: Sequence[float]
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (S, F, J, 2) normalised points of a camera whose pictures have each of S sizes, and its pose."""
+        R, t = self._turned(replace(correction, factor=1.0, shape=""))
+        picture = CameraCorrection(turn=correction.turn, shape=correction.shape)
+        one = corrected(self.cameras.subset([c]), [picture])
+        factors = np.asarray(sizes)[:, None, None, None]
+        xy = np.where(self._seen[c][..., None], (self._xy[c] + 0.5) / factors - 0.5, np.nan)
+        flat = xy.reshape(1, -1, *xy.shape[2:])
+        points = undistort(one.K, one.distortion, flat, one.distortion_model)
+        return points.reshape(xy.shape), R[c], t[c]
 
     def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
         """Return the mean share of the pairs that one camera is part of."""

@@ -93,5 +93,12 @@ def _own(name: str, values: np.ndarray) -> tuple[str, Rows]:
     return f"{name}.csv", [heading, *([f, *row] for f, row in enumerate(values.tolist()))]
 
 
-TABLES = {"deeplabcut": _deeplabcut, "deeplabcut_animals": _deeplabcut_animals, "sleap": _sleap, "own": _own}
+def _points(name: str, values: np.ndarray) -> tuple[str, Rows]:
+    points = values.reshape(ROWS, len(COCO), 3).tolist()
+    rows = [[f, part, *point] for f, frame in enumerate(points) for part, point in zip(COCO, frame, strict=True)]
+    return f"{name}.csv", [["frame", "keypoint", "x", "y", "score"], *rows]
+
+
+TABLES = {"deeplabcut": _deeplabcut, "deeplabcut_animals": _deeplabcut_animals, "sleap": _sleap, "own": _own,
+          "point_rows": _points}  # fmt: skip
 """By what they are called: the file's name and rows of one camera."""

@@ -17,12 +17,16 @@ from pathlib import Path
 
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.spoiled_views.trial import Result, result_of_folder
+from tests.benchmarks.strangers.conventions import CONVENTIONS
 from tests.benchmarks.strangers.faults import FAULTS
 from tests.benchmarks.strangers.forms import FORMS
+from tests.benchmarks.strangers.layouts import LAYOUTS
 from tests.benchmarks.strangers.more_faults import MORE
 from tests.benchmarks.strangers.take import FPS, Take, demo_take, write_take
 
-CASES: dict[str, Callable[[Path, Take], None]] = {"as it should be": write_take, **FORMS, **FAULTS, **MORE}
+CASES: dict[str, Callable[[Path, Take], None]] = {
+    "as it should be": write_take, **FORMS, **FAULTS, **MORE, **CONVENTIONS, **LAYOUTS,
+}  # fmt: skip
 WITHIN = 1.5
 """Times the error of the same take as it should be: several forms have fewer keypoints."""
 

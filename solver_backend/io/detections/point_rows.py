@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.detections.camera_frames import CameraFrames, People
-from solver_backend.io.detections.column_table import FRAMES, by_camera, column_of, heading_of, read_rows
+from solver_backend.io.detections.column_table import FRAMES, by_camera, cells_of, column_of, heading_of, read_columns
 
 _NAMES = ("keypoint", "bodypart", "body_part", "joint", "landmark", "keypoint_name", "joint_name", "landmark_name",
           "part", "node", "point", "name", "keypoint_id", "keypoint_index", "joint_id", "joint_index", "landmark_id",
@@ -35,7 +36,7 @@ def is_table(path: Path) -> bool:
 
 def cameras_in(path: Path) -> dict[str, Callable[[], CameraFrames]]:
     """Return the cameras of a table of all of them, and how each is read; none where it is one camera's."""
-    return by_camera(path, lambda heading, rows: _frames(heading, rows, path))
+    return by_camera(path, lambda heading, rows: _frames(heading, partial(cells_of, rows), path))
 
 
 def read_table(path: Path) -> CameraFrames:
@@ -44,18 +45,18 @@ def read_table(path: Path) -> CameraFrames:
     Raises:
         FileDamaged: a row is short, or a value is no number.
     """
-    return _frames(*read_rows(path), path)
+    return _frames(*read_columns(path), path)
 
 
-def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFrames:
+def _frames(heading: list[str], cells: Callable[[int], list[str]], path: Path) -> CameraFrames:
     frame, part, x, y = (column_of(heading, names) for names in (FRAMES[:-1], _NAMES, _X, _Y))
     score, person = column_of(heading, _SCORES), column_of(heading, _PEOPLE)
     assert frame is not None and part is not None and x is not None and y is not None
     try:
-        spelled = [row[part] for row in rows]
-        people = [row[person] for row in rows] if person is not None else []
-        numbers = _floats([row[frame] for row in rows])
-        values = np.column_stack([_floats([row[c] for row in rows]) for c in (x, y, score) if c is not None])
+        spelled = cells(part)
+        people = cells(person) if person is not None else []
+        numbers = _floats(cells(frame))
+        values = np.column_stack([_floats(cells(c)) for c in (x, y, score) if c is not None])
         if not (np.abs(numbers) < _LARGEST_NUMBER).all():
             raise ValueError("a frame's number")
     except (ValueError, IndexError, OverflowError) as error:

@@ -18,7 +18,7 @@ from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
 from solver_backend.report.diagnose import diagnose
 from solver_backend.synthesis.embedded.demo import demo_capture
-from tests.benchmarks.spoiled_views.trial import error_mm, tilt_deg
+from tests.benchmarks.spoiled_views.trial import CHANGES, error_mm, tilt_deg
 
 pytestmark = [pytest.mark.shared, pytest.mark.slow]
 
@@ -26,12 +26,6 @@ FRAMES = 0, 29
 LIMIT_MM, FEW_KEYPOINTS_MM = 12.0, 20.0
 """Over thirty frames; the whole demo unspoiled has 8.7 mm, and 10 to 17 with the keypoints of COCO and of MPII."""
 LEVEL_DEG = 3.0
-CHANGES = {
-    "calibration_corrected", "calibration_corrected_out_of_step", "camera_names_exchanged", "cameras_assigned_by_views",
-    "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out", "names_exchanged",
-    "image_mirrored", "camera_rates_differ", "frame_rate_ambiguous", "focal_lengths_off", "cameras_elsewhere",
-}  # fmt: skip
-"""What is changed in captures, or would be by the user because of it."""
 
 
 @dataclass(frozen=True)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,13 @@ from tests.benchmarks.spoiled_views.kinds import Recording
 from tests.support.calibration_files import toml_text
 from tests.support.trial_files import write_detections
 
+CHANGES = {
+    "calibration_corrected", "calibration_corrected_out_of_step", "camera_names_exchanged", "cameras_assigned_by_views",
+    "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out", "names_exchanged",
+    "image_mirrored", "camera_rates_differ", "frame_rate_ambiguous", "focal_lengths_off", "cameras_elsewhere",
+}  # fmt: skip
+"""What is changed in captures, or would be by the user because of it."""
+
 
 @dataclass(frozen=True)
 class Result:
@@ -39,6 +47,8 @@ class Result:
     """As ``error_mm``, but at the truth's size."""
     scale: float = float("nan")
     """Of the truth against the result."""
+    codes: tuple[str, ...] = ()
+    """Of what was found in the recording."""
 
     @property
     def silent(self) -> bool:
@@ -46,30 +56,40 @@ class Result:
         return not self.warnings and not self.refused
 
 
-def result_of(capture: Capture, recording: Recording, joints: np.ndarray, **options: Any) -> Result:
+Known = Callable[[Capture], Result | None]
+"""Gives what is known to become of a reading, None where it must be solved."""
+
+
+def result_of(
+    capture: Capture, recording: Recording, joints: np.ndarray, known: Known = lambda read: None, **options: Any
+) -> Result:
     """Return what becomes of a recording in a folder of its own.
 
     Args:
         capture: gives confidences, joint set and frame rate.
         recording: what is written.
         joints: (F, 24, 3) of the whole film, metres; the take is laid over the part that it fits best.
+        known: what becomes of readings that need no solve.
         options: fields of ``ReadOptions``.
     """
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "trial"
         write_recording(path, capture, recording)
-        return result_of_folder(path, joints, **options)
+        return result_of_folder(path, joints, known, **options)
 
 
-def result_of_folder(path: Path, joints: np.ndarray, **options: Any) -> Result:
+def result_of_folder(path: Path, joints: np.ndarray, known: Known = lambda read: None, **options: Any) -> Result:
     """Return what becomes of a recording that is read and solved.
 
     Args:
         path: its folder.
-        joints, options: see ``result_of``.
+        joints, known, options: see ``result_of``.
     """
     try:
         read = load_capture(path, **options)
+        codes = tuple(item.code for item in read.problems)
+        if (result := known(read)) is not None:
+            return replace(result, warnings=tuple(sentence(i) for i in warnings_in(read.problems)), codes=codes)
         motion = solve(read, SolveSettings()).motion
         found = refuse_errors(diagnose(read, motion), (), "")
     except MocapError as error:
@@ -77,7 +97,7 @@ def result_of_folder(path: Path, joints: np.ndarray, **options: Any) -> Result:
     warnings = tuple(sentence(item, motion.fps) for item in warnings_in(found))
     scale = scale_of(motion.joints, joints)
     shape = error_mm(scale * motion.joints, joints)
-    return Result(error_mm(motion.joints, joints), warnings, "", tilt_deg(motion.joints, joints), shape, scale)
+    return Result(error_mm(motion.joints, joints), warnings, "", tilt_deg(motion.joints, joints), shape, scale, codes)
 
 
 def write_recording(path: Path, capture: Capture, recording: Recording) -> None:

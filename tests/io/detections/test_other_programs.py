@@ -11,6 +11,7 @@ import pytest
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
 from solver_backend.io.detections.column_table import is_table
+from solver_backend.io.detections.point_rows import read_table as read_points
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
@@ -220,3 +221,27 @@ def test_decimal_commas_between_semicolons_are_read(tmp_path: Path) -> None:
         write_table(tmp_path / f"{name}.csv", [heading, *rows], ";")
     found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
     np.testing.assert_allclose(found.xy[:, :, 0], POINTS[..., :2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("change", ["quoted", "blank line", "windows", "short row", "long row"])
+def test_rows_of_points_are_the_same_however_lines_are_written(change: str, tmp_path: Path) -> None:
+    rows = [f"{f},{name},{f + k},{2 * k},0.5" for f in range(3) for k, name in enumerate(COCO)]
+    heading, end = "frame,keypoint,x,y,score", "\n"
+    if change == "quoted":
+        rows = [row.replace("nose", '"nose"') for row in rows]
+    elif change == "blank line":
+        rows.insert(5, "")
+    elif change == "windows":
+        end = "\r\n"
+    elif change == "short row":  # as many cells in all as rows of one length have
+        rows[4], rows[7] = rows[4].rpartition(",")[0], rows[7] + ",0.5"
+    else:
+        rows = [row + ",more" for row in rows]
+    path = tmp_path / "cam1.csv"
+    path.write_bytes(end.join([heading, *rows, ""]).encode())
+    if change == "short row":
+        with pytest.raises(FileDamaged, match="short"):
+            read_points(path)
+        return
+    people = read_points(path).people(2)[0]
+    np.testing.assert_allclose(people, [[2 + k, 2 * k, 0.5] for k in range(len(COCO))])
