@@ -5,6 +5,7 @@ Each correction changes cameras, never detections, so that footage and keypoints
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,6 +29,8 @@ SHAPES = {
 no squares, fields of interlaced video, square inputs of detectors, modes of a camera that use a part of its sensor."""
 _MIDDLES = {"middle 3/4": 3 / 4, "middle 2/3": 2 / 3, "middle half": 1 / 2}
 _WIDTHS = {"squeezed": 3 / 4, "widened": 4 / 3, "half as wide": 1 / 2, "twice as wide": 2.0}
+_QUARTER = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+"""Camera axes of a picture that is turned by 90 degrees clockwise."""
 _GRAPHICS = np.diag([1.0, -1.0, -1.0])
 """OpenCV's camera axes (x right, y down, z forward) from those of OpenGL and Blender (y up, z backward)."""
 
@@ -92,6 +95,12 @@ def corrected(cameras: Cameras, corrections: list[CameraCorrection]) -> Cameras:
     return cameras
 
 
+def unrolled(R: np.ndarray, turns: Sequence[int]) -> np.ndarray:
+    """Return rotations (C, 3, 3) of cameras whose pictures were turned by quarter turns, as before that."""
+    once = [np.linalg.matrix_power(_QUARTER.T, turn) for turn in turns]
+    return np.stack(once) @ R
+
+
 def resized(cameras: Cameras, index: int, size: tuple[int, int]) -> Cameras:
     """Return the cameras with one of them for images of another size of the same shape.
 
@@ -146,8 +155,7 @@ def _turned_once(cameras: Cameras, c: int) -> Cameras:
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
     K[c] = [[fy, 0.0, height - 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]
-    turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    R[c], t[c], sizes[c] = turn @ R[c], turn @ t[c], sizes[c, ::-1]
+    R[c], t[c], sizes[c] = _QUARTER @ R[c], _QUARTER @ t[c], sizes[c, ::-1]
     if cameras.distortion_model == "opencv":
         distortion[c, 2], distortion[c, 3] = cameras.distortion[c, 3], -cameras.distortion[c, 2]
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)

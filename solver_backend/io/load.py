@@ -129,6 +129,9 @@ def _no_capture(path: Path, readers: Sequence[Reader[Capture]]) -> CaptureNotRec
     if deeper := [below.name for below in sorted(path.iterdir()) if below.is_dir() and camera_sources(below)]:
         what = f"The folder holds no detections of its own; {listing(deeper[:_NAMED])} in it does."
         return CaptureNotRecognised(what, where=str(path), hint=f"Choose {path / deeper[0]}.")
+    if (known := name_unsupported(folders, packed=True)) is not None:
+        what, how = known
+        return CaptureNotRecognised(f"The detections are {what}", where=str(path), hint=how)
     what = f"The folder holds no detections that are read: {_contents(path)}."
     return CaptureNotRecognised(what, where=str(path), hint=hint)
 

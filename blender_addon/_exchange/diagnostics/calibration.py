@@ -49,6 +49,12 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "Calibrated but not recorded: {cameras}",
         "The recording has fewer cameras than the calibration.",
     ),
+    "calibration_of_several": warning(
+        "The folder holds several calibrations of these cameras: {used} is used, by which {percent:.0f} % of the "
+        "keypoints agree between views; by {other} {percent_other:.0f} % do",
+        "Calibrations of several days lie beside one another.",
+        "Keep only the recording's calibration in the folder.",
+    ),
     "camera_names_matched": note(
         "Recorded cameras by their names in the calibration: {pairs}",
         "Names of recorded and calibrated cameras differ in more than fillers and leading zeros.",
@@ -67,6 +73,16 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "All principal points are 0: they are taken to be in the middle of the pictures",
         "The calibration leaves out cx and cy.",
         "Write them, or calibrate the lenses (calibrate-cameras).",
+    ),
+    "principal_points_offsets": warning(
+        "All principal points are near 0: they are taken to be counted from the middle of the pictures",
+        "Programs such as Metashape write cx and cy as offsets from the middle.",
+        "Write them from the pictures' upper left corner.",
+    ),
+    "rotations_in_degrees": warning(
+        "The rotation vectors are longer than two turns in radians: they are taken to be in degrees",
+        "A script or a spreadsheet converted the angles.",
+        "Write them in radians.",
     ),
     "world_left_handed": warning(
         "The calibration's world is left-handed (all rotations have determinant -1): its x axis is reversed",

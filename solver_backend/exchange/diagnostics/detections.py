@@ -72,6 +72,10 @@ DETECTIONS: dict[str, DiagnosticEntry] = {
         "Files were lost, or the detector writes none where it finds nobody.",
         "Run the detector on these frames again, if the person is there.",
     ),
+    "frames_counted_together": note(
+        "One counter ran over the pictures of all cameras: each camera's frames are counted in their order",
+        "A recorder numbers what it receives, whichever camera it is from.",
+    ),
     "confidence_above_one": note(
         "Confidences reach {largest:.3g}; those above 1 are taken as 1",
         "The detector's scores go a little beyond 1.",

@@ -44,7 +44,8 @@ def as_fitted(calibration: Calibration, fit: CalibrationFit) -> Calibration:
     found = diagnostic(
         "calibration_corrected", meanings=fit.meanings(), percent=100 * fit.agreement, percent_written=100 * fit.written
     )
-    return replace(calibration, cameras=fit.cameras, problems=(*calibration.problems, found))
+    rolls = tuple(correction.turn for correction in fit.corrections)
+    return replace(calibration, cameras=fit.cameras, rolls=rolls, problems=(*calibration.problems, found))
 
 
 def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: bool) -> tuple[Calibration, float]:

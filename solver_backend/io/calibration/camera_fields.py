@@ -23,8 +23,10 @@ _NAMES: dict[str, tuple[str, ...]] = {
         "distortions", "distortion", "dist", "distcoeffs", "distcoeff", "distcoef", "distortioncoefficients",
         "distortioncoeffs", "d",
     ),
-    "rotation": ("rotation", "r", "rvec", "rot", "rotationvector", "rotationmatrix"),
-    "translation": ("translation", "t", "tvec", "translationvector"),
+    "rotation": (
+        "rotation", "r", "rvec", "rot", "rotationvector", "rotationmatrix", "extrinsicr", "orientation", "quaternion",
+    ),
+    "translation": ("translation", "t", "tvec", "translationvector", "extrinsict", "position"),
     "extrinsics": ("extrinsics", "extrinsic", "extrinsicmatrix", "rt", "worldtocamera"),
     "pose": ("pose", "cameratoworld", "camtoworld", "c2w", "cam2world", "camera2world"),
     "size": ("size", "imagesize", "imgsize", "resolution"),
@@ -34,6 +36,8 @@ _NAMES: dict[str, tuple[str, ...]] = {
 }  # fmt: skip
 _FOCAL = {"fx", "fy", "cx", "cy"}
 """The four numbers of an intrinsic matrix."""
+_FOCAL_AND_CENTRE = {"focal_length", "principal_point"}
+"""The same as one or two focal lengths and two coordinates."""
 _TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
 """Distortion terms in OpenCV's order; fisheye lenses have the k alone."""
 _FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "kannalabrandt4", "equi")
@@ -53,10 +57,26 @@ def is_camera(node: Any) -> bool:
     """Whether a mapping holds an intrinsic matrix, its four numbers or a projection matrix, as cameras do."""
     if not isinstance(node, Mapping):
         return False
-    return _find(node, "K") is not None or set(node) >= _FOCAL or _is_projection(_find(node, "P"))
+    has_numbers = set(node) >= _FOCAL or set(node) >= _FOCAL_AND_CENTRE
+    return _find(node, "K") is not None or has_numbers or is_projection(_find(node, "P"))
 
 
-def _is_projection(value: Any) -> bool:
+def cameras_in_stacks(node: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Return the values of each camera where a mapping holds lists over cameras (ZJU-MoCap's), [] where it does not.
+
+    Intrinsics that differ are those of several cameras; a camera that moves has the same ones in all frames.
+    """
+    try:
+        K = np.array(_find(node, "K"), dtype=np.float64)
+    except (TypeError, ValueError):
+        return []
+    if K.ndim != 3 or len(K) < 2 or np.array_equal(K, np.broadcast_to(K[0], K.shape)):
+        return []
+    split = {key: value for key, value in node.items() if isinstance(value, list) and len(value) == len(K)}
+    return [{key: value[i] for key, value in split.items()} for i in range(len(K))]
+
+
+def is_projection(value: Any) -> bool:
     """Whether a value is three rows of four."""
     try:
         return np.shape(value)[-2:] == (3, 4)
@@ -80,7 +100,12 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
         own = node["id"]
     name = str(own) if own not in (None, "") else name
     place = f"{where}, camera {name}"
-    intrinsics = _find(node, "K") if _find(node, "K") is not None else node if set(node) >= _FOCAL else None
+    intrinsics, vector = _find(node, "K"), None
+    if intrinsics is None and set(node) >= _FOCAL:
+        intrinsics = node
+    elif intrinsics is None and set(node) >= _FOCAL_AND_CENTRE:
+        focal, centre = (numbers(node[key], place).reshape(-1) for key in ("focal_length", "principal_point"))
+        intrinsics = np.concatenate([np.resize(focal, 2), centre])
     if intrinsics is None:
         K, R, t = split_projection(numbers(_find(node, "P"), place), place)
     else:
@@ -89,6 +114,8 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
             node = {key: _constant(value, place) for key, value in node.items()}
             K = _K(_find(node, "K"), place)
         R, t = _pose(node, place)
+        written = _find(node, "rotation")
+        vector = None if written is None else numbers(written, place)
     fisheye = _is_fisheye(node)
     return CameraEntry(
         name=name,
@@ -98,6 +125,7 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
         t=t,
         image_size=_size(node, place),
         fisheye=fisheye,
+        rotation_vector=vector.reshape(3) if vector is not None and vector.size == 3 else None,
     )
 
 
@@ -106,6 +134,9 @@ def _distortion(node: Mapping[str, Any], fisheye: bool, place: str) -> np.ndarra
     written = _find(node, "distortion")
     named = written if isinstance(written, Mapping) and "data" not in written else node if written is None else {}
     terms = {plain(str(key)): value for key, value in named.items() if plain(str(key)) in _TERMS}
+    for letter in "kp" if written is None else "":  # XRPrimer's ``dist_coeff_k`` and ``dist_coeff_p``
+        listed = numbers(node.get(f"dist_coeff_{letter}", []), place).reshape(-1)
+        terms.update({f"{letter}{i + 1}": value for i, value in enumerate(listed) if f"{letter}{i + 1}" in _TERMS})
     if not terms:
         return np.zeros(0) if written is None else numbers(written, place).reshape(-1)
     order = sorted(term for term in terms if term.startswith("k")) if fisheye else _TERMS
@@ -143,6 +174,10 @@ def _K(value: Any, place: str) -> np.ndarray:
     K = numbers(value, place)
     if K.shape == (9,):
         K = K.reshape(3, 3)
+    if K.shape == (4,):  # Kalibr's and ROS' fx, fy, cx, cy
+        K = np.array([[K[0], 0.0, K[2]], [0.0, K[1], K[3]], [0.0, 0.0, 1.0]])
+    if K.shape == (4, 4):
+        K = np.concatenate([K[:2, :3], [[0.0, 0.0, 1.0]]])
     if K.shape[-2:] != (3, 3) or K.ndim > 3:
         raise CalibrationInvalid(f"The intrinsic matrix has shape {K.shape}; (3, 3) is expected.", where=place)
     # A matrix written column by column, as MATLAB and JARVIS do, has the principal point in its last row.
@@ -176,7 +211,8 @@ def _pose(node: Mapping[str, Any], place: str) -> tuple[np.ndarray, np.ndarray]:
         t = numbers(translation, place).reshape(-1)
         if t.shape != (3,):
             raise CalibrationInvalid(f"The translation has {t.size} numbers; 3 are expected.", where=place)
-        return rotation_matrix(rotation, place), t
+        R = rotation_matrix(rotation, place)
+        return (R.T, -R.T @ t) if node.get("world2cam") is False else (R, t)
     if extrinsics is not None:
         return _rigid(extrinsics, place)
     if pose is not None:
@@ -210,8 +246,9 @@ def rotation_matrix(value: Any, place: str) -> np.ndarray:
         return np.asarray(exp_so3(R.reshape(3)))
     if R.size != 9:
         raise CalibrationInvalid(
-            f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected.", where=place
-        )
+            f"The rotation has {R.size} numbers; a Rodrigues vector (3) or a matrix (9) is expected.", where=place,
+            hint="Write quaternions as matrices: the real part may be the first number or the last." * (R.size == 4),
+        )  # fmt: skip
     return R.reshape(3, 3)
 
 

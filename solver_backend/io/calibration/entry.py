@@ -36,6 +36,8 @@ class CameraEntry:
     """Width and height in pixels where the file states it."""
     fisheye: bool = False
     """The coefficients are those of the fisheye model."""
+    rotation_vector: np.ndarray | None = None
+    """(3,) the rotation as it is written, where it is written as a vector."""
 
 
 @dataclass(frozen=True)
@@ -52,6 +54,8 @@ class Calibration:
     """The unit that only the distance of the cameras suggests; '' where it is stated."""
     notes: tuple[Diagnostic, ...] = ()
     """Units and axes found."""
+    rolls: tuple[int, ...] = ()
+    """Of each camera, by how many quarter turns clockwise its pictures were found turned; () where none was."""
     problems: tuple[Diagnostic, ...] = ()
     """What the user should know."""
 

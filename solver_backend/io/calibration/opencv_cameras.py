@@ -8,8 +8,9 @@ from pathlib import Path
 from typing import Any
 
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.io.calibration.camera_fields import camera_entry, is_camera
+from solver_backend.io.calibration.camera_fields import camera_entry, cameras_in_stacks, is_camera, is_projection
 from solver_backend.io.calibration.entry import CameraEntry
+from solver_backend.io.calibration.kalibr_cameras import kalibr_nodes
 from solver_backend.io.calibration.matrix_files import SUFFIXES, matrix_nodes
 from solver_backend.io.calibration.nerf_cameras import nerf_nodes
 from solver_backend.io.calibration.yaml_storage import read_yaml
@@ -17,6 +18,9 @@ from solver_backend.io.files import read_json
 
 _SUFFIXED = {"K": "K", "dist": "distortion", "R": "rotation", "T": "translation", "H": "height", "W": "width"}
 """Matrices named ``K_<camera>`` and so on, as EasyMocap's intri.yml and extri.yml do."""
+
+_ALL = "cameras", "cams", "calibration"
+"""Keys in small letters under which a file may hold all of its cameras."""
 
 
 def read_opencv_tree(path: Path) -> Any:
@@ -73,22 +77,28 @@ def opencv_cameras(files: Sequence[MatrixFile]) -> list[CameraEntry]:
 
 
 def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
-    for special in (_human36m_nodes, nerf_nodes):
+    for special in (_human36m_nodes, nerf_nodes, kalibr_nodes):
         if (recorded := special(tree)) is not None:
             return recorded
     if is_camera(tree):
-        return [(stem, tree)]
+        return _stacked(tree) or [(stem, tree)]
     if isinstance(tree, Mapping):
-        nodes = [(str(key), node) for key, node in tree.items()]
+        nodes = [(str(key), {"projection": node} if is_projection(node) else node) for key, node in tree.items()]
     elif isinstance(tree, list):
         nodes = [(f"cam_{i}", node) for i, node in enumerate(tree)]
     else:
         return []
     found = [(name, node) for name, node in nodes if is_camera(node)]
+    if len(found) == 1 and (stacked := _stacked(found[0][1])):
+        return stacked
     if not found and isinstance(tree, Mapping):
-        inner = next((node for key, node in tree.items() if str(key).lower() in ("cameras", "calibration")), None)
+        inner = next((node for key, node in tree.items() if str(key).lower() in _ALL), None)
         return _camera_nodes(stem, inner) if inner is not None else []
     return found
+
+
+def _stacked(node: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
+    return [(f"cam_{i + 1}", values) for i, values in enumerate(cameras_in_stacks(node))]
 
 
 def _suffixed_nodes(tree: Any) -> dict[str, dict[str, Any]]:

@@ -29,6 +29,8 @@ from solver_backend.types import Cameras
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
 """Folders above and below that are searched; chosen by hand."""
+CLEARLY_BETTER = 0.2
+"""Share of the keypoints that must agree more by another calibration of a folder than by its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
 _SESSION = re.compile(r"^S\d+(_P\d+)?", re.IGNORECASE)
 _UNSUPPORTED = {
@@ -68,6 +70,7 @@ def find_calibration(
     up_axis: str | None = None,
     names: Mapping[str, str] | None = None,
     by_views: Callable[[Cameras, list[int] | None], list[int] | None] | None = None,
+    agreement: Callable[[Cameras], float] | None = None,
 ) -> Calibration:
     """Return the nearest calibration that knows the recorded cameras, with its cameras in the recorded order.
 
@@ -79,6 +82,8 @@ def find_calibration(
         names: calibrated names of recorded cameras whose own names do not give them.
         by_views: assigns calibrated cameras to the recorded ones by what they see, given the assignment by counting;
             asked where no calibration has the recorded names and none were given.
+        agreement: share of the keypoints that agree between views by cameras in the recorded order; asked where a
+            folder holds several calibrations of these cameras.
 
     Raises:
         CalibrationMissing: there is none.
@@ -91,10 +96,10 @@ def find_calibration(
     damaged: list[MocapError] = []
     for folder in _folders(root):
         found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
-        for calibration in found:
-            order = match_names(called, calibration.cameras.names)
-            if order is not None:
-                return ordered(calibration, order, recorded)
+        orders = [match_names(called, calibration.cameras.names) for calibration in found]
+        matching = [ordered(c, order, recorded) for c, order in zip(found, orders, strict=True) if order is not None]
+        if matching:
+            return _best_of(matching, agreement)
         others += found
         # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
@@ -140,6 +145,21 @@ def find_calibration(
 def _may_be_one(error: MocapError, folder: Path, root: Path) -> bool:
     """Whether a file that cannot be read counts as a calibration: beside the recording only by its name."""
     return folder == root or is_calibration_folder(folder) or bool(_CALIBRATION.match(Path(error.where or "").stem))
+
+
+def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float] | None) -> Calibration:
+    """Return the first calibration of a folder, or the one by which views agree far better."""
+    if len(found) == 1 or agreement is None:
+        return found[0]
+    shares = [agreement(calibration.cameras) for calibration in found]
+    best = max(range(len(found)), key=shares.__getitem__)
+    if shares[best] - shares[0] < CLEARLY_BETTER:
+        return found[0]
+    chosen = diagnostic(
+        "calibration_of_several", used=found[best].source.name, other=found[0].source.name,
+        percent=100 * shares[best], percent_other=100 * shares[0],
+    )  # fmt: skip
+    return replace(found[best], problems=(*found[best].problems, chosen))
 
 
 def _without_calibration(recorded: Sequence[str], calibrated: Sequence[str]) -> list[str]:

@@ -14,6 +14,8 @@ from solver_backend.types import Cameras
 
 WIDEST_ARRAY_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
+OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
+"""Times the distance of the others that one of so many cameras is off where it is written in another unit than they."""
 UNIT_ASSUMED = "calibration_unit_assumed"
 """Code of the note on a unit that only the distances between the cameras suggest."""
 
@@ -46,6 +48,11 @@ def _rig_width(entries: list[CameraEntry]) -> float:
     if len(centres) == 1:
         return float(np.linalg.norm(centres[0]))
     apart = np.linalg.norm(centres[:, None] - centres[None], axis=-1)
+    if len(centres) >= LEAST_FOR_OTHER_UNIT:
+        far = int(np.argmax(np.median(apart, axis=1)))
+        others = np.delete(np.delete(apart, far, axis=0), far, axis=1)
+        if apart.max() > OTHER_UNIT * others.max() > 0:
+            return float(others.max())
     return float(apart.max())
 
 

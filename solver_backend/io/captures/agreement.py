@@ -165,7 +165,8 @@ def _explained(
     if (found := _corrected(detections.cameras, readings)) is not None:
         cameras = corrected(in_file, [reading.correction for reading in readings])
         cameras = replace(cameras, R=cameras.R @ to_world.T)
-        calibration = replace(calibration, cameras=cameras, problems=(*calibration.problems, found))
+        rolls = tuple(reading.correction.turn for reading in readings)
+        calibration = replace(calibration, cameras=cameras, rolls=rolls, problems=(*calibration.problems, found))
     return calibration, np.array([reading.rate for reading in readings])
 
 

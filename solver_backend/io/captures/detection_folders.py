@@ -27,6 +27,7 @@ from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
+from solver_backend.people.calibration_fit import views_agreement
 from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
@@ -75,6 +76,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     calibration = find_calibration(
         root, tuple(sources), unit=options.unit, up_axis=options.up_axis, names=calibrated_names(options.camera),
         by_views=lambda cameras, by_order: assigned_by_views(cameras, as_numbered(read(), options), by_order),
+        agreement=lambda cameras: views_agreement(cameras, as_numbered(read(), options)),
     )  # fmt: skip
     detections = read()
     footage = find_footage(levels[:2], tuple(sources))
@@ -99,7 +101,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
 
     cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
-    world = fit_world(cameras, person.keypoints, options, options.up_axis)
+    world = fit_world(cameras, person.keypoints, options, options.up_axis, calibration.rolls)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     length_problems = _length_problems(videos, detections.num_frames) if as_filmed else ()
     problems = (

@@ -24,6 +24,8 @@ _PADDING = re.compile(r"del_(\d{1,18})_\d+")
 _OWN_NAMES = "keypoints.json"
 _FLAT = re.compile(r"(.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
 """Camera and frame number in a file's name where all cameras share a folder: ``cam01_000000000012_keypoints``."""
+_FLAT_NUMBER_FIRST = re.compile(r"(\d{3,18})[_\-. ]+(.*?[^\d_\-. ].*)")
+"""The same with the number before the camera: ``000012_cam01``."""
 
 
 LINES = ".jsonl", ".ndjson"
@@ -56,29 +58,34 @@ def line_files(folder: Path) -> list[Path]:
 def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
     """Return the files of each camera where one folder holds all cameras; {} where names do not state camera and frame.
 
-    A camera is what stands before the frame number. Every camera needs two files or more.
+    A camera is what stands before the frame number, or after it. Every camera needs two files or more.
     """
-    cameras: dict[str, list[Path]] = {}
-    for path in paths:
-        if (found := _FLAT.fullmatch(path.stem)) is None:
-            return {}
-        cameras.setdefault(found[1].rstrip("_-. "), []).append(path)
-    return cameras if len(cameras) > 1 and min(map(len, cameras.values())) > 1 else {}
+    for pattern, group in ((_FLAT, 1), (_FLAT_NUMBER_FIRST, 2)):
+        cameras: dict[str, list[Path]] = {}
+        for path in paths:
+            if (found := pattern.fullmatch(path.stem)) is None:
+                break
+            cameras.setdefault(found[group].rstrip("_-. "), []).append(path)
+        else:
+            if len(cameras) > 1 and min(map(len, cameras.values())) > 1:
+                return cameras
+    return {}
 
 
-def frames_in_files(paths: Sequence[Path], where: str) -> CameraFrames:
+def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
     """Return a camera's frames, one file each, by the number in its name; a padding file gives way to a frame.
 
     Args:
         paths: the files of one camera.
         where: their folder, for messages.
+        numbered: names that hold their frame numbers; those of the files if left out.
 
     Raises:
         FileDamaged: there are none, or the names give no frame numbers.
     """
     if not paths:
         raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file a frame there.")
-    stems = [path.stem for path in paths]
+    stems = numbered or [path.stem for path in paths]
     padded = [_PADDING.fullmatch(stem) for stem in stems]
     padding = {int(found[1]): path for path, found in zip(paths, padded, strict=True) if found}
     filmed = [(stem, path) for stem, path, found in zip(stems, paths, padded, strict=True) if not found]

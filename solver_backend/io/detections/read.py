@@ -18,7 +18,7 @@ from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_c
 from solver_backend.io.detections.own_keypoints import OwnKeypoints
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.confidence import on_unit_scale
-from solver_backend.io.recognition.frame_numbers import shared_range
+from solver_backend.io.recognition.frame_numbers import counted_together, shared_range
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.io.recognition.placeholders import placeholder
 from solver_backend.people.detections import Detections
@@ -75,6 +75,9 @@ def read_detections(
     if own is not None:
         listed = {name: own.apply(frames) for name, frames in listed.items()}
     listed = {name: with_named_hands(frames) for name, frames in listed.items()}
+    counted = counted_together([frames.numbers for frames in listed.values()])
+    if counted is not None:
+        listed = {n: replace(frames, numbers=of_n) for (n, frames), of_n in zip(listed.items(), counted, strict=True)}
     spans = {name: (int(frames.numbers[0]), int(frames.numbers[-1])) for name, frames in listed.items()}
     apart = apart and len(set(spans.values())) > 1
     if not apart:
@@ -112,6 +115,8 @@ def read_detections(
     hands = hands_of(body, sure, chosen)
     hands = _written_hands(len(sources), pictures, max(lengths)) if hands is None else hands
     columns = np.r_[: chosen.num_keypoints, count:written]
+    if counted is not None:
+        notes += (diagnostic("frames_counted_together"),)
     missing = sum(lengths) - len(pictures)
     if missing:
         doubts += (diagnostic("frame_files_missing", count=missing),)

@@ -41,6 +41,8 @@ DETECTION_FOLDERS = (
 """With those of EasyMocap, of MMPose's and MMDetection's inferencers and of COCO's tools."""
 BELOW = ("sep-json", "labels", "json", "keypoints", "predictions", "openpose", "pose")
 """Folders inside a camera's own that hold its detections, of AlphaPose, Ultralytics and others."""
+_LEVELS_BELOW = 2
+"""Such folders that may lie in one another: ``cam01/openpose/json``."""
 _ENDINGS = re.compile(
     r"([_\-. ](json|keypoints|openpose|openpifpaf|alphapose|predictions|labels)|\.(mp4|avi|mov|mkv))$", re.IGNORECASE
 )
@@ -73,7 +75,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     files of all cameras together. Nothing but names is read, and the first bytes of tables.
     """
     for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
-        if found := _folders(parent) or _camera_files(parent) or _flat_files(parent):
+        if found := _frame_folders(parent) or _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
     return _array(root) or {name: _of_opencap(folders) for name, folders in opencap.cameras(root).items()}
 
@@ -99,13 +101,30 @@ def _whole_take(path: Path, camera: str = "") -> CameraFrames | None:
     return frames_in_document(documents_in(read_text(path), path), path, camera)
 
 
+def _frame_folders(parent: Path) -> dict[str, CameraSource]:
+    """Return the cameras of a folder that holds a folder for each frame, in it a file for each camera."""
+    below = sorted((path for path in parent.iterdir() if path.is_dir()), key=lambda path: natural_key(path.name))
+    if len(below) <= _MOST_CAMERAS or any(not any(c.isdigit() for c in path.name) for path in below):
+        return {}
+    names = [path.name for path in json_files(below[0])]
+    cameras = {name: [folder / name for folder in below if (folder / name).is_file()] for name in names}
+    if len(cameras) < 2 or len(cameras) > _MOST_CAMERAS or min(map(len, cameras.values())) <= len(below) // 2:
+        return {}
+    return {
+        camera_name(Path(name).stem): CameraSource(
+            parent, partial(frames_in_files, paths, str(parent), [path.parent.name for path in paths])
+        )
+        for name, paths in cameras.items()
+    }
+
+
 def _folders(parent: Path) -> dict[str, CameraSource]:
     below = [folder for folder in parent.iterdir() if folder.is_dir() and not is_calibration_folder(folder)]
     found = {camera_name(folder.name): source for folder in below if (source := _of_camera(folder, BELOW)) is not None}
     return found if set(found) - set(BELOW) else {}
 
 
-def _of_camera(folder: Path, below: Sequence[str] = ()) -> CameraSource | None:
+def _of_camera(folder: Path, below: Sequence[str] = (), levels: int = _LEVELS_BELOW) -> CameraSource | None:
     """Return the source of one camera's folder, of files of any kind, or in one of the folders ``below`` it."""
     if has_json_files(folder):
         return of_folder(folder)
@@ -114,7 +133,8 @@ def _of_camera(folder: Path, below: Sequence[str] = ()) -> CameraSource | None:
         return CameraSource(files[0], partial(kind.read, files[0]))
     if len(texts := yolo.files_of_cameras(folder)) == 1:
         return CameraSource(folder, partial(yolo.frames_of_files, *texts.values(), str(folder)))
-    sources = (_of_camera(folder / name) for name in below if (folder / name).is_dir())
+    deeper = BELOW if levels > 1 else ()
+    sources = (_of_camera(folder / name, deeper, levels - 1) for name in below if (folder / name).is_dir())
     return next((source for source in sources if source is not None), None)
 
 

@@ -73,6 +73,24 @@ def _counted(numbers: np.ndarray, where: str) -> np.ndarray:
     )
 
 
+def counted_together(numbers: Sequence[np.ndarray]) -> list[np.ndarray] | None:
+    """Return the frames (N,) of each camera where one counter ran over the pictures of all of them, None where not.
+
+    The first camera then has 0, 4, 8 ..., the second one 1, 5, 9 ...: steps are equal, and no two cameras share a
+    number.
+
+    Args:
+        numbers: (N,) of each camera, ascending.
+    """
+    steps = np.unique(np.concatenate([np.diff(of_camera) for of_camera in numbers]))
+    firsts = [int(of_camera[0]) for of_camera in numbers]
+    if len(numbers) < 2 or len(steps) != 1 or steps[0] < len(numbers) or len(set(firsts)) < len(firsts):
+        return None
+    if max(firsts) - min(firsts) >= steps[0]:
+        return None
+    return [(of_camera - min(firsts)) // steps[0] for of_camera in numbers]
+
+
 def spans_too_much(ordered: Sequence[int]) -> bool:
     """Whether ascending numbers lie so far apart that they cannot all be frames of one take."""
     return bool(len(ordered)) and ordered[-1] - ordered[0] >= _SPARSEST * len(ordered) + _FREE

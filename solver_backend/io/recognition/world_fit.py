@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.cameras.camera_corrections import unrolled
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
@@ -94,7 +95,11 @@ def find_people(
 
 
 def fit_world(
-    cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings = WorldSettings(), up_axis: str | None = None
+    cameras: Cameras,
+    keypoints: Keypoints2D,
+    settings: WorldSettings = WorldSettings(),
+    up_axis: str | None = None,
+    rolls: Sequence[int] = (),
 ) -> WorldFit:
     """Return cameras in a world that the person stands upright in.
 
@@ -105,6 +110,7 @@ def fit_world(
         keypoints: detections of one person.
         settings: whether the world is levelled.
         up_axis: the axis that the user stated to point up, which stays the nearest one.
+        rolls: quarter turns by which pictures were found turned against those calibrated; either may be upright.
 
     Raises:
         NoDetections: the world was to be levelled, and nobody stands in it.
@@ -114,10 +120,10 @@ def fit_world(
         return WorldFit(one.camera, nothing_checked(keypoints), one.notes, one.problems, one.from_person)
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
-    if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis):
+    if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
         cameras, problems = with_up_axis(cameras, axis), (diagnostic("up_by_person", axis=axis.upper()),)
         world = check_world(cameras, keypoints)
-    levelled, found = _level(cameras, keypoints, world, settings.level)
+    levelled, found = _level(cameras, keypoints, world, settings.level, rolls)
     if levelled is not cameras:
         world = check_world(levelled, keypoints)
     if settings.level == AUTO:
@@ -126,14 +132,14 @@ def fit_world(
 
 
 def _level(
-    cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str
+    cameras: Cameras, keypoints: Keypoints2D, world: WorldCheck, how: str, rolls: Sequence[int]
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
     """Return the cameras in a level world, and what was done; the same cameras where nothing is done."""
     fits = world.upright[2] > SURELY_UPRIGHT and abs(world.lowest_m) < OFF_FLOOR_M
     if how == OFF or (how == AUTO and fits):
         return cameras, ()
     try:
-        level = measure_level(world.points, keypoints.joint_set, cameras, world.fps)
+        level = measure_level(world.points, keypoints.joint_set, _upright(cameras, rolls, world.upright), world.fps)
     except NoDetections:
         if how == AUTO:
             return cameras, ()
@@ -146,9 +152,18 @@ def _level(
     return cameras, ()
 
 
-def _lies(cameras: Cameras, axis: str) -> bool:
+def _lies(cameras: Cameras, axis: str, rolls: Sequence[int]) -> bool:
     """Return whether cameras show that somebody along an axis lies: they stand level in the world as it is."""
-    return roll_gain(cameras.R, rotation_to_z_up(axis).T[:, 2]) <= -CONTRADICTS
+    up = rotation_to_z_up(axis).T[:, 2]
+    return roll_gain(_upright(cameras, rolls, up).R, up) <= -CONTRADICTS
+
+
+def _upright(cameras: Cameras, rolls: Sequence[int], up: Sequence[float] | np.ndarray) -> Cameras:
+    """Return the cameras with the roll of their pictures as recorded or as calibrated, whichever fits an up better."""
+    if not any(rolls) or not np.isfinite(up).all():
+        return cameras
+    calibrated = replace(cameras, R=unrolled(cameras.R, rolls))
+    return max((cameras, calibrated), key=lambda found: roll_gain(found.R, np.asarray(up)))
 
 
 def _moved(cameras: Cameras, turn: np.ndarray, floor_m: float) -> Cameras:

@@ -7,6 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.world_settings import LEVELS, WorldSettings
@@ -72,6 +73,17 @@ def test_an_axis_that_the_user_stated_stays_and_is_doubted(short: Capture) -> No
     fit = fit_world(cameras, short.keypoints, WorldSettings(level="off"), "z")
     np.testing.assert_array_equal(fit.cameras.R, cameras.R)
     assert fit.problems == () and diagnostic("person_along_axis", axis="-Y") in fit.check.problems()
+
+
+def test_pictures_found_turned_do_not_show_that_somebody_lies(short: Capture) -> None:
+    """Calibrated upright in the first camera's world, recorded with all pictures turned: either roll may be upright."""
+    world = turned(short.cameras, short.cameras.R[0])
+    rolled = corrected(world, [CameraCorrection(turn=1)] * len(world))
+    height = world.image_size[:, 1, None, None] - 1
+    xy = np.stack([height - short.keypoints.xy[..., 1], short.keypoints.xy[..., 0]], axis=-1)
+    fit = fit_world(rolled, replace(short.keypoints, xy=xy), rolls=(1,) * len(world))
+    assert fit.problems[0] == diagnostic("up_by_person", axis="-Y")
+    assert fit.check.upright[2] > 0.9
 
 
 @pytest.mark.slow
