@@ -64,6 +64,12 @@ CALIBRATION: dict[str, DiagnosticEntry] = {
         "The names of recorded and calibrated cameras have nothing in common.",
         "Another assignment: --camera {camera}={calibrated} and so on.",
     ),
+    "cameras_are_others": warning(
+        "The recorded cameras are others of the calibration than their names state: by the agreement of the views "
+        "{pairs}",
+        "Recorders number the cameras that they see from 1, whichever were calibrated.",
+        "Another assignment: --camera RECORDED=CALIBRATED for each.",
+    ),
     "intrinsics_in_shares": warning(
         "Focal lengths and principal points are shares of the picture: they are taken times its width and height",
         "A script divided the intrinsics by the size of the picture.",

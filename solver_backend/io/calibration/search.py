@@ -29,6 +29,8 @@ from solver_backend.types import Cameras
 CONFIG = "Config.toml"
 MOST_LEVELS = 5
 """Folders above and below that are searched; chosen by hand."""
+AGREES_BY_NAME = 0.7
+"""Share of the keypoints that agree by the cameras of the recorded names from which no others are looked for."""
 CLEARLY_BETTER = 0.2
 """Share of the keypoints that must agree more by another calibration of a folder than by its first."""
 _CALIBRATION = re.compile(r"calib(ration)?s?\d*([_\-\s.].*)?|.+[_\-\s.]calib(ration)?s?", re.IGNORECASE)
@@ -97,9 +99,12 @@ def find_calibration(
     for folder in _folders(root):
         found, errors = calibrations_in(folder, unit=unit, up_axis=up_axis)
         orders = [match_names(called, calibration.cameras.names) for calibration in found]
-        matching = [ordered(c, order, recorded) for c, order in zip(found, orders, strict=True) if order is not None]
-        if matching:
-            return _best_of(matching, agreement)
+        named = [(calibration, order) for calibration, order in zip(found, orders, strict=True) if order is not None]
+        if named:
+            chosen = _best_of([ordered(*pair, recorded) for pair in named], agreement)
+            if len(named) > 1 or by_views is None or agreement is None or names:
+                return chosen
+            return _others_of_more(*named[0], chosen, recorded, by_views, agreement)
         others += found
         # What is broken in a folder of its own is a broken calibration; elsewhere it may be anybody's file.
         serious = [e for e in errors if is_calibration_folder(folder) or isinstance(e, CalibrationInvalid)]
@@ -145,6 +150,33 @@ def find_calibration(
 def _may_be_one(error: MocapError, folder: Path, root: Path) -> bool:
     """Whether a file that cannot be read counts as a calibration: beside the recording only by its name."""
     return folder == root or is_calibration_folder(folder) or bool(_CALIBRATION.match(Path(error.where or "").stem))
+
+
+def _others_of_more(
+    whole: Calibration,
+    by_names: list[int],
+    chosen: Calibration,
+    recorded: Sequence[str],
+    by_views: Callable[[Cameras, list[int] | None], list[int] | None],
+    agreement: Callable[[Cameras], float],
+) -> Calibration:
+    """Return a calibration by its names, or by the views where it has more cameras and others of them clearly agree.
+
+    Args:
+        whole: all its cameras.
+        by_names: which of them have the recorded names.
+        chosen: those.
+        recorded, by_views, agreement: see ``find_calibration``.
+    """
+    if len(whole.cameras) == len(recorded) or agreement(chosen.cameras) >= AGREES_BY_NAME:
+        return chosen
+    order = by_views(whole.cameras, by_names)
+    if order is None or order == by_names:
+        return chosen
+    pairs = [f"{name} is {whole.cameras.names[i]}" for name, i in zip(recorded, order, strict=True)]
+    others = diagnostic("cameras_are_others", cameras=recorded, pairs=pairs)
+    found = ordered(whole, order)
+    return replace(found, problems=(*found.problems, others))
 
 
 def _best_of(found: Sequence[Calibration], agreement: Callable[[Cameras], float] | None) -> Calibration:
