@@ -19,7 +19,7 @@ from solver_backend.io.calibration.units import in_metres, with_up_axis
 from solver_backend.io.files import LARGEST_TEXT
 
 FORMATS = (
-    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, Kalibr's .yaml, NeRF's transforms.json, "
+    "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, NeRF's transforms.json, "
     ".npz of K, R and t, projection matrices or DLT numbers as text, COLMAP's text model"
 )
 """What is read, for messages."""
