@@ -82,6 +82,7 @@ def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
             return recorded
     if is_camera(tree):
         return _stacked(tree) or [(stem, tree)]
+    nodes: list[tuple[str, Any]]
     if isinstance(tree, Mapping):
         nodes = [(str(key), {"projection": node} if is_projection(node) else node) for key, node in tree.items()]
     elif isinstance(tree, list):
