@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.calibration.read import read_calibration
 from tests.support.other_calibrations import CAMERAS, NAMES
 
@@ -35,12 +36,18 @@ def without_middle(c: int, K: np.ndarray, R: np.ndarray) -> None:
     K[:2, 2] = 0.0
 
 
+def offsets(c: int, K: np.ndarray, R: np.ndarray) -> None:
+    K[:2, 2] -= (SIZE - 1) / 2
+    K[0, 2] += 1e-3  # zeros alone are missing ones
+
+
 def mirrored(c: int, K: np.ndarray, R: np.ndarray) -> None:
     R[:, 0] *= -1.0
 
 
 CASES = {
-    in_shares: "intrinsics_in_shares", without_middle: "principal_points_missing", mirrored: "world_left_handed",
+    in_shares: "intrinsics_in_shares", without_middle: "principal_points_missing",
+    offsets: "principal_points_offsets", mirrored: "world_left_handed",
 }  # fmt: skip
 
 
@@ -54,7 +61,7 @@ def test_what_no_camera_can_be_is_read_as_meant(
     np.testing.assert_allclose(found.cameras.K[:, [0, 1], [0, 1]], CAMERAS.K[:, [0, 1], [0, 1]])
     middle = np.broadcast_to((SIZE - 1) / 2, (len(NAMES), 2))
     np.testing.assert_allclose(
-        found.cameras.K[:, :2, 2], middle if change is without_middle else CAMERAS.K[:, :2, 2], atol=1e-9
+        found.cameras.K[:, :2, 2], middle if change is without_middle else CAMERAS.K[:, :2, 2], atol=2e-3
     )
 
 
@@ -67,3 +74,23 @@ def test_one_mirrored_camera_is_refused(tmp_path: Path) -> None:
 def test_a_calibration_as_it_should_be_stays(tmp_path: Path) -> None:
     found = read_calibration(write(tmp_path / "cameras.json", lambda c, K, R: None), unit="m")
     assert found.problems == ()
+
+
+def test_focal_lengths_in_mm_are_refused_with_the_formula(tmp_path: Path) -> None:
+    def in_mm(c: int, K: np.ndarray, R: np.ndarray) -> None:
+        K[[0, 1], [0, 1]] *= 36.0 / SIZE[0]
+
+    with pytest.raises(CalibrationInvalid, match="may be in mm") as refused:
+        read_calibration(write(tmp_path / "cameras.json", in_mm), unit="m")
+    assert "sensor's width" in refused.value.hint
+
+
+def test_rotation_vectors_in_degrees_are_read_as_such(tmp_path: Path) -> None:
+    listed = [
+        {"id": name, "K": CAMERAS.K[c].tolist(), "rvec": np.degrees(log_so3(CAMERAS.R[c])).tolist(),
+         "tvec": CAMERAS.t[c].tolist(), "resolution": SIZE.tolist()} for c, name in enumerate(NAMES)
+    ]  # fmt: skip
+    (tmp_path / "cameras.json").write_text(json.dumps({"cameras": listed}), encoding="utf-8")
+    found = read_calibration(tmp_path / "cameras.json", unit="m")
+    assert [problem.code for problem in found.problems] == ["rotations_in_degrees"]
+    np.testing.assert_allclose(found.cameras.R, CAMERAS.R, atol=1e-9)

@@ -14,7 +14,7 @@ from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissin
 from solver_backend.io.calibration.projection_matrix import projection_of, split_projection
 from solver_backend.io.calibration.read import calibrations_in, read_calibration
 from solver_backend.io.calibration.search import find_calibration
-from tests.support.other_calibrations import CAMERAS, NAMES, WRITERS, P, dlt, nerf, projection_texts
+from tests.support.other_calibrations import CAMERAS, NAMES, UNNAMED, WRITERS, P, nerf, projection_texts
 
 
 @pytest.mark.parametrize("write", WRITERS, ids=lambda write: write.__name__)
@@ -23,9 +23,27 @@ def test_the_same_cameras_come_back(write: Callable[[Path], None], tmp_path: Pat
     (found,), errors = calibrations_in(tmp_path, unit="m")
     assert not errors
     cameras = found.cameras
-    assert cameras.names == (NAMES if write is not dlt else tuple(f"cam_{c + 1}" for c in range(4)))
+    assert cameras.names == (NAMES if write not in UNNAMED else tuple(f"cam_{c + 1}" for c in range(4)))
     for name in ("K", "R", "t"):
         np.testing.assert_allclose(getattr(cameras, name), getattr(CAMERAS, name), atol=1e-6 if name != "K" else 1e-3)
+
+
+def test_a_chain_of_kalibr_has_the_first_camera_as_its_world(tmp_path: Path) -> None:
+    whole = np.tile(np.eye(4), (len(NAMES), 1, 1))
+    whole[:, :3, :3], whole[:, :3, 3] = CAMERAS.R, CAMERAS.t
+    lines = []
+    for c, K in enumerate(CAMERAS.K):
+        intrinsics = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
+        lines += [f"cam{c}:", "  camera_model: pinhole", f"  intrinsics: {intrinsics}", "  resolution: [1920, 1080]"]
+        if c:
+            step = whole[c] @ np.linalg.inv(whole[c - 1])
+            lines += ["  T_cn_cnm1:", *(f"  - {row}" for row in step.tolist())]
+    (tmp_path / "camchain.yaml").write_text("\n".join(lines), encoding="utf-8")
+    cameras = read_calibration(tmp_path / "camchain.yaml", unit="m").cameras
+    np.testing.assert_allclose(cameras.K, CAMERAS.K)
+    np.testing.assert_allclose(cameras.R @ CAMERAS.R[0], CAMERAS.R, atol=1e-9)
+    apart = [np.linalg.norm(c.centres - c.centres[0], axis=1) for c in (cameras, CAMERAS)]
+    np.testing.assert_allclose(*apart, atol=1e-9)
 
 
 def test_a_projection_is_split_into_its_camera() -> None:

@@ -62,5 +62,30 @@ def arrays_a_camera(folder: Path) -> None:
         np.savez(folder / f"{name}.npz", mtx=CAMERAS.K[c], dist=np.zeros(5), R=CAMERAS.R[c], T=CAMERAS.t[c])
 
 
-WRITERS = (nerf, numbers_by_name, projections, projection_texts, dlt, arrays, arrays_a_camera)
+def stacks(folder: Path) -> None:
+    """ZJU-MoCap's lists over the cameras, which have no names; focal lengths differ, as calibrated ones do."""
+    K = CAMERAS.K * np.array([1.0, 1.0 + 1e-6, 1.0, 1.0])[:, None, None]
+    K[:, 2, 2] = 1.0
+    _write(folder / "annots.json", {"cams": {"K": K.tolist(), "R": CAMERAS.R.tolist(), "T": CAMERAS.t.tolist()}})
+
+
+def projections_alone(folder: Path) -> None:
+    _write(folder / "cameras.json", {name: p.tolist() for name, p in zip(NAMES, P, strict=True)})
+
+
+def xrprimer(folder: Path) -> None:
+    for c, name in enumerate(NAMES):
+        K = np.zeros((4, 4))
+        K[:2, :3], K[2, 3], K[3, 2] = CAMERAS.K[c, :2], 1.0, 1.0
+        _write(folder / f"{name}.json", {
+            "name": name, "intrinsic": K.tolist(), "world2cam": False, "extrinsic_r": CAMERAS.R[c].T.tolist(),
+            "extrinsic_t": CAMERAS.centres[c].tolist(), "dist_coeff_k": [0.0] * 6, "dist_coeff_p": [0.0, 0.0],
+        })  # fmt: skip
+
+
+UNNAMED = (dlt, stacks)
+WRITERS = (
+    nerf, numbers_by_name, projections, projection_texts, dlt, arrays, arrays_a_camera, stacks, projections_alone,
+    xrprimer,
+)  # fmt: skip
 """All of them."""
