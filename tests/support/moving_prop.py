@@ -47,9 +47,17 @@ def moving_prop(shape: np.ndarray, *, frames: int, fps: float = 100.0, seed: int
     return MovingProp(shape - shape.mean(axis=0), swing(0.4), swing(0.2) + (0.0, 0.0, 1.0), fps)
 
 
-def pose_errors(prop: Prop, truth: MovingProp) -> tuple[np.ndarray, np.ndarray]:
-    """Return (F, M) distances of markers in metres, and (F,) angles between rotations, a constant one apart, rad."""
+def pose_errors(
+    prop: Prop, truth: MovingProp, chosen: np.ndarray | slice = slice(None)
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (F, M) distances of markers in metres, and (F,) angles between rotations, a constant one apart, rad.
+
+    Args:
+        prop: as it was solved.
+        truth: as it moved.
+        chosen: frames that show the constant rotation.
+    """
     away = np.linalg.norm(prop.markers - truth.markers, axis=-1)
     found, true = exp_so3(prop.rotvec), exp_so3(truth.rotvec)
-    U, _, Vt = np.linalg.svd((np.swapaxes(found, -1, -2) @ true).mean(axis=0))
+    U, _, Vt = np.linalg.svd((np.swapaxes(found, -1, -2) @ true)[chosen].mean(axis=0))
     return away, np.linalg.norm(log_so3(np.swapaxes(true, -1, -2) @ found @ (U @ Vt)), axis=-1)
