@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -12,6 +13,9 @@ from solver_backend.body.label_words import spelt
 from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, label_key
 
 _AXES = ("OALP", "OXYZ", "OAPL")
+_NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
+COUNTED, LAST_VERTEBRA = 8, 12
+"""Names of one stem with a number that show somebody counted, where one is beyond the last vertebra of any kind."""
 
 
 @dataclass(frozen=True)
@@ -29,9 +33,14 @@ class LabelContext:
     computed: frozenset[str]
     """Names of axes that stand beside their origin: ``PELVISA`` beside ``PELVISO``."""
 
+    numbered: frozenset[str]
+    """Names that a program counted through, ``T1`` to ``T41``: none of them is a vertebra."""
+
     def places_of(self, label: str) -> tuple[str, ...]:
         """Return the places that a label names; several where it may be either, none where it names none."""
         bare = self.affixes.bare(label)
+        if bare in self.numbered:
+            return ()
         for key in keys_of(bare):
             found = next((family.names[key] for family in self.families if key in family.names), None)
             if found or (found := self.file.names.get(key)):
@@ -78,7 +87,10 @@ def _context(bare: Sequence[str], file: LayoutFile, affixes: Affixes) -> LabelCo
     keys = frozenset(key for name in names for key in keys_of(name))
     letters = max(file.words.sides.letters, key=lambda pair: _sided(file, names, pair))  # the first of equals
     families = tuple(family for family in file.families.values() if family.fits(keys))
-    return LabelContext(file, affixes, letters, file.words.sides.glued(names, letters), families, _axes_of(keys))
+    return LabelContext(
+        file, affixes, letters, file.words.sides.glued(names, letters), families, _axes_of(keys),
+        _counted_through(names),
+    )  # fmt: skip
 
 
 def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
@@ -99,6 +111,16 @@ def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
 def _count(context: LabelContext, labels: Iterable[str]) -> int:
     found = [context.places_of(label) for label in labels]
     return len({places[0] for places in found if len(places) == 1})
+
+
+def _counted_through(names: Iterable[str]) -> frozenset[str]:
+    """Return the names that differ in a number alone which goes beyond what a body counts."""
+    numbers: dict[str, dict[str, int]] = {}
+    for name in names:
+        if found := _NUMBERED.fullmatch(name):
+            numbers.setdefault(found["stem"], {})[name] = int(found["number"])
+    series = (named for named in numbers.values() if len(named) >= COUNTED and max(named.values()) > LAST_VERTEBRA)
+    return frozenset(name for named in series for name in named)
 
 
 def _axes_of(keys: frozenset[str]) -> frozenset[str]:

@@ -91,6 +91,18 @@ def test_an_ending_that_many_pairs_show_is_a_side_of_what_stands_alone_too():
     assert "BACr" not in known(*pairs[:4], "BACr")
 
 
+@pytest.mark.parametrize("label", ["C{}", "T{}", "Anna:C_{}", "TV{:02d}", "LM{}", "S{}"])
+def test_numbers_that_a_program_counted_are_no_vertebrae(label):
+    counted = [label.format(number) for number in range(1, 42)]
+    assert known(*counted) == {} and known(*counted, "LASI", "Left knee") == {"LASI": "LFWT", "Left knee": "LKNE"}
+
+
+def test_a_spine_with_all_its_vertebrae_keeps_its_names():
+    spine = [f"T{number}" for number in range(1, 13)]
+    found = known(*spine, "C7", *(f"L{number}" for number in range(1, 6)))
+    assert {found["T4"], found["T10"], found["T12"], found["C7"]} == {"T4", "T10", "T12", "C7"}
+
+
 def test_of_two_places_the_one_is_taken_that_other_labels_leave():
     assert known("LateralEpicondyleL", "HandL", "HandR")["LateralEpicondyleL"] == "LELB"
     assert known("LateralEpicondyleL", "AnkleL", "AnkleR")["LateralEpicondyleL"] == "LKNE"
