@@ -21,6 +21,7 @@ from solver_backend.fitters.hands.solve_hands import solve_hands
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
+from solver_backend.fitters.marker_calibration.person_doubts import over_takes
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.earlier_motion import begin_at
@@ -52,6 +53,7 @@ from solver_backend.fitters.solution import MethodResult, Solution
 from solver_backend.fitters.solve_again import solve_again
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
+from solver_backend.labelling.names_over_takes import names_over_takes
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
@@ -157,8 +159,10 @@ def calibrate_person(
     own = places_given(settings.layout)
     clouds = [split_hands(capture.markers, own)[0] for capture in captures if capture.markers is not None]
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
-    sources = {"sources": [source for capture in captures for source in capture.sources]}
-    return calibrated(clouds, body, load_sposer(), like, settings, progress, sources)
+    record: dict[str, Any] = {"sources": [source for capture in captures for source in capture.sources]}
+    named = names_over_takes(clouds, own)
+    record |= over_takes(named.changes)
+    return calibrated(named.clouds, body, load_sposer(), like, settings, progress, record)
 
 
 def resolve_range(

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import BodyFit, body_evidence
 from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
@@ -53,9 +54,10 @@ class LabelledTake:
         return self.landmarks[:, -len(JOINTS) :]
 
     def cloud(self, source: MarkerCloud) -> MarkerCloud:
-        """Return the take with one column a marker, by the superset's order, and the points without a name after them.
+        """Return the take with one column a marker, by the superset's order, and the points without a place after them.
 
-        Where two stretches of one marker share a frame, the surer one counts.
+        Names that somebody gave these stay; others are numbered. Where two stretches of one marker share a frame, the
+        surer one counts.
         """
         frames = len(self.labels)
         named = sorted(set(self.labels[(self.labels >= 0) & (self.labels < GHOST)].tolist()))
@@ -73,11 +75,14 @@ class LabelledTake:
             there = mine[np.arange(frames), best] >= 0
             values[there, column] = given[there, best[there]]
         rest = np.where(((self.labels < 0) | (self.labels == GHOST))[..., None], given, np.nan)
-        rest = rest[:, np.isfinite(rest[..., :3]).all(-1).any(0)]
+        kept = np.flatnonzero(np.isfinite(rest[..., :3]).all(-1).any(0))
+        rest = rest[:, kept]
         values = np.concatenate([values, rest], axis=1)
         residual = None if source.residual is None else values[..., 3]
         covariance = None if source.covariance is None else values[..., -9:].reshape(*values.shape[:2], 3, 3)
-        names = tuple(MARKERS[label] for label in named) + tuple(f"*{i}" for i in range(1, rest.shape[1] + 1))
+        markers = tuple(MARKERS[label] for label in named)
+        own = [(source.labels or ("",) * given.shape[1])[column] for column in kept]
+        names = (*markers, *(f"*{i}" if is_unnamed(x) or x in markers else x for i, x in enumerate(own, start=1)))
         return replace(source, positions=values[..., :3], labels=names, residual=residual, covariance=covariance)
 
 

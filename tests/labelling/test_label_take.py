@@ -18,9 +18,10 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.frame_landmarks import MOST_POINTS
-from solver_backend.labelling.label_take import label_take
+from solver_backend.labelling.label_take import LabelledTake, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
+from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.unlabelled_takes import score, stripped
@@ -120,6 +121,18 @@ def test_labels_that_say_nothing_are_persistent_tracks(demo):
     columns = [set(take.labels[there[:, column], column].tolist()) for column in range(len(truth))]
     assert all(len(labels) <= 1 for labels in columns)
     assert np.mean([truth[i] in labels for i, labels in enumerate(columns)]) > 0.95
+
+
+def test_points_without_a_place_keep_the_names_that_somebody_gave_them():
+    points = np.arange(18.0).reshape(2, 3, 3)
+    source = MarkerCloud(points, 30.0, ("P7", "P8", "*3"))
+    labels = np.array([[MARKERS.index("C7"), GHOST, -1]] * 2)
+    take = LabelledTake(
+        labels, np.ones((2, 3)), tracklets_of(points, 30.0), labels[0], np.ones(3), np.arange(2),
+        np.zeros((2, 77, 3)), np.zeros((2, 77, 3, 3)),
+    )  # fmt: skip
+    assert take.cloud(source).labels == ("C7", "P8", "*2")
+    assert take.cloud(MarkerCloud(points, 30.0)).labels == ("C7", "*1", "*2")
 
 
 def test_labels_of_part_of_a_body_are_not_made_up(demo):

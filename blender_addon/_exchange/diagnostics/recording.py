@@ -27,6 +27,16 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "Two different markers have one name in different takes, or a marker fell off and was attached elsewhere.",
         "Give the marker its own name in each take, or calibrate from the takes that agree.",
     ),
+    "names_exchanged_in_takes": note(
+        "Names are exchanged in single takes: {places}. They are corrected",
+        "Distances and sides of these markers agree with the other takes once their names are exchanged.",
+        "To keep the files' names, write them with `layout` and calibrate with `--layout`.",
+    ),
+    "names_differ_between_takes": warning(
+        "Takes differ in names: {places}. They are left as they are",
+        "Some takes show these markers the other way round, and neither the number of takes nor the layout decides.",
+        "Correct the labels of the takes that are wrong, or calibrate from those that agree.",
+    ),
     "limbs_exchanged": note(
         "Camera {camera}: left and right {part} are exchanged",
         "The detector took left for right for a while, often when the person turns away from the camera.",

@@ -1,0 +1,226 @@
+"""Markers that hold each other's names in one take of a person and not in the others."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.body.markers import marker_landmarks
+from solver_backend.labelling.take_evidence import (
+    CONFUSED_M,
+    LEAST_FRAMES,
+    TakeShape,
+    exchange_gains,
+    replacement_gains,
+    shape_of,
+)
+from solver_backend.types import MarkerCloud
+
+CLEAR, CLEAR_OF_TWO = 3.0, 6.0
+"""An exchange gains this at least against every other take (see ``exchange_gains``), and this where the layout decides.
+Of five takes each of UI-PRMD's eight people, rightly named, none gains more than 1.3 against all others, and 2 to 22
+against a single one; C7 and T10 exchanged gain 23 at least, LUPA and LFRM 5, knee and shank 2, wrists -8 to 8."""
+CLEAR_BY_LAYOUT = 3.0
+"""Against the layout's places, where as many takes are for an exchange as against it."""
+ROUNDS = 12
+"""Exchanges in one take at most: takes are compared again after each."""
+_PLACED_M = 0.03
+"""Standard deviation of a distance between two markers of which the layout's places are known."""
+
+
+@dataclass(frozen=True)
+class NameChange:
+    """Two names that stand for each other's markers in one take."""
+
+    take: int
+    """Number of the take, from 0."""
+    first: str
+    second: str
+    """Labels; of a point without a name that takes the first one, the label that it had."""
+    mended: bool
+    """False where the takes do not decide which of them is right; the names are then left."""
+
+
+@dataclass(frozen=True)
+class NamesOverTakes:
+    """Takes of one person under the same names."""
+
+    clouds: tuple[MarkerCloud, ...]
+    changes: tuple[NameChange, ...]
+
+
+def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) -> NamesOverTakes:
+    """Return takes of one person in which the same marker has the same name.
+
+    Two takes contradict each other about a pair of labels where exchanging it makes their distances and sides agree.
+    A take that all others contradict, while they agree among themselves, is mended; where as many takes say one as
+    the other, the layout's places decide; where these do not either, all is left and reported.
+
+    Args:
+        clouds: the takes, whose columns are each one marker throughout.
+        kept: labels that the user assigned, which are not changed.
+    """
+    takes, mended = list(clouds), list[NameChange]()
+    if len(takes) < 2 or any(cloud.labels is None for cloud in takes):
+        return NamesOverTakes(tuple(takes), ())
+    for _ in range(ROUNDS):
+        found = _changes(takes, kept)
+        # One at a time in each take: with one pair exchanged, what stands around it seems to be the other way round.
+        first = {change.take: change for change in reversed(found) if change.mended and change not in mended}
+        for change in first.values():
+            takes[change.take] = _exchanged(takes[change.take], change.first, change.second)
+        mended += first.values()
+        if not first:
+            return NamesOverTakes(tuple(takes), (*mended, *(change for change in found if not change.mended)))
+    return NamesOverTakes(tuple(takes), tuple(mended))
+
+
+def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:
+    """Return changes that share no label in a take, the clearest first."""
+    labels = sorted(
+        label for label in {name for cloud in takes for name in cloud.labels or ()}
+        if not is_unnamed(label) and sum(label in (cloud.labels or ()) for cloud in takes) > 1
+    )  # fmt: skip
+    shapes = [shape_of(_of(cloud, labels)) for cloud in takes]
+    pairs = _near(shapes)
+    gains = np.full((len(takes), len(takes), len(pairs)), np.nan)
+    for s, t in combinations(range(len(takes)), 2):
+        gains[s, t] = gains[t, s] = np.where(
+            _both_hold(shapes, s, t, pairs), exchange_gains(shapes[s], shapes[t], pairs), np.nan
+        )
+    places = _places(labels)
+    by_layout = np.stack([exchange_gains(shape, places, pairs) for shape in shapes])
+    found: list[tuple[float, NameChange]] = []
+    for p, (a, b) in enumerate(pairs):
+        first, second = labels[a], labels[b]
+        if first in kept or second in kept:
+            continue
+        found += [
+            (clear, NameChange(take, first, second, mended))
+            for take, clear, mended in _odd_takes(gains[..., p], by_layout[:, p])
+        ]
+    found += _replacements(takes, labels, shapes, places, kept)
+    chosen: list[NameChange] = []
+    for _, change in sorted(found, key=lambda item: -item[0]):
+        mine = {change.first, change.second}
+        if not any(other.take == change.take and mine & {other.first, other.second} for other in chosen):
+            chosen.append(change)
+    return chosen
+
+
+def _odd_takes(gain: np.ndarray, by_layout: np.ndarray) -> list[tuple[int, float, bool]]:
+    """Return the takes that have two names the other way round, by how much, and whether that is sure.
+
+    Args:
+        gain: (T, T) gains of an exchange between two takes, NaN where one of them does not show both markers.
+        by_layout: (T,) the same against the layout's places.
+    """
+    there = np.flatnonzero(np.isfinite(gain).any(1))
+    between = gain[np.ix_(there, there)]
+    if len(there) < 2 or not (between > CLEAR).any():
+        return []
+    seed = int(np.argmax((between > CLEAR).sum(axis=1)))
+    odd = ~(between[seed] > 0.0)
+    across = between[np.ix_(odd, ~odd)]
+    within = [between[np.ix_(group, group)] for group in (odd, ~odd)]
+    clear = float(np.nanmin(across)) if np.isfinite(across).any() else 0.0
+    agree = not any((part > 0.0).any() for part in within)
+    doubtful = clear > 0.5 * CLEAR and np.nanmax(across, initial=-np.inf) > CLEAR_OF_TWO
+    if not agree or not (doubtful or clear > CLEAR):
+        return []
+    few, many = (odd, ~odd) if odd.sum() <= (~odd).sum() else (~odd, odd)
+    if few.sum() < many.sum():
+        return [(int(take), clear, clear > CLEAR) for take in there[few]]
+    one, other = (float(np.mean(by_layout[there[group]])) for group in (few, many))
+    sure = clear > CLEAR_OF_TWO and min(one, other) < -CLEAR_BY_LAYOUT and max(one, other) > CLEAR_BY_LAYOUT
+    return [(int(take), clear, sure) for take in there[few if one > other else many]]
+
+
+def _replacements(
+    takes: Sequence[MarkerCloud], labels: list[str], shapes: Sequence[TakeShape], places: TakeShape,
+    kept: Collection[str],
+) -> list[tuple[float, NameChange]]:  # fmt: skip
+    """Return names that another point of a take should have, one whose label no other take has."""
+    count, found = len(takes), list[tuple[float, NameChange]]()
+    points = [[label for label in cloud.labels or () if label not in labels] for cloud in takes]
+    whole = [shape_of(_of(cloud, [*labels, *more])) for cloud, more in zip(takes, points, strict=True)]
+    for m, label in enumerate(labels):
+        there = [t for t in range(count) if np.isfinite(shapes[t].distance[m]).any()]
+        near = [_candidates(whole[t], m, len(labels)) if t in there else np.zeros(0, np.int64) for t in range(count)]
+        if label in kept or len(there) < 2 or not any(len(columns) for columns in near):
+            continue
+        gains = {
+            (t, s): replacement_gains(whole[t], _padded(other, len(points[t])), m, near[t])
+            for t in there if len(near[t])
+            for s, other in [*((s, shapes[s]) for s in there if s != t), (-1, places)]
+        }  # fmt: skip
+        best = {key: float(values.max()) for key, values in gains.items()}
+        against = np.full((count, count), np.nan)
+        for t, s in combinations(there, 2):
+            against[t, s] = against[s, t] = max(best.get((t, s), -np.inf), best.get((s, t), -np.inf))
+        by_layout = np.array([best.get((t, -1), 0.0) for t in range(count)])
+        odd = {take: (clear, sure) for take, clear, sure in _odd_takes(against, by_layout)}
+        for t, (clear, sure) in odd.items():
+            rest = [gains[t, s] for s in there if s not in odd and (t, s) in gains]
+            least = np.min(rest, axis=0) if rest else np.zeros(0)
+            fits = bool(least.size) and float(least.max()) > CLEAR
+            other = points[t][near[t][int(np.argmax(least))] - len(labels)] if fits else ""
+            found.append((clear, NameChange(t, label, other, mended=sure and fits)))
+    return found
+
+
+def _candidates(whole: TakeShape, marker: int, first: int) -> np.ndarray:
+    """Return the columns from the first on that may be taken for a marker."""
+    away = np.nan_to_num(whole.distance[marker, first:], nan=np.inf)
+    return first + np.flatnonzero(away < CONFUSED_M)
+
+
+def _padded(shape: TakeShape, more: int) -> TakeShape:
+    """Return what a take shows, with further points of which nothing is known."""
+    size = ((0, more), (0, more))
+    return replace(
+        shape, distance=np.pad(shape.distance, size, constant_values=np.nan),
+        variance=np.pad(shape.variance, size, constant_values=np.nan),
+    )  # fmt: skip
+
+
+def _near(shapes: Sequence[TakeShape]) -> np.ndarray:
+    """Return (P, 2) markers that some take shows near each other."""
+    nearest = np.min([np.nan_to_num(shape.distance, nan=np.inf) for shape in shapes], axis=0)
+    return np.argwhere(np.triu(nearest < CONFUSED_M, 1))
+
+
+def _both_hold(shapes: Sequence[TakeShape], s: int, t: int, pairs: np.ndarray) -> np.ndarray:
+    """Return (P,) whether two takes show both markers of each pair."""
+    seen = [np.isfinite(shapes[take].distance).sum(1) > 1 for take in (s, t)]
+    return (seen[0] & seen[1])[pairs].all(1)
+
+
+def _of(cloud: MarkerCloud, labels: Sequence[str]) -> np.ndarray:
+    """Return (F, L, 3) points of a take under these labels, NaN where it has none."""
+    found = np.full((len(cloud.positions), len(labels), 3), np.nan)
+    own = {label: column for column, label in enumerate(cloud.labels or ())}
+    there = [i for i, label in enumerate(labels) if label in own]
+    found[:, there] = cloud.positions[:, [own[labels[i]] for i in there]]
+    return found
+
+
+def _places(labels: Sequence[str]) -> TakeShape:
+    """Return where the layouts place the markers on the average body; nowhere where they place none."""
+    body, known = load_body(), name_markers(labels).known
+    named = [i for i, label in enumerate(labels) if known.get(label, "@")[0] != "@"]
+    points = np.full((LEAST_FRAMES, len(labels), 3), np.nan)
+    if named:
+        points[:, named] = marker_landmarks(body, tuple(known[labels[i]] for i in named)).anchors.sum(axis=1)
+    return shape_of(points, _PLACED_M)
+
+
+def _exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
+    """Return a take with two labels exchanged."""
+    swapped = {first: second, second: first}
+    return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.labels or ()))
