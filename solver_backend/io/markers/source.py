@@ -17,6 +17,7 @@ from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake
 from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
 from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
+from solver_backend.io.recognition.subject_labels import by_subject
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
 
@@ -140,7 +141,7 @@ def _require_markers(source: MarkerSource) -> None:
 
 def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ...]]:
     """Return labels that are unique, and what was wrong with the file's."""
-    labels, doubled = unique_labels(source.labels)
+    labels, doubled = unique_labels(by_subject(source.labels))
     problems: list[Diagnostic] = []
     if doubled:
         problems.append(diagnostic("labels_doubled", markers=doubled))

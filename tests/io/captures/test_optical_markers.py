@@ -96,6 +96,30 @@ def test_of_two_people_one_is_named(tmp_path, cloud):
         load_capture(path, subject_prefix="Cleo")
 
 
+@pytest.mark.parametrize(
+    ("first", "second", "subject"),
+    [
+        ("Anna_{}", "Ben_{}", "Ben"), ("P1.{}", "P2.{}", "P2"), ("{}_1", "{}_2", "2"), ("{}:Anna", "{}:Ben", "Ben"),
+        ("Anna:{}", "{}", "Unprefixed"), ("A B-{}", "Ben-{}", "Ben"),
+    ],
+)  # fmt: skip
+def test_two_people_are_told_apart_whatever_their_labels_share(tmp_path, cloud, first, second, subject):
+    labels = (*map(first.format, LABELS), *map(second.format, LABELS), "*4", "Stick")
+    both = np.concatenate([cloud.positions, cloud.positions + [2.0, 0.0, 0.0], cloud.positions[:, :2]], axis=1)
+    path = write_c3d(tmp_path / "two.c3d", replace(cloud, positions=both, labels=labels))
+    with pytest.raises(JobInvalid, match=r"holds 2 subjects: .*\d\d markers.*\d\d markers"):
+        load_capture(path)
+    capture = load_capture(path, subject_prefix=subject)
+    assert capture.markers is not None
+    np.testing.assert_allclose(capture.markers.positions[:, :39], cloud.positions + [2.0, 0.0, 0.0], atol=1e-5)
+
+
+def test_sides_and_numbers_of_one_person_are_no_people(tmp_path, cloud):
+    for labels in (LABELS, [f"Anna_{label}" for label in LABELS], [f"{label[:1]}_{label[1:]}" for label in LABELS]):
+        capture = load_capture(write_c3d(tmp_path / "one.c3d", replace(cloud, labels=tuple(labels)), overwrite=True))
+        assert capture.markers is not None and capture.markers.labels == tuple(labels)
+
+
 def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
     labels = (*(f"Box:{label}" for label in ("a", "b", "c")), *(f"Anna:{label}" for label in LABELS[3:]))
     path = write_c3d(tmp_path / "box.c3d", replace(cloud, labels=labels))
