@@ -103,14 +103,14 @@ def decimal_comma(cells: Iterable[str]) -> bool:
 
 
 def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
-    """Return lines with tabs between cells, where a spreadsheet saved them with semicolons or commas and quotes.
+    """Return lines with tabs between cells, where a spreadsheet saved them with semicolons, commas or bars and quotes.
 
     Args:
         lines: of the file.
         heading: the line that shows what stands between its cells.
-        least: semicolons or commas that it has at least.
+        least: such marks that it has at least.
     """
-    separator = next((mark for mark in ("\t", ";", ",") if heading.count(mark) >= least), "\t")
+    separator = next((mark for mark in ("\t", ";", ",", "|") if heading.count(mark) >= least), "\t")
     if separator == "\t" and '"' not in heading:
         return lines
     try:

@@ -54,6 +54,10 @@ def test_groups_of_thousands_and_a_printed_minus(tmp_path, group):
     np.testing.assert_allclose(positions(trc(tmp_path / "a.trc", rows)), POINTS, atol=1e-9)
 
 
+def test_bars_between_cells(tmp_path):
+    np.testing.assert_allclose(positions(trc(tmp_path / "a.trc", numbered(), "|")), POINTS)
+
+
 def in_halves(rows: list[list[str]], missing: bool = True) -> list[list[str]]:
     """Return rows whose decimal commas are not quoted, so that they look like separators."""
     if missing:
