@@ -41,7 +41,8 @@ def test_words_name_places_in_any_order_and_language(label, place):
         ("SpineThoracic10", "T10"), ("Tenth thoracic vertebra", "T10"), ("8th thoracic", "T8"),
         ("Brustwirbel 12", "T12"),
         ("WaistBack", "SACR"), ("WaistL_Back", "LBWT"), ("L_Waist", "LMWT"), ("LForefoot5", "LMT5"),
-        ("RShinFrontHigh", "RTTB"), ("RThighFrontLow", "RTHF"), ("LArmUp", "LUPA"),
+        ("RShinFrontHigh", "RTTB"), ("RThighFrontLow", "RTHF"), ("LArmUp", "LUPA"), ("L_Wrist_LittleFinger", "LWRB"), ("RWristThumbSide", "RWRA"),
+        ("L.Ankle.M", "LANM"), ("L_Calf", "LSHN"),
     ],
 )  # fmt: skip
 def test_clinical_latin_ordinals_and_heights_name_places(label, place):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +16,7 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.labelling.label_like import label_like
 from solver_backend.labelling.reference_take import reference_of, triple_products
 from solver_backend.types import Capture, MarkerCloud
+from tests.support.takes_in_pieces import pieces, shares
 from tests.support.words import codes, words
 from tests.support.worn_markers import worn_markers
 
@@ -25,27 +25,6 @@ CLUSTERS = (
     "RSHO", "RUPA", "RELB", "RFRM", "RWRA", "RWRB", "RFIN", "LASI", "RASI", "LPSI", "RPSI", "LTHI", "LKNE", "LTIB",
     "LANK", "LHEE", "LTOE", "RTHI", "RKNE", "RTIB", "RANK", "RHEE", "RTOE",
 )  # fmt: skip
-
-
-def pieces(cloud: MarkerCloud, seed: int, cuts_per_s: float = 0.3) -> tuple[MarkerCloud, np.ndarray]:
-    """Return a take whose tracks are cut at random into columns without names, and each point's true marker."""
-    rng, points = np.random.default_rng(seed), cloud.positions
-    parts: list[tuple[int, int, int]] = []
-    for marker in range(points.shape[1]):
-        cuts = np.flatnonzero(rng.random(len(points) - 1) < cuts_per_s / cloud.fps) + 1
-        parts += [(marker, a, b) for a, b in pairwise([0, *cuts.tolist(), len(points)])]
-    found, truth = np.full((len(points), len(parts), 3), np.nan), np.full((len(points), len(parts)), -1)
-    for column, i in enumerate(rng.permutation(len(parts))):
-        marker, a, b = parts[i]
-        found[a:b, column] = points[a:b, marker]
-        truth[a:b, column] = np.where(np.isfinite(points[a:b, marker, 0]), marker, -1)
-    return MarkerCloud(found, cloud.fps), truth
-
-
-def shares(found: np.ndarray, truth: np.ndarray) -> tuple[float, float]:
-    """Return percent right and percent wrong of the points."""
-    there = truth >= 0
-    return 100 * float((found == truth)[there].mean()), 100 * float(((found != truth) & (found >= 0))[there].mean())
 
 
 def halves() -> tuple[MarkerCloud, MarkerCloud]:
