@@ -29,6 +29,8 @@ CLEAR_BY_LAYOUT = 3.0
 """Against the layout's places, where as many takes are for an exchange as against it."""
 ROUNDS = 12
 """Exchanges in one take at most: takes are compared again after each."""
+MOST_TOGETHER, BESIDE = 12, 3
+"""Takes of which every pair is compared; of more, so many are, and each other one with these."""
 _PLACED_M = 0.03
 """Standard deviation of a distance between two markers of which the layout's places are known."""
 
@@ -68,6 +70,8 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
     takes, mended = list(clouds), list[NameChange]()
     if len(takes) < 2 or any(cloud.labels is None for cloud in takes):
         return NamesOverTakes(tuple(takes), ())
+    if len(takes) > MOST_TOGETHER:
+        return _of_many(takes, kept)
     for _ in range(ROUNDS):
         found = _changes(takes, kept)
         # One at a time in each take: with one pair exchanged, what stands around it seems to be the other way round.
@@ -78,6 +82,21 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
         if not first:
             return NamesOverTakes(tuple(takes), (*mended, *(change for change in found if not change.mended)))
     return NamesOverTakes(tuple(takes), tuple(mended))
+
+
+def _of_many(takes: list[MarkerCloud], kept: Collection[str]) -> NamesOverTakes:
+    """Return many takes: some of them compared with each other, and the others with a few of these."""
+    chosen = np.unique(np.linspace(0, len(takes) - 1, MOST_TOGETHER).astype(int)).tolist()
+    found = names_over_takes([takes[i] for i in chosen], kept)
+    changes = [replace(change, take=chosen[change.take]) for change in found.changes]
+    for i, cloud in zip(chosen, found.clouds, strict=True):
+        takes[i] = cloud
+    beside = [takes[i] for i in chosen[:BESIDE]]
+    for i in sorted(set(range(len(takes))) - set(chosen)):
+        one = names_over_takes([*beside, takes[i]], kept)
+        changes += [replace(change, take=i) for change in one.changes if change.take == BESIDE]
+        takes[i] = one.clouds[BESIDE]
+    return NamesOverTakes(tuple(takes), tuple(changes))
 
 
 def _changes(takes: Sequence[MarkerCloud], kept: Collection[str]) -> list[NameChange]:

@@ -51,6 +51,22 @@ def test_takes_that_agree_are_left_alone(takes):
     assert names_over_takes(takes[:1]).clouds == tuple(takes[:1])
 
 
+def test_many_takes_are_compared_with_some(takes, monkeypatch):
+    monkeypatch.setattr("solver_backend.labelling.names_over_takes.MOST_TOGETHER", 4)
+    given = [*takes, swapped(takes[1], ("C7", "T4")), swapped(takes[2], ("LUPA", "LFRM")), takes[0]]
+    found = names_over_takes(given)
+    changed = {(change.take, frozenset((change.first, change.second))) for change in found.changes}
+    assert changed == {(3, frozenset(("C7", "T4"))), (4, frozenset(("LUPA", "LFRM")))}
+    assert all(cloud.labels == LABELS for cloud in found.clouds)
+
+
+def test_takes_without_anything_in_common_or_of_a_few_frames_are_left(takes):
+    strangers = [replace(takes[0], labels=tuple(f"{k}_{label}" for label in LABELS)) for k in range(3)]
+    assert names_over_takes(strangers).changes == ()
+    short = [replace(cloud, positions=cloud.positions[:3]) for cloud in takes]
+    assert names_over_takes([short[0], swapped(short[1], ("C7", "T4")), short[2]]).changes == ()
+
+
 def test_names_that_the_user_assigned_are_kept(takes):
     given = [takes[0], takes[1], swapped(takes[2], ("C7", "T4"))]
     assert names_over_takes(given, kept={"C7"}).clouds == tuple(given)
