@@ -119,7 +119,9 @@ def between_tabs(lines: list[str], heading: str, least: int = 2) -> list[str]:
         return lines
 
 
-def with_whole_decimals(rows: list[list[str]], width: int, leading: int, path: Path) -> list[list[str]]:
+def with_whole_decimals(
+    rows: list[list[str]], width: int, leading: int, path: Path, *, sure: bool = True
+) -> list[list[str]]:
     """Return rows whose decimal commas were taken for separators of cells, whole again: ``12,50`` of two cells.
 
     Beside the first cells every value is two cells of digits, or a blank one where it is missing.
@@ -129,6 +131,8 @@ def with_whole_decimals(rows: list[list[str]], width: int, leading: int, path: P
         width: cells that a row should have.
         leading: first cells that are no decimal numbers: the frame's, a name.
         path: the file, for messages.
+        sure: rows should have no further cells; else they may, and are left as they are where they cannot be put
+            together.
 
     Raises:
         FileDamaged: some rows are so, and others cannot be put together.
@@ -138,6 +142,8 @@ def with_whole_decimals(rows: list[list[str]], width: int, leading: int, path: P
         return rows
     whole = [_joined(row, width, leading) for row in rows]
     if not all(whole):
+        if not sure:
+            return rows
         raise FileDamaged(
             "Commas separate both cells and decimals, and which are which cannot be recognised.", where=str(path),
             hint="Save the table with semicolons or tabs between the cells.",

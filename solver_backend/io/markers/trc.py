@@ -64,8 +64,8 @@ def read_trc(
     first = next((i for i in range(at + 1, len(lines)) if is_number(_cells(lines[i])[0])), len(lines))
     rows = [line.split("\t") if "\t" in line else line.split() for line in lines[first:] if line.strip()]
     rows, stated = _without_doubled_tabs(rows, len(labels)), number_in(header.get("nummarkers"))
-    if labels and stated == len(labels):
-        rows = with_whole_decimals(rows, 2 + 3 * len(labels), 1, path)
+    if labels:  # other numbers may be of points without labels, or of a header whose decimal commas shifted it
+        rows = with_whole_decimals(rows, 2 + 3 * len(labels), 1, path, sure=stated == len(labels))
     comma = decimal_comma(cell for row in rows[:ROWS_LOOKED_AT] for cell in row)
     values = number_table(rows, first + 1, path, comma=comma)
     columns = max(values.shape[1] - 2, 0)

@@ -75,6 +75,12 @@ def test_decimal_commas_between_commas_are_put_together_in_trc(tmp_path):
     np.testing.assert_allclose(positions(trc(tmp_path / "a.trc", in_halves(numbered()), ",")), expected())
 
 
+def test_and_where_the_header_is_shifted_by_its_own(tmp_path):
+    path = trc(tmp_path / "a.trc", in_halves(numbered()), ",")
+    path.write_text(path.read_text().replace("50,4,5,mm", "50,00,4,5,mm"))
+    np.testing.assert_allclose(positions(path), expected())
+
+
 @pytest.mark.parametrize("first", ["frame", "time"])
 def test_and_in_a_table_of_points(tmp_path, first):
     rows = [row[:1] + row[2:] if first == "frame" else row[1:] for row in numbered()]
