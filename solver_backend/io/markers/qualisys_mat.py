@@ -37,7 +37,7 @@ def read_qualisys_mat(
         FileMissing: there is no such file.
         BackendMissing: SciPy is not installed.
         FileDamaged: it is truncated, or no MATLAB file of version 5 to 7.2.
-        CaptureNotRecognised: it is none of QTM.
+        CaptureNotRecognised: it is none of QTM, or of MATLAB 7.3.
         NoDetections: it holds no markers, or none is ever seen.
         JobInvalid: the rate, unit or axis that is given is impossible.
     """
@@ -78,6 +78,11 @@ def _record(path: Path) -> Any:
         raise FileMissing("The file is not there.", where=str(path))
     try:
         content: dict[str, Any] = matlab.loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError as error:
+        raise CaptureNotRecognised(
+            "The file is not supported: MATLAB 7.3 (HDF5).", where=str(path),
+            hint="Save it in MATLAB with save(name, '-v7'), or export C3D or TSV from QTM.",
+        ) from error  # fmt: skip
     except Exception as error:  # SciPy raises what its parsers meet: of values, keys, types, memory, zlib
         raise FileDamaged(
             "The file is truncated, or no MATLAB file of version 5 to 7.2.", where=str(path),

@@ -55,6 +55,10 @@ def test_what_is_none_of_qtm_is_named(tmp_path: Path) -> None:
     (tmp_path / "broken.mat").write_bytes(b"MATLAB 5.0 MAT-file, and no more")
     with pytest.raises(FileDamaged, match="truncated"):
         read_markers(tmp_path / "broken.mat")
+    head = b"MATLAB 7.3 MAT-file, Platform: PCWIN64".ljust(124) + b"\x00\x02IM"
+    (tmp_path / "new.mat").write_bytes(head.ljust(512, b"\0") + b"\x89HDF\r\n\x1a\n" + bytes(64))
+    with pytest.raises(CaptureNotRecognised, match=r"not supported: MATLAB 7\.3"):
+        read_markers(tmp_path / "new.mat")
 
 
 def test_without_scipy_the_way_out_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
