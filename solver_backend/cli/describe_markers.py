@@ -12,7 +12,7 @@ from solver_backend.body.marker_names import is_unnamed, least_markers, name_mar
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.fitters.marker_calibration.person_doubts import doubts_of
+from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.partial_body.informed_parts import parts_without
 from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
@@ -105,7 +105,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         f"  farthest    {far} from the places of their names",
         f"  loosest     {loose} around where the body has them",
     ]
-    doubts = doubts_of(person)
+    doubts = [*exchanged_in(person), *doubts_of(person)]
     data["diagnostics"] = [item.as_dict() for item in doubts]
     return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
 

@@ -20,6 +20,7 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.hands.solve_hands import solve_hands
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.marker_calibration.exchanged_wrists import with_wrists_named
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.person_doubts import over_takes
 from solver_backend.fitters.marker_calibration.subject_record import person_of
@@ -160,8 +161,9 @@ def calibrate_person(
     clouds = [split_hands(capture.markers, own)[0] for capture in captures if capture.markers is not None]
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
     record: dict[str, Any] = {"sources": [source for capture in captures for source in capture.sources]}
-    named = names_over_takes(clouds, own)
-    record |= over_takes(named.changes)
+    wrists = with_wrists_named(clouds, own)
+    named = names_over_takes(wrists.clouds, own)
+    record |= over_takes((*wrists.changes, *named.changes))
     return calibrated(named.clouds, body, load_sposer(), like, settings, progress, record)
 
 

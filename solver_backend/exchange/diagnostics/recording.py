@@ -29,7 +29,8 @@ RECORDING: dict[str, DiagnosticEntry] = {
     ),
     "names_exchanged_in_takes": note(
         "Names are exchanged in single takes: {places}. They are corrected",
-        "Distances and sides of these markers agree with the other takes once their names are exchanged.",
+        "Distances and sides of these markers agree with the other takes, or a wrist's with the bend of its elbow, "
+        "once their names are exchanged.",
         "To keep the files' names, write them with `layout` and calibrate with `--layout`.",
     ),
     "names_differ_between_takes": warning(

@@ -20,11 +20,18 @@ from solver_backend.fitters.marker_calibration.attach_unknown import Attachment,
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
 from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
 from solver_backend.fitters.marker_calibration.exchanged_sides import check_sides
+from solver_backend.fitters.marker_calibration.exchanged_wrists import exchanged_wrists
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
 from solver_backend.fitters.marker_calibration.one_body import check_one_body
-from solver_backend.fitters.marker_calibration.person_doubts import MISPLACED, SIDE_FOUND, TWO_PLACES, doubts_of
+from solver_backend.fitters.marker_calibration.person_doubts import (
+    EXCHANGED,
+    MISPLACED,
+    SIDE_FOUND,
+    TWO_PLACES,
+    doubts_of,
+)
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.two_places import two_places
@@ -39,9 +46,6 @@ from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud, MarkerSubject
-
-EXCHANGED = "exchanged"
-"""What a person's provenance calls pairs of labels that name each other's markers."""
 
 
 def marker_problem(
@@ -106,6 +110,7 @@ def _cleaned(
     rough = rough_motion(moving, subject)
     expected = to_numpy(pose(subject, posed(problem.prior, rough.states)).points)
     exchanged = exchanged_throughout(points[rough.frames], expected)
+    exchanged += _beside(exchanged, exchanged_wrists(points, subject.landmarks.names))
     if not (still.any() or tested.any() or exchanged or found):
         return replace(problem, measurements=replace(problem.measurements, rough=rough))
     for a, b in exchanged:
@@ -167,9 +172,9 @@ def calibrated(
         FileMissing, FileDamaged: the settings' layout cannot be read.
     """
     cloud = joined(clouds)
-    own = places_given(settings.layout)
-    by_side = places_by_side(cloud, own)
-    own |= by_side
+    given = places_given(settings.layout)
+    by_side = places_by_side(cloud, given)
+    own = {**given, **by_side}
     names = name_markers([label for label in cloud.labels or () if not is_unnamed(label)], own)
     known = known_markers_of(cloud, own)
     # The chosen labels alone may identify less than all together: their places go with them.
@@ -179,7 +184,10 @@ def calibrated(
     check_handedness(problem.measurements.points, problem.measurements.landmarks)
     check_sides(problem.measurements.points, problem.measurements.landmarks)
     labels, places = known.labels or (), problem.measurements.landmarks.names
-    exchanged = [(labels[a], places[a], labels[b], places[b]) for a, b in exchanged_labels(problem, like)]
+    pairs = exchanged_labels(problem, like)
+    wrists = exchanged_wrists(problem.measurements.points, places)
+    pairs += [(a, b) for a, b in _beside(pairs, wrists) if not {labels[a], labels[b]} & set(given)]
+    exchanged = [(labels[a], places[a], labels[b], places[b]) for a, b in pairs]
     if exchanged:
         for a, place_a, b, place_b in exchanged:
             own = {**own, a: place_b, b: place_a}
@@ -220,6 +228,12 @@ def calibrated(
         record[MISPLACED] = [list(item) for item in misplaced]
     person = record_of(found.subject, known.labels or (), found.sigma_m, record)
     return with_attached(person, found, cloud, (*names.unknown, *(label for label, *_ in misplaced)))
+
+
+def _beside(pairs: Sequence[tuple[int, int]], more: Sequence[tuple[int, int]]) -> list[tuple[int, int]]:
+    """Return the further pairs that share no marker with those that are known."""
+    known = {m for pair in pairs for m in pair}
+    return [pair for pair in more if not known & set(pair)]
 
 
 def with_attached(

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from solver_backend.body.markers import ON_BONE
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.labelling.names_over_takes import NameChange
 from solver_backend.types import MarkerSubject
 
@@ -17,6 +17,8 @@ TWO_PLACES = "two_places"
 """What it calls labels that are left out since two takes show them at different places, each with the distance in
 metres and the takes' numbers, from 1."""
 
+EXCHANGED = "exchanged"
+"""What it calls pairs of labels that name each other's markers in all takes."""
 NAMES_OVER_TAKES = "names_over_takes"
 """What it calls names that stand for each other's markers in one take: the take's number from 1, both labels (the
 second empty where no other point fits), and whether they were exchanged."""
@@ -33,6 +35,12 @@ def over_takes(changes: Sequence[NameChange]) -> dict[str, Any]:
     """Return what a person's provenance records of names that single takes have the other way round."""
     rows = [[change.take + 1, change.first, change.second, change.mended] for change in changes]
     return {NAMES_OVER_TAKES: rows} if rows else {}
+
+
+def exchanged_in(person: MarkerSubject) -> list[Diagnostic]:
+    """Return which labels name each other's markers, which a solve of the take itself reports with its frames."""
+    pairs = person.provenance.get(EXCHANGED, ())
+    return [diagnostic("markers_exchanged", markers=sorted(pair), remedy=Remedy.REPAIRED) for pair in pairs]
 
 
 def _side_found(person: MarkerSubject) -> list[Diagnostic]:
