@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, name_markers
 
 UNPREFIXED = "Unprefixed"
@@ -46,10 +47,14 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
     worn = {subject: _places(names) for subject, names in large.items()} if len(large) > 1 else {}
     people = [subject for subject, places in worn.items() if len(places) >= LEAST_MARKERS]
     shared = frozenset[str].intersection(*(worn[subject] for subject in people)) if len(people) > 1 else frozenset()
+    apart = sum(len(worn[subject]) for subject in people)
     if len(people) < 2 or any(2 * len(shared) < len(worn[subject]) for subject in people):
+        return {}
+    if apart < 2 * len(_places(list(labels))):  # most are known as they are
         return {}
     return {label: f"{subject}:{name}" for subject in people for label, name in groups[subject].items()}
 
 
 def _places(names: list[str]) -> frozenset[str]:
-    return frozenset(name_markers(names).known.values())
+    """Return the places of markers on the skin: what is named like a skeleton may be axes of its segments."""
+    return frozenset(place for place in name_markers(names).known.values() if not is_joint_centre(place))

@@ -15,6 +15,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.io.native.capture_file import write_capture
+from solver_backend.io.recognition.subject_labels import by_subject
 from solver_backend.types import MarkerCloud
 from tests.support.skeleton_labels import SUIT
 from tests.support.words import words
@@ -118,6 +119,12 @@ def test_sides_and_numbers_of_one_person_are_no_people(tmp_path, cloud):
     for labels in (LABELS, [f"Anna_{label}" for label in LABELS], [f"{label[:1]}_{label[1:]}" for label in LABELS]):
         capture = load_capture(write_c3d(tmp_path / "one.c3d", replace(cloud, labels=tuple(labels)), overwrite=True))
         assert capture.markers is not None and capture.markers.labels == tuple(labels)
+
+
+def test_axes_of_segments_are_no_people():
+    bones = ("PELVIS", "LFEMUR", "RFEMUR", "LTIBIA", "RTIBIA", "LFOOT", "RFOOT", "LTOES", "RTOES")
+    labels = (*(f"{bone}_CGM_2.4{axis}" for bone in bones for axis in "OALP"), "LASI", "RASI", "LKNE")
+    assert by_subject(labels) == labels
 
 
 def test_the_only_subject_with_a_body_is_solved_and_said(tmp_path, cloud):
