@@ -20,9 +20,8 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.hands.solve_hands import solve_hands
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.marker_calibration.exchanged_wrists import with_wrists_named
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
-from solver_backend.fitters.marker_calibration.person_doubts import over_takes
+from solver_backend.fitters.marker_calibration.named_alike import named_alike
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.earlier_motion import begin_at
@@ -54,7 +53,6 @@ from solver_backend.fitters.solution import MethodResult, Solution
 from solver_backend.fitters.solve_again import solve_again
 from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.labelling.names_over_takes import names_over_takes
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer
@@ -160,11 +158,9 @@ def calibrate_person(
     own = places_given(settings.layout)
     clouds = [split_hands(capture.markers, own)[0] for capture in captures if capture.markers is not None]
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
-    record: dict[str, Any] = {"sources": [source for capture in captures for source in capture.sources]}
-    wrists = with_wrists_named(clouds, own)
-    named = names_over_takes(wrists.clouds, own)
-    record |= over_takes((*wrists.changes, *named.changes))
-    return calibrated(named.clouds, body, load_sposer(), like, settings, progress, record)
+    record = {"sources": [source for capture in captures for source in capture.sources]}
+    alike, found = named_alike(clouds, own)
+    return calibrated(alike, body, load_sposer(), like, settings, progress, {**record, **found})
 
 
 def resolve_range(
