@@ -43,9 +43,10 @@ _SIDED: dict[str, dict[str, str]] = {
         "shoulder collar clavicle fingerend fingersend handend thumb thumbend wrist": "",
     },
     "joints": {
-        "hip": "~hip", "knee": "~knee", "ankle": "~ankle", "shoulder": "~shoulder", "elbow": "~elbow",
-        "wrist": "~wrist", "bigtoe footindex toe": "~big_toe", "smalltoe littletoe": "~small_toe", "heel": "~heel",
-        "eye": "~eye", "ear": "~ear", "index": "~index", "pinky": "~pinky", "thumb": "~thumb",
+        "hip hjc": "~hip", "knee kjc": "~knee", "ankle ajc": "~ankle", "shoulder sjc": "~shoulder",
+        "elbow ejc": "~elbow", "wrist wjc": "~wrist", "bigtoe footindex toe": "~big_toe",
+        "smalltoe littletoe": "~small_toe", "heel": "~heel", "eye": "~eye", "ear": "~ear", "index": "~index",
+        "pinky": "~pinky", "thumb": "~thumb",
         "foot": "=foot", "eyeinner eyeouter mouth collar clavicle hand handtip": "",
     },
 }  # fmt: skip
@@ -54,7 +55,8 @@ _NEEDED = {
     "bones": (("=hip", "=knee", "=ankle"), ("=shoulder", "=elbow", "=wrist")),
     "joints": (("~hip", "~knee", "~ankle"), ("~shoulder", "~elbow", "~wrist")),
 }
-"""Of each vocabulary one of these chains must be there on both sides, and hips among joints, which no skin has."""
+"""Of each vocabulary one of these chains must be there on both sides, and hips or a nose among joints, which no skin
+has."""
 _FACE = {"~nose", "~eye", "~ear", "~small_toe"}
 """Points of detectors; without any, what is named as a joint is the joint itself."""
 _OTHERWISE = {"mid_hip": "pelvis", "head_top": "head", "big_toe": "foot"}
@@ -111,7 +113,7 @@ def _is_skeleton(places: set[str], vocabulary: str) -> bool:
         return {f"{part[0]}{side}_{part[1:]}" for side in ("left", "right")} <= places
 
     chains = [all(both(part) for part in chain) for chain in _NEEDED[vocabulary]]
-    return any(chains) and (vocabulary == "bones" or both("~hip"))
+    return any(chains) and (vocabulary == "bones" or both("~hip") or "~nose" in places)
 
 
 def _as_joints(places: dict[str, str]) -> dict[str, str]:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.body.side_by_place import places_by_side
@@ -97,7 +98,8 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
             for label, place, offset, spread in zip(person.labels, person.places, away, sigma, strict=True)
         },
     }
-    far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm" for m in np.argsort(-away, kind="stable")[:5])
+    free = [" (free along the limb)" if _is_free(place) else "" for place in person.places]
+    far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm{free[m]}" for m in np.argsort(-away, kind="stable")[:5])
     loose = ", ".join(f"{person.labels[m]} {sigma[m]:.1f} mm" for m in np.argsort(-sigma, kind="stable")[:5])
     lines = [
         f"Calibrated {len(person.labels)} markers on the body {person.body}",
@@ -108,6 +110,12 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
     doubts = [*exchanged_in(person), *doubts_of(person)]
     data["diagnostics"] = [item.as_dict() for item in doubts]
     return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
+
+
+def _is_free(place: str) -> bool:
+    """Return whether a place is a shaft, anywhere along which a marker may sit."""
+    rule = load_layouts().sided.get(place[1:])
+    return rule is not None and rule["kind"] == "shaft"
 
 
 def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:

@@ -76,7 +76,10 @@ def leaving(points: np.ndarray, around: np.ndarray) -> np.ndarray:
 
 
 def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
-    """Return (F, M) bool: the marker is exactly where it was for a while in which its neighbours move."""
+    """Return (F, M) bool: the marker is exactly where it was for a while in which its neighbours move.
+
+    So are others that are exactly where they were in the very same frames: a program held them together.
+    """
     still = np.zeros(points.shape[:2], dtype=bool)
     same = (np.diff(points, axis=0) == 0).all(-1)
     for m in np.flatnonzero(same.any(axis=0)):
@@ -84,6 +87,11 @@ def frozen(points: np.ndarray, around: np.ndarray, fps: float) -> np.ndarray:
             beside = points[first : last + 2, around[m]]
             span = np.linalg.norm(beside - beside[:1], axis=-1)
             if last - first + 1 >= STILL_S * fps and np.isfinite(span).any() and np.nanmedian(span.max(0)) > MOVED_M:
+                still[first : last + 2, m] = True
+    held = {run for m in range(points.shape[1]) for run in true_runs(still[:, m])}
+    for m in np.flatnonzero(same.any(axis=0)):
+        for first, last in true_runs(same[:, m]):
+            if (first, last + 1) in held:
                 still[first : last + 2, m] = True
     return still
 

@@ -14,9 +14,9 @@ from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.world_check import LEG_SHARE
-from solver_backend.metrics import foot_skating_cm_per_frame
 from solver_backend.people.sightings import MIN_POINTS
-from solver_backend.report.marker_plausibility import marker_plausibility
+from solver_backend.report.floor_plausibility import floor_plausibility, joints_of, rests
+from solver_backend.report.marker_plausibility import centres_of, hips_never_move, marker_plausibility, of_markers
 from solver_backend.report.statistics import KeypointResiduals
 from solver_backend.report.time_plausibility import frame_rate_plausibility
 from solver_backend.types import Capture, JointSet, Motion
@@ -37,16 +37,10 @@ AGREES_SHARE = 0.06
 0.8 to 1.5 %."""
 DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
 """Median distance over the person's extent that no detector has, and that makes a result useless."""
-BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
-"""Height of a foot joint, under the floor and over it, beyond which the floor is doubted."""
 TILT_DEGREES, TILT_SIGMAS = 8.0, 3.0
 """Between a person's stance and the world's up; both must be surpassed. Levelled takes stay within 5 degrees."""
 STANDS_SHARE = 0.5
 """Of the frames: who is upright within half a right angle for less is no witness of what is up."""
-DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
-"""Metres by which the lowest joint is elsewhere in the last half second than in the first."""
-SKATING_CM_S = 15.0
-"""Of feet on the floor."""
 
 
 def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals | None) -> Iterator[Diagnostic]:
@@ -61,34 +55,26 @@ def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals 
     if residuals is not None:
         yield from _residual(capture, motion, residuals)
         yield from _views(capture, motion, residuals)
+    if residuals is not None or centres_of(motion):  # laboratories of markers are level
         yield from _tilt(motion)
     yield from marker_plausibility(motion)
-    yield from _floor(motion)
+    if hips_never_move(capture, motion):
+        yield diagnostic("hips_never_move")
+    else:
+        yield from floor_plausibility(motion)
     if not capture.is_one_view:  # whose depth trembles
         yield from frame_rate_plausibility(motion)
 
 
-def _joints(motion: Motion, *names: str) -> np.ndarray | None:
-    """Return (F, N, 3) joints by name, None where the motion's body lacks one."""
-    known = motion.body_layout.joints
-    return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
-
-
-def _rests(motion: Motion, *names: str) -> bool:
-    """Return whether one of these joints is at rest in some frame."""
-    columns = [motion.body_layout.joints.index(name) for name in names]
-    return motion.resting is not None and bool(motion.resting[:, columns].any())
-
-
 def _stature(motion: Motion) -> Iterator[Diagnostic]:
     """The stature by the legs, which every body of the family has in the same joints."""
-    leg = _joints(motion, "left_hip", "left_knee", "left_ankle")
+    leg = joints_of(motion, "left_hip", "left_knee", "left_ankle")
     if leg is None:
         return
     stature = float(np.linalg.norm(np.diff(leg[0], axis=0), axis=-1).sum()) / LEG_SHARE
     for code, (least, most) in (("stature_impossible", IMPOSSIBLE_STATURES_M), ("stature_odd", STATURES_M)):
         if not least <= stature <= most:
-            yield diagnostic(code, size=stature, least=least, most=most)
+            yield diagnostic(code + of_markers(motion), size=stature, least=least, most=most)
             return
 
 
@@ -179,8 +165,8 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     """The angle of a person's stance with Z, by her trunk, balance and feet."""
     limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
     names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
-    joints = _joints(motion, *names)
-    if joints is None or motion.num_frames < 2 or _rests(motion, *names):
+    joints = joints_of(motion, *names)
+    if joints is None or motion.num_frames < 2 or rests(motion, *names):
         return
     stands = (joints[:, 0:2].mean(1) - joints[:, -2:].mean(1)) @ np.array([0.0, 0.0, 1.0])
     length = np.linalg.norm(joints[:, 0:2].mean(1) - joints[:, -2:].mean(1), axis=-1)
@@ -195,29 +181,4 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         return
     tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)
     if tilt > max(TILT_DEGREES, TILT_SIGMAS * sigma):
-        yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
-
-
-def _floor(motion: Motion) -> Iterator[Diagnostic]:
-    feet = _joints(motion, "left_foot", "right_foot")
-    if feet is None or _rests(motion, "left_foot", "right_foot"):
-        return
-    lowest = feet[..., 2].min(axis=1)
-    yield from _drift(motion)
-    below, usual = -float(lowest.min()), float(np.median(lowest))
-    if below > BELOW_FLOOR_M:
-        code = "floor_too_high" if usual < -BELOW_FLOOR_M else "foot_below_floor"
-        yield diagnostic(code, size=100 * below)
-    if usual > ABOVE_FLOOR_M:
-        yield diagnostic("feet_above_floor", size=100 * usual)
-    skating = foot_skating_cm_per_frame(feet)
-    if skating * motion.fps > SKATING_CM_S:
-        yield diagnostic("feet_slide", size=skating)
-
-
-def _drift(motion: Motion) -> Iterator[Diagnostic]:
-    """Another height of the body's lowest joint at the take's end than at its beginning: a floor does not move."""
-    lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
-    change = float(lowest[-ends:].min() - lowest[:ends].min())
-    if len(lowest) > 2 * ends and abs(change) > DRIFT_M:
-        yield diagnostic("take_drifts", size=abs(change), way="sinks" if change < 0 else "rises")
+        yield diagnostic("person_tilted" + of_markers(motion), size=float(tilt), sigma=float(sigma))

@@ -114,3 +114,12 @@ def test_an_ending_that_all_share_is_no_part_of_the_names():
     names = name_markers(SYSTEMS["OpenCap"][0])
     assert names.affixes.suffix.lstrip("_") == "study" and names.virtual == ("RHJC_study", "LHJC_study")
     assert names.known["r_mknee_study"] == "RKNM" and names.known["L.ASIS_study"] == "LFWT"
+
+
+def test_an_upper_body_with_a_nose_and_computed_joint_centres_alone_are_joints():
+    arms = ("LShoulder", "LElbow", "LWrist", "RShoulder", "RElbow", "RWrist")
+    assert not joint_centre_places((*arms, "C7"))
+    assert joint_centre_places((*arms, "Nose", "Neck"))["LElbow"] == "~left_elbow"
+    legs = ("LHJC", "LKJC", "LAJC", "RHJC", "RKJC", "RAJC")
+    assert joint_centre_places(legs)["RKJC"] == "=right_knee"
+    assert not joint_centre_places((*legs, "LASI", "RASI", "SACR", "LTOE", "RTOE"))

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import Severity, sentence
-from solver_backend.report.marker_plausibility import marker_plausibility
-from solver_backend.types import MARKER_GHOST
+from solver_backend.report.marker_plausibility import hips_never_move, marker_plausibility
+from solver_backend.types import MARKER_GHOST, Capture, MarkerCloud
 from tests.support.solved import solved
 
 
@@ -51,3 +51,28 @@ def test_one_marker_that_is_far_always_or_for_a_while_is_named() -> None:
     thrown_out = np.zeros(error.shape, np.uint8)
     thrown_out[:, [1, 3]] = MARKER_GHOST
     assert not list(marker_plausibility(replace(motion, marker_flags=thrown_out)))
+
+
+def test_one_limb_alone_is_of_the_side_that_its_labels_state_unless_its_ankle_shows_it() -> None:
+    _, motion = solved(faults=False)
+    arm, leg = ("RSHO", "RUPA", "RELB", "RFRM", "RWRA", "RWRB"), ("LTHI", "LKNE", "LSHN", "LANK", "LHEE", "LTOE")
+    for places, code in ((arm, ["limb_side_by_name"]), (leg, []), (leg[:4], ["limb_side_by_name"]), (arm + leg, [])):
+        shape = (motion.num_frames, len(places))
+        one = replace(
+            motion, marker_residual_mm=np.full(shape, 3.0), marker_labels=places, markers=np.zeros((*shape, 3)),
+            layout=places, offsets=np.zeros((len(places), 3)),
+            provenance={**motion.provenance, "markers": list(places)},
+        )  # fmt: skip
+        assert [item.code for item in marker_plausibility(one)] == code
+
+
+def test_positions_relative_to_the_hips_are_named() -> None:
+    _, motion = solved(faults=False)
+    labels, frames = ("LASI", "RASI", "LKNE"), motion.num_frames
+    points = np.random.default_rng(1).normal(0.0, 0.3, (frames, 3, 3))
+    worn = replace(motion, marker_labels=labels, layout=("LFWT", "RFWT", "LKNE"), offsets=np.zeros((3, 3)))
+    for middle, expected in ((points[:, :2].mean(axis=1, keepdims=True), True), (0.0, False)):
+        relative = Capture("take", markers=MarkerCloud(points - middle, motion.fps, labels))
+        assert hips_never_move(relative, worn) is expected
+    still = Capture("take", markers=MarkerCloud(points[:1].repeat(frames, axis=0), motion.fps, labels))
+    assert not hips_never_move(still, worn)

@@ -22,6 +22,11 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The set is of one arm or leg.",
         "Write the labels' places with `layout`, and solve with `--layout`, if it is the other one.",
     ),
+    "limb_side_by_name": note(
+        "One {limb} alone has markers: that it is the {side} one is known from its labels alone",
+        "The other side's {limb} moves its markers alike, mirrored.",
+        "Exchange L and R in the labels if it is the other one.",
+    ),
     "marker_in_two_places": warning(
         "Markers sit elsewhere in one take than in another: {places}. They are left out of the person",
         "Two different markers have one name in different takes, or a marker fell off and was attached elsewhere.",
@@ -203,6 +208,16 @@ RECORDING: dict[str, DiagnosticEntry] = {
         "The marker {marker} is recorded where it cannot be",
         "A reflection, or a wrong label.",
         "Look at the marker there.",
+    ),
+    "marker_ghosts": note(
+        "{count} markers are recorded where they cannot be at times, {markers}",
+        "Reflections or wrong labels; a program that writes 0 for one coordinate of a marker that is not seen.",
+        "Look at the markers there.",
+    ),
+    "marker_stills": warning(
+        "{count} markers stand still while the person moves, {markers}",
+        "The recording repeats the last positions of markers that are not seen.",
+        "Export it with gaps left open, or fill them there.",
     ),
     "marker_still": warning(
         "The marker {marker} stands still while the person moves",

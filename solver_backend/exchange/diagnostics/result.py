@@ -190,24 +190,54 @@ RESULT: dict[str, DiagnosticEntry] = {
         "The calibration's origin is not on the floor, or its Z does not point up.",
         "Check that the calibration's origin lies on the floor and that Z points up.",
     ),
+    "floor_too_high_markers": warning(
+        "A foot goes {size:.0f} cm below z = 0 in most frames",
+        "The recording's origin is above the floor, as where a wand stood on a box, or is a camera.",
+        "Move the body to the floor (*Feet to Floor*), or set the origin on the floor in the program that recorded it.",
+    ),
     "foot_below_floor": note(
         "A foot goes {size:.0f} cm below the floor",
         "The floor is not level or not at z = 0, or the feet are badly detected.",
         "Check that the calibration's origin lies on the floor and that Z points up.",
+    ),
+    "foot_below_floor_markers": note(
+        "A foot goes {size:.0f} cm below z = 0",
+        "The floor is not at z = 0 there, the person steps down, or a foot's markers are wrong.",
+        "Look at the feet there; move the body to the floor (*Feet to Floor*) if all of it is too low.",
     ),
     "feet_above_floor": warning(
         "The feet are {size:.0f} cm above the floor in most frames",
         "The calibration's origin is below the floor, or the person stands on something.",
         "Level the world with --level on, or check that the calibration's origin lies on the floor.",
     ),
+    "feet_above_floor_markers": warning(
+        "The feet are {size:.0f} cm above z = 0 in most frames",
+        "The recording's origin is below the floor, or the person stands on something.",
+        "Move the body to the floor (*Feet to Floor*) if the person stands on it.",
+    ),
+    "hips_never_move": warning(
+        "The middle of the hips is at one place in all frames: positions are relative to it",
+        "The program writes points relative to the hips, as MediaPipe's world landmarks are.",
+        "Export positions in the room if the person's travel and the floor matter.",
+    ),
     "person_tilted": warning(
         "The person stands tilted by {size:.0f}° (± {sigma:.0f}°) against the world's up",
         "The calibration's world is not level, or the person leans for the whole take.",
         "Level the world with --level on, unless the person leans.",
     ),
+    "person_tilted_markers": warning(
+        "The person stands tilted by {size:.0f}° (± {sigma:.0f}°) against the world's up",
+        "The points have a camera's axes, or the person leans for the whole take.",
+        "Turn the points upright in the program that computed them, unless the person leans.",
+    ),
     "feet_slide": warning(
         "The feet slide by {size:.2f} cm a frame while they are on the floor",
         "The toes are seldom detected, or the cameras are not synchronised.",
+        "Look at the feet in the baked scene.",
+    ),
+    "feet_slide_markers": warning(
+        "The feet slide by {size:.2f} cm a frame while they are on the floor",
+        "The person slides or walks on a treadmill, or a foot's markers are wrong.",
         "Look at the feet in the baked scene.",
     ),
     "frame_rate_implausible": warning(
@@ -220,10 +250,20 @@ RESULT: dict[str, DiagnosticEntry] = {
         "The calibration has another unit or scale, or the detections are not of a person.",
         "Check the unit of the calibration, or the size of the board's squares.",
     ),
+    "stature_odd_markers": warning(
+        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
+        "The file's unit is another than it is read in, or the markers are not of a person.",
+        "Give the unit with --unit (mm, cm, m, inch, foot).",
+    ),
     "stature_impossible": error(
         "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
         "The calibration has another unit or scale: squares of a board, or none at all.",
         "Give the person's stature with --stature, or the calibration's scale or unit with --scale or --unit.",
+    ),
+    "stature_impossible_markers": error(
+        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
+        "The file's unit is another than it is read in, or the markers are not of a person.",
+        "Give the unit with --unit (mm, cm, m, inch, foot).",
     ),
     "shape_odd": warning(
         "A shape coefficient is {size:.3g}; those of people lie within {limit:g}",

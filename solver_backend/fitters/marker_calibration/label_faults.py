@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,6 +22,8 @@ GAIN = 3.0
 """What a change of labels must gain by marker, in the mean of a window's frames, in halves of squared deviations."""
 GHOST_M = 0.11
 """A point so far from where its marker must be is none."""
+MOST_NAMED = 5
+"""Markers of a take that have a note each; of more a program's habit is the cause, which is one note."""
 
 
 @dataclass(frozen=True)
@@ -153,3 +156,20 @@ def diagnose_labels(still: np.ndarray, faults: tuple[LabelFault, ...], labels: t
             pair = sorted((labels[fault.marker], labels[fault.other]))
             found.append(diagnostic("markers_exchanged", markers=pair, frames=frames, remedy=Remedy.REPAIRED))
     return sorted(found, key=lambda item: (item.where.frames, item.where.markers))
+
+
+def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
+    """Return the diagnostics, those of one code about more than ``MOST_NAMED`` markers as one with their count."""
+    items = list(found)
+    for code in ("marker_ghost", "marker_still"):
+        alike = [item for item in items if item.code == code]
+        labels = list(dict.fromkeys(label for item in alike for label in item.where.markers))
+        if len(labels) <= MOST_NAMED:
+            continue
+        frames = {frame for item in alike for a, b in item.where.frames for frame in range(a, b + 1)}
+        there = np.isin(np.arange(max(frames) + 1), list(frames))
+        several = diagnostic(
+            f"{code}s", markers=labels, frames=true_runs(there), remedy=alike[0].remedy, count=len(labels)
+        )
+        items = [several if item is alike[0] else item for item in items if item is alike[0] or item.code != code]
+    return items

@@ -22,7 +22,7 @@ from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joint
 from solver_backend.fitters.marker_calibration.exchanged_sides import check_sides
 from solver_backend.fitters.marker_calibration.exchanged_wrists import exchanged_wrists
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
-from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels
+from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels, gathered
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
 from solver_backend.fitters.marker_calibration.one_body import check_one_body
 from solver_backend.fitters.marker_calibration.person_doubts import (
@@ -122,7 +122,7 @@ def _cleaned(
     for item in found:
         known = [cloud.labels.index(label) for label in item.where.markers if label in cloud.labels]
         flags[:, known] |= MARKER_SWAPPED
-    diagnostics = merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)])
+    diagnostics = gathered(merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)]))
     provenance = {**again.measurements.provenance, "diagnostics": [item.as_dict() for item in diagnostics]}
     progress("Checking the labels", 1, 1)
     measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)

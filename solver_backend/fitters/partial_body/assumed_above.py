@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.geometry.symmetric import packed, unpacked
 
@@ -45,8 +46,11 @@ def assumed_joints(body: Body, landmarks: Landmarks, offsets: np.ndarray, locate
     names, ever = body.layout.joints, located.any(axis=0)
     if not ever.any():
         return {}
-    places = (landmarks.anchors.sum(axis=1) + offsets)[ever]
-    away = np.linalg.norm(body.joints_template[:, None] - places, axis=-1).min(axis=1)
+    anchors, joints = landmarks.anchors.sum(axis=1), body.joints_template[:, None]
+    away = np.linalg.norm(joints - (anchors + offsets)[ever], axis=-1).min(axis=1)
+    named = ever & np.array([not name.startswith(ON_BONE) for name in landmarks.names])
+    if named.any():  # places of names do not depend on how large the person is
+        away = np.minimum(away, np.linalg.norm(joints - anchors[named], axis=-1).min(axis=1))
     near = {j for j, name in enumerate(names) if away[j] < (NEAR_HIP_M if name.endswith("hip") else NEAR_M)}
     core = any(names[j] in CORE for j in near)
     if not core:

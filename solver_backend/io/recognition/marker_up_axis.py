@@ -22,11 +22,20 @@ LYING_M = 0.4
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
 
-_HIGH = re.compile(
-    r"[LR]?(F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX)"
+_S = r"([LR]|LEFT|RIGHT)?"
+_LEVELS = tuple(
+    re.compile(pattern)
+    for pattern in (
+        rf"{_S}(TOE|TOES|TOEBASE|HEE|HEEL|ANK|ANKLE|CAL|CALC|MT[125]|MT[15]P|MMAL|LMAL|5META|FOOT|HALLUX|HLX|BIGTOE)",
+        rf"{_S}(KNE|KNEE|MKNE|LKNE|KJC|LEG|LOWERLEG|SHIN)",
+        rf"{_S}(ASI|ASIS|PSI|PSIS|SACR|SACRUM|FWT|BWT|HIP|HIPS|PELVIS|MIDHIP|UPLEG|UPPERLEG|HJC)",
+        rf"{_S}((F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION)|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX"
+        r"|NOSE|NECK|UPPERARM|SJC)",
+    )
 )
-_PELVIS = re.compile(r"[LR]?(ASI|ASIS|PSI|PSIS|SACR|SACRUM)")
-_LOW = re.compile(r"[LR]?(TOE|TOES|HEE|HEEL|ANK|ANKLE|CAL|CALC|MT[125]|MT[15]P|MMAL|LMAL|5META|FOOT|HALLUX|HLX)")
+"""Labels of feet, knees, pelvis, and of head, shoulders and chest."""
+_COMPARED = ((3, 0), (3, 2), (2, 0), (1, 0))
+"""Levels whose heights are compared, the surest first; knees are beside the pelvis of one who sits."""
 
 
 @dataclass(frozen=True)
@@ -72,7 +81,8 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
             return _axis(floor, "marker_axis_by_floor")
         return _axis(expected, "marker_axis_assumed")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
-    if not stated and (feet_at_zero or body.lstrip("-") != expected.lstrip("-")):
+    afloat = abs(_lowest(positions, expected)) > FLOOR_M  # who stands on the hands has them at 0
+    if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
         return _axis(body, "marker_axis_by_body")
     against = partial(diagnostic, stated=expected.upper(), along=body.upper())
     if feet_at_zero:
@@ -90,10 +100,9 @@ def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
     """Return the axis along which the body is longest if it clearly is, with the sign of the end where the head is."""
     frames = positions[:: max(1, len(positions) // 500)]
     names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
-    high = [i for i, name in enumerate(names) if _HIGH.fullmatch(name)]
-    low = [i for i, name in enumerate(names) if _LOW.fullmatch(name)]
-    low = low or [i for i, name in enumerate(names) if _PELVIS.fullmatch(name)]
-    if high and low:
+    levels = [[i for i, name in enumerate(names) if level.fullmatch(name)] for level in _LEVELS]
+    high, low = next(((levels[a], levels[b]) for a, b in _COMPARED if levels[a] and levels[b]), ([], []))
+    if high:
         raised = quantile(frames[:, high], 0.5, 1, "nearest") - quantile(frames[:, low], 0.5, 1, "nearest")
         up = quantile(raised, 0.5, 0, "nearest")
         length, sign = np.abs(up), np.nan_to_num(np.sign(up))

@@ -9,6 +9,10 @@ from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import MarkersMirrored
 from solver_backend.fitters.marker_calibration.exchanged_sides import check_sides
+from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.worn_markers import worn_markers
 
 LOWER = ("FWT", "BWT", "THI", "KNE", "SHN", "ANK", "HEE", "TOE", "MT5")
@@ -41,3 +45,57 @@ def test_sides(places: tuple[str, ...], turned: tuple[str, ...], message: str) -
         return
     with pytest.raises(MarkersMirrored, match=message):
         check_sides(points, landmarks)
+
+
+LEG = ("KNE", "SHN", "ANK", "HEE", "TOE")
+PELVIS = ("LFWT", "RFWT", "LBWT", "RBWT")
+
+
+@pytest.mark.parametrize(
+    ("kept", "limb", "message"),
+    [
+        (PELVIS, LEG, "left leg's markers are on the right of the body"), (("LSHO", "RSHO"), UPPER[1:], "left arm's"),
+        ((), LEG, "left leg's outer ankle is on the inner side"),
+    ],
+)  # fmt: skip
+def test_one_limb_named_as_the_other_sides(kept: tuple[str, ...], limb: tuple[str, ...], message: str) -> None:
+    right = tuple("R" + place for place in limb)
+    points = worn_markers((*kept, *right), 24, fps=15.0, step=8).cloud.positions
+    check_sides(points, marker_landmarks(load_body(), (*kept, *right)))
+    with pytest.raises(MarkersMirrored, match=message):
+        check_sides(points, marker_landmarks(load_body(), (*kept, *("L" + place for place in limb))))
+
+
+def test_a_heel_and_toes_that_have_each_others_labels_are_no_other_leg() -> None:
+    names = tuple("R" + place for place in LEG)
+    points = worn_markers(names, 24, fps=15.0, step=8).cloud.positions
+    for a, b in (("HEE", "TOE"), ("ANK", "HEE")):
+        turned = tuple({"R" + a: "R" + b, "R" + b: "R" + a}.get(name, name) for name in names)
+        check_sides(points, marker_landmarks(load_body(), turned))
+
+
+CENTRES = tuple(
+    f"={side}_{part}"
+    for part in ("hip", "knee", "ankle", "foot", "shoulder", "elbow", "wrist")
+    for side in ("left", "right")
+)
+
+
+@pytest.mark.parametrize(
+    "places",
+    [
+        CENTRES, tuple(place for place in CENTRES if "foot" not in place),
+        ("~nose", "~neck", *("~" + place[1:] for place in CENTRES[8:])),
+    ],
+    ids=["suit", "without toes", "upper body"],
+)  # fmt: skip
+def test_joint_centres_in_left_handed_axes(places: tuple[str, ...]) -> None:
+    """As Unity and Unreal write them."""
+    landmarks, truth = marker_landmarks(load_body(), places), demo_capture().truth
+    subject = Subject(load_body(), landmarks, truth["betas"], np.zeros((len(places), 3)))
+    chosen = slice(0, 192, 8)
+    local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
+    points = pose(subject, PosedFrames(exp_so3(truth["global_orient"][chosen]), local, truth["transl"][chosen])).points
+    check_sides(points, landmarks)
+    with pytest.raises(MarkersMirrored, match="joint centres are a mirror image"):
+        check_sides(points * [-1.0, 1.0, 1.0], landmarks)

@@ -8,9 +8,9 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import marker_layout
-from solver_backend.exchange.diagnostics import read_diagnostics
+from solver_backend.exchange.diagnostics import diagnostic, read_diagnostics, sentence
 from solver_backend.fitters import Solution, solve
-from solver_backend.fitters.marker_calibration.label_faults import clean_labels
+from solver_backend.fitters.marker_calibration.label_faults import clean_labels, gathered
 from solver_backend.geometry.marker_jumps import frozen, jumping, leaving, neighbours_of
 from solver_backend.types import MARKER_FILLED, MARKER_GHOST, MARKER_SEEN, MARKER_SWAPPED, Capture
 from tests.support.worn_markers import worn_markers
@@ -89,6 +89,25 @@ def test_faults_are_named_and_flagged(solution):
         ("marker_ghost", ("RKNE",), ((50, 57),)),
         ("marker_still", ("LELB",), ((40, 89),)),
     }
+
+
+def test_markers_that_a_program_holds_together_are_all_found(worn):
+    held, around = worn.cloud.positions.copy(), neighbours_of(worn.cloud.positions)
+    leg = [i for i, label in enumerate(LABELS) if label in ("LTHI", "LKNE", "LANK", "LHEE", "LTOE", "LMT5")]
+    held[40:90, leg] = held[40, leg]
+    still = frozen(held, around, FPS)
+    assert still[40:90, leg].all() and still.sum() == 50 * len(leg)
+
+
+def test_one_note_counts_the_markers_that_are_many():
+    names = tuple("abcdefg")
+    found = [diagnostic("marker_ghost", markers=[name], frames=[(k, k + 1)]) for k, name in enumerate(names)]
+    assert gathered(found[:5]) == found[:5]
+    (several,) = gathered(found)
+    assert (several.code, several.where.markers, several.where.frames) == ("marker_ghosts", names, ((0, 7),))
+    assert sentence(several).startswith(
+        "7 markers are recorded where they cannot be at times, a, b, c, d, e, f and 1 more"
+    )
 
 
 def test_faults_hardly_move_the_body(worn, solution):

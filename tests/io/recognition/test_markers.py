@@ -87,3 +87,29 @@ def test_up_axis_of_what_says_none() -> None:
         assert (found.name, found.note.code) == (default, "marker_axis_assumed")
     above = np.abs(ball) + [-3, -3, 0.02]
     assert find_up_axis(above, ("A",) * 9, "", None, "y").name == "z"
+
+
+LEGS = ("LASI", "RPSI", "LKNE", "LANK", "RTOE")
+
+
+@pytest.mark.parametrize("labels", [LEGS, LEGS[2:]], ids=["pelvis and legs", "legs"])
+@pytest.mark.parametrize("axis", ["y", "z", "x"])
+def test_up_axis_of_legs_away_from_any_floor(labels: tuple[str, ...], axis: str) -> None:
+    """Positions relative to the hips, as exports of limbs have them."""
+    heights = {"LASI": 0.0, "RPSI": 0.02, "LKNE": -0.5, "LANK": -0.9, "RTOE": -0.95}
+    points = np.random.default_rng(4).normal(0, 0.05, (20, len(labels), 3))
+    points[..., 2] += [heights[label] for label in labels]
+    found = find_up_axis(points @ rotation_to_z_up(axis), labels, "", None, "y")
+    assert (found.name, found.note.code) == (axis, "marker_axis_by_body")
+
+
+def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
+    """Y down, half a metre below the camera: nothing speaks for the usual axis."""
+    names = ("Nose", "LShoulder", "LHip", "LKnee", "LAnkle")
+    points = np.random.default_rng(4).normal(0, 0.05, (20, len(names), 3))
+    points[..., 2] += [1.6, 1.4, 0.9, 0.5, 0.1]
+    camera = (points - [0.0, 0.0, 2.2]) @ rotation_to_z_up("-y")
+    assert find_up_axis(camera, names, "", None, "y").name == "-y"
+    handstand = points * [1.0, 1.0, -1.0] + [0.0, 0.0, 1.8]
+    found = find_up_axis(handstand @ rotation_to_z_up("y"), names, "", None, "y")
+    assert (found.name, found.problem and found.problem.code) == ("y", "body_across_usual_axis")
