@@ -32,6 +32,11 @@ recordings of CMU, UI-PRMD and running laboratories so that ellipsoids come as n
 ``python -m tests.benchmarks.resting_spread`` finds them; those of trunk and head are 1.2 to 2.5 times as large, as a
 solve without their markers needs: of five other takes its pelvis leans 8 degrees off and its trunk has another length
 (deviations along up and front of 16 and 45 mm at spine2, 24 and 79 at the neck)."""
+BESIDE_MM: dict[str, dict[str, float]] = {
+    "trunk": {"pelvis": 7.0, "hip": 9.5, "spine1": 20.0}, "thigh": {"pelvis": 6.5, "hip": 9.5},
+}  # fmt: skip
+"""Deviation per axis, millimetres, that joints beside a resting part have more than the fit states: its markers would
+show how the pelvis leans and how large the person is. By part without its side; of two thighs both count."""
 TILT_DEG, MOST_DEG = 15.0, 60.0
 """Degrees by which the pelvis leans where the spread of trunk, head and legs is twice that of one upright, and beyond
 which it grows no more: who bends, sits, kneels or lies has them three times as far from their rest as who stands."""
@@ -82,7 +87,7 @@ def with_resting_spread(
 ) -> np.ndarray:  # fmt: skip
     """Return (F, J, 6) covariances with those of resting joints: ``(1 - s) C + s (C_anchor + k² G D² Gᵀ)``.
 
-    k is ``growth`` by what the pelvis shows.
+    k is ``growth`` by what the pelvis shows. Joints of ``BESIDE_MM`` have their variances added, times s.
 
     Args:
         covariance: (F, J, 6) of the fit, m² (see ``packed``).
@@ -106,6 +111,11 @@ def with_resting_spread(
                 own = k**2 * ((G * variance) @ np.swapaxes(G, -1, -2))
                 j = layout.joints.index(name)
                 found[:, j] += share * (found[:, anchor] + own - found[:, j])
+    for part, share in shares.items():
+        beside = BESIDE_MM.get(_bare(part), {})
+        for j, name in enumerate(layout.joints):
+            if _bare(name) in beside:
+                found[:, j] += share[:, None, None] * (1e-3 * beside[_bare(name)]) ** 2 * np.eye(3)
     return packed(found)
 
 

@@ -87,7 +87,7 @@ def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axi
     positions, notes, sentinels = without_sentinels(source.positions, labels)
     if not np.isfinite(positions).any():
         raise NoDetections("No marker is seen in any frame.", where=str(source.path), hint="Export it again.")
-    found_unit = find_unit(positions, source.unit, unit, source.default_unit)
+    found_unit = find_unit(positions, source.unit, unit, source.default_unit, labels)
     positions *= found_unit.metres
     found_axis = find_up_axis(positions, labels, source.up_axis, up_axis, source.default_up_axis)
     to_world = rotation_to_z_up(found_axis.name)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,11 +10,15 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.length_unit import METRES, metres_in
+from solver_backend.io.recognition.marker_up_axis import raised_part
 
 SMALLEST_M, LARGEST_M = 0.03, 30.0
 """Markers that spread less or more than this over most frames were not recorded in the unit that the file states."""
 PERSON_M = (0.25, 4.0)
 """Spread of the markers of a person, in metres."""
+STATED_FACTOR = 2.0
+"""By so much more than people's may parts of a body be apart in the unit that a file states, as with two people in it:
+units that are taken for another are mostly ten times as large."""
 
 _STARTS = {"mm": "mm", "mil": "mm", "cm": "cm", "cen": "cm", "m": "m", "met": "m", "in": "inch", "f": "foot"}
 """Units by how their names begin: files have mm, Millimeters, METERS, mete, m, inches, ft."""
@@ -52,17 +57,19 @@ def spread(positions: np.ndarray) -> float:
     return float(quantile(sides.max(axis=-1), 0.5, 0, "nearest"))
 
 
-def find_unit(positions: np.ndarray, stated: str, given: str | None, default: str) -> Unit:
+def find_unit(positions: np.ndarray, stated: str, given: str | None, default: str, labels: Sequence[str] = ()) -> Unit:
     """Return the unit of positions.
 
     What is given wins, then what the file states unless markers then spread over less than ``SMALLEST_M`` or more than
-    ``LARGEST_M``, then the unit in which they have a person's size.
+    ``LARGEST_M``, or the parts that labels name are no person's distance apart, then the unit in which they have a
+    person's size.
 
     Args:
         positions: (F, M, 3) in the file's unit.
         stated: the file's word for it, empty if there is none.
         given: by the user.
         default: what the format's files are mostly in.
+        labels: of the markers.
 
     Raises:
         JobInvalid: the given unit is unknown.
@@ -72,10 +79,20 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
         return _unit(given, "marker_unit_given")
     size = spread(positions)
     name = unit_named(stated)
-    if name is not None and not (size > 0 and not SMALLEST_M <= size * METRES[name] <= LARGEST_M):
+    raised, (least, usual, most) = raised_part(positions, labels)
+    apart = np.nan if raised is None else float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
+
+    def fits(unit: str, low: float, high: float, factor: float = 1.0) -> bool:
+        body = not np.isfinite(apart) or least / factor <= apart * METRES[unit] <= most * factor
+        return low <= size * METRES[unit] <= high and body
+
+    if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, STATED_FACTOR)):
         return _unit(name, "marker_unit_stated")
-    for other in dict.fromkeys((default, "mm", "m", "cm")):
-        if PERSON_M[0] <= size * METRES[other] <= PERSON_M[1]:
+    units = (default, "mm", "m", "cm")
+    if np.isfinite(apart):  # inches of an adult are centimetres of one who crouches
+        units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
+    for other in dict.fromkeys(units):
+        if fits(other, *PERSON_M):
             if name is None:
                 return Unit(other, diagnostic("marker_unit_estimated", unit=other, spread=size))
             problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)

@@ -34,8 +34,9 @@ _LEVELS = tuple(
     )
 )
 """Labels of feet, knees, pelvis, and of head, shoulders and chest."""
-_COMPARED = ((3, 0), (3, 2), (2, 0), (1, 0))
-"""Levels whose heights are compared, the surest first; knees are beside the pelvis of one who sits."""
+_COMPARED = {(3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8)}
+"""Levels whose heights are compared, the surest first (knees are beside the pelvis of one who sits), and the metres of
+their distance: the least of children of one metre, who may crouch, an adult's, and the most of the tallest."""
 
 
 @dataclass(frozen=True)
@@ -99,11 +100,8 @@ def _axis(name: str, code: str, problem: Diagnostic | None = None) -> UpAxis:
 def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
     """Return the axis along which the body is longest if it clearly is, with the sign of the end where the head is."""
     frames = positions[:: max(1, len(positions) // 500)]
-    names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
-    levels = [[i for i, name in enumerate(names) if level.fullmatch(name)] for level in _LEVELS]
-    high, low = next(((levels[a], levels[b]) for a, b in _COMPARED if levels[a] and levels[b]), ([], []))
-    if high:
-        raised = quantile(frames[:, high], 0.5, 1, "nearest") - quantile(frames[:, low], 0.5, 1, "nearest")
+    raised, _ = raised_part(positions, labels)
+    if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
         length, sign = np.abs(up), np.nan_to_num(np.sign(up))
     else:
@@ -113,6 +111,21 @@ def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
     if sign[axis] == 0 or not length[axis] > UPRIGHT * np.delete(length, axis).max():
         return None
     return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
+
+
+def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:
+    """Return (F, 3) vectors from a lower part of the body to a higher one, and people's least, usual and most metres.
+
+    None without two such parts; of a long take some frames alone.
+    """
+    frames = positions[:: max(1, len(positions) // 500)]
+    names = [re.sub(r"[^A-Z0-9]", "", label.rpartition(":")[2].upper()) for label in labels]
+    levels = [[i for i, name in enumerate(names) if level.fullmatch(name)] for level in _LEVELS]
+    for (a, b), length in _COMPARED.items():
+        if levels[a] and levels[b]:
+            high, low = (quantile(frames[:, levels[k]], 0.5, 1, "nearest") for k in (a, b))
+            return high - low, length
+    return None, (0.0, 1.0, np.inf)
 
 
 def _extent(frames: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

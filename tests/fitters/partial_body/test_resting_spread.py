@@ -9,6 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.fitters.partial_body.resting_spread import (
     ARM_MOST_DEG,
     ARM_TILT_DEG,
+    BESIDE_MM,
     MOST_DEG,
     SPREAD_MM,
     TILT_DEG,
@@ -54,6 +55,14 @@ def test_spread_grows_with_the_lean_of_the_pelvis(
     table = np.array(SPREAD_MM[anchor][joint.removeprefix("left_")], dtype=float)
     for lean, factor in zip((0.0, TILT_DEG, 150.0), factors, strict=True):
         np.testing.assert_allclose(sigma_mm(lean, part, joint), factor * table, rtol=1e-6)
+
+
+def test_what_is_beside_a_resting_part_is_less_sure() -> None:
+    for part, joint, millimetres in (("trunk", "spine1", 20.0), ("left_thigh", "right_hip", 9.5)):
+        sigma = sigma_mm(0.0, part, joint)
+        np.testing.assert_allclose(sigma, BESIDE_MM[part.removeprefix("left_")][joint.removeprefix("right_")])
+        assert sigma[0] == pytest.approx(millimetres, rel=0.5)
+    assert not sigma_mm(0.0, "left_shank", "left_hip").any()
 
 
 def test_who_walks_has_arms_nearer_to_their_rest_and_who_squats_legs_farther() -> None:

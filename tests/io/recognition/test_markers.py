@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.marker_labels import (
     is_model_output,
     is_unnamed,
@@ -113,3 +114,14 @@ def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
     handstand = points * [1.0, 1.0, -1.0] + [0.0, 0.0, 1.8]
     found = find_up_axis(handstand @ rotation_to_z_up("y"), names, "", None, "y")
     assert (found.name, found.problem and found.problem.code) == ("y", "body_across_usual_axis")
+
+
+@pytest.mark.parametrize(("unit", "stated"), [("inch", ""), ("cm", "mm"), ("foot", ""), ("mm", "cm"), ("m", "mm")])
+def test_a_unit_by_how_far_parts_of_a_body_are_apart(unit: str, stated: str) -> None:
+    """51 inches from head to feet are half a metre in centimetres, which markers of legs could be."""
+    body = standing() / METRES[unit]
+    found = find_unit(body, stated, None, "mm", tuple(BODY))
+    assert found.name == unit and (found.problem is not None) == bool(stated)
+    legs = [i for i, label in enumerate(BODY) if label in ("LASI", "LKNE", "LANK", "RTOE")]
+    assert find_unit(body[:, legs], stated, None, "mm", [list(BODY)[i] for i in legs]).name == unit
+    assert find_unit(standing(), "m", None, "mm", tuple(BODY)).problem is None
