@@ -33,7 +33,7 @@ def floor_plausibility(motion: Motion) -> Iterator[Diagnostic]:
     if usual > ABOVE_FLOOR_M:
         yield diagnostic("feet_above_floor" + kind, size=100 * usual)
     skating = foot_skating_cm_per_frame(feet)
-    if skating * motion.fps > SKATING_CM_S:
+    if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
         yield diagnostic("feet_slide" + kind, size=skating)
 
 

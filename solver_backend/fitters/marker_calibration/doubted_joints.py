@@ -33,7 +33,7 @@ def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
     off = np.linalg.norm(person.offsets[chain], axis=-1)
     far = [person.labels[m] for m, distance in zip(chain, off, strict=True) if distance > FAR_M]
     wide, shape = _width(cloud, person), float(np.abs(person.betas).max())
-    if wide <= WIDEST and 2 * len(far) < len(chain) and shape <= STRANGE:
+    if wide <= WIDEST and 2 * len(far) < len(chain) and (shape <= STRANGE or not far):
         return []
     most = 1000 * float(off.max(initial=0.0))
     return [diagnostic("joints_doubted", markers=far, size=100 * wide, off=most, shape=shape)]

@@ -22,15 +22,14 @@ LYING_M = 0.4
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
 
-_S = r"([LR]|LEFT|RIGHT)?"
 _LEVELS = tuple(
-    re.compile(pattern)
-    for pattern in (
-        rf"{_S}(TOE|TOES|TOEBASE|HEE|HEEL|ANK|ANKLE|CAL|CALC|MT[125]|MT[15]P|MMAL|LMAL|5META|FOOT|HALLUX|HLX|BIGTOE)",
-        rf"{_S}(KNE|KNEE|MKNE|LKNE|KJC|LEG|LOWERLEG|SHIN)",
-        rf"{_S}(ASI|ASIS|PSI|PSIS|SACR|SACRUM|FWT|BWT|HIP|HIPS|PELVIS|MIDHIP|UPLEG|UPPERLEG|HJC)",
-        rf"{_S}((F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION)|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX"
-        r"|NOSE|NECK|UPPERARM|SJC)",
+    re.compile(rf"([LR]|LEFT|RIGHT)?({words})(L|R|LEFT|RIGHT)?")
+    for words in (
+        "TOE|TOES|TOEBASE|HEE|HEEL|ANK|ANKLE|CAL|CALC|MT[125]|MT[15]P|MMAL|LMAL|5META|FOOT|HALLUX|HLX|BIGTOE",
+        "KNE|KNEE|MKNE|LKNE|KJC|LEG|LOWERLEG|SHIN",
+        "ASI|ASIS|PSI|PSIS|SACR|SACRUM|FWT|BWT|HIP|HIPS|PELVIS|MIDHIP|UPLEG|UPPERLEG|HJC|SPINEBASE",
+        "(F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION)|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX|NOSE|NECK|"
+        "UPPERARM|SJC",
     )
 )
 """Labels of feet, knees, pelvis, and of head, shoulders and chest."""
