@@ -22,10 +22,11 @@ from tests.benchmarks.strangers.faults import FAULTS
 from tests.benchmarks.strangers.forms import FORMS
 from tests.benchmarks.strangers.layouts import LAYOUTS
 from tests.benchmarks.strangers.more_faults import MORE
+from tests.benchmarks.strangers.orders import IN_ORDER
 from tests.benchmarks.strangers.take import FPS, Take, demo_take, write_take
 
 CASES: dict[str, Callable[[Path, Take], None]] = {
-    "as it should be": write_take, **FORMS, **FAULTS, **MORE, **CONVENTIONS, **LAYOUTS,
+    "as it should be": write_take, **FORMS, **FAULTS, **MORE, **CONVENTIONS, **LAYOUTS, **IN_ORDER,
 }  # fmt: skip
 WITHIN = 1.5
 """Times the error of the same take as it should be: several forms have fewer keypoints."""

@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people import reading_scores
+from solver_backend.people import calibration_fit, reading_scores
 from solver_backend.people.body_breadth import has_a_bodys_breadth, shoulders_of_leg
 from solver_backend.people.calibration_fit import fit_calibration
 from solver_backend.people.detections import Detections
@@ -92,6 +92,15 @@ def test_pictures_of_another_shape(spoil: Callable[[np.ndarray], np.ndarray], ex
     assert list(fit.corrections) == expected
     shape = next(c.shape for c in expected if c.shape)
     assert SHAPES[shape] in fit.meanings() and "1 times" not in fit.meanings()
+
+
+def test_another_shape_needs_more_agreement_than_a_standard_size(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Thousands of shapes and sizes are tried: one of them brings a calibration of nothing to 0.8."""
+    squeezed, small = detections(scaled(filmed(), 0.75, 1.0)), detections(half(filmed()))
+    found = fit_calibration(CAMERAS, squeezed).agreement
+    monkeypatch.setattr(calibration_fit, "SURE_OF_SHAPE", found + 0.01)
+    assert not fit_calibration(CAMERAS, squeezed).changed
+    assert fit_calibration(CAMERAS, small).changed
 
 
 @pytest.mark.slow
