@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import wraps
+from functools import lru_cache, wraps
 from pathlib import Path
 from typing import Concatenate, ParamSpec, TypeVar
 from weakref import WeakKeyDictionary
@@ -101,6 +101,9 @@ def default_body_path() -> Path:
 def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     """Read a body with SMPL's key names, of the SMPL, SMPL-H or SMPL-X family.
 
+    The last two are kept while their files stay as they are, so that the next take on them finds what was computed
+    once a body. Their arrays are read-only.
+
     Args:
         path: of the file.
         layout: which joints are kept: SMPL's 24, or ``SMPL_HANDS``'s with fingers, where the body has any.
@@ -114,6 +117,13 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
         raise BodyInvalid(
             "Blender reads bodies from .npz files, not from pickles.", where=str(path), hint="Take the model's .npz."
         )
+    fingers = layout.num_joints > SMPL.num_joints
+    return _read(path, layout, (_state(path), _state(default_hands_path()) if fingers else None))
+
+
+@lru_cache(maxsize=2)
+def _read(path: Path, layout: BodyLayout, state: object) -> BodyFile:
+    """Read a body; another ``state`` of its files is another body."""
     stored = read_arrays(path, required=_REQUIRED, optional=_OPTIONAL)
     _require_numbers(stored, path)
     if layout.num_joints > SMPL.num_joints and has_fingers(stored, default_hands_path()):
@@ -124,7 +134,7 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
     _check(arrays, path, layout)
     weights, fields = np.asarray(arrays["weights"], np.float64), Fields(path, arrays)
     posedirs, uv, material = (arrays.get(key) for key in ("posedirs", "uv", "face_material"))
-    return BodyFile(
+    body = BodyFile(
         id=fields.text("body_id", path.stem),
         v_template=np.asarray(arrays["v_template"], np.float64),
         shapedirs=np.asarray(arrays["shapedirs"], np.float64),
@@ -139,6 +149,19 @@ def read_body(path: Path, layout: BodyLayout = SMPL) -> BodyFile:
         flat_hands=arrays.get("flat_hands"),
         licence=fields.text("license", _OWN_LICENCE if _ships_with_us(path) else ""),
     )
+    for array in [*vars(body).values(), *(body.blank_face or ())]:
+        if isinstance(array, np.ndarray):
+            array.flags.writeable = False
+    return body
+
+
+def _state(path: Path) -> tuple[int, int] | None:
+    """Return when a file was written and its size; None where it cannot be looked at, which reading names."""
+    try:
+        found = path.stat()
+    except OSError:
+        return None
+    return found.st_mtime_ns, found.st_size
 
 
 def default_hands_path() -> Path:

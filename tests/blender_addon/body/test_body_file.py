@@ -50,3 +50,13 @@ def _changed(source: Path, folder: Path, change: dict[str, Any]) -> Path:
     path = folder / "changed.npz"
     np.savez(path, **{key: value for key, value in arrays.items() if value is not None})
     return path
+
+
+def test_a_body_is_kept_while_its_file_stays_as_it_is(tmp_path: Path, files: Any) -> None:
+    path = _changed(files.body_path, tmp_path, {"body_id": np.array("first")})
+    body = read_body(path)
+    assert read_body(path) is body
+    with pytest.raises(ValueError, match="read-only"):
+        body.v_template[0] = 0.0
+    _changed(files.body_path, tmp_path, {"body_id": np.array("another")})
+    assert read_body(path).id == "another"
