@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import pytest
@@ -82,6 +82,27 @@ def test_what_has_passed_before_is_checked_again_where_its_shapes_differ():
         check(values, np.array([True, False]))
     with pytest.raises(jaxtyping.TypeCheckError, match="parameter keep="):
         check(values, np.array([1.0, 0.0, 1.0]))
+
+
+Side = Literal["left", "right"]
+
+
+def written(side: Side, *sizes: int, parts: tuple[int, ...] = (), rest: Any = None) -> str:
+    return side * len(sizes)
+
+
+def test_what_has_passed_before_is_checked_again_where_its_types_or_words_differ():
+    check = checked(written)
+    for size in (1, 2):
+        assert check("left", size, 3, parts=(size,), rest=size) == "leftleft"
+    for arguments, named in [
+        (("up", 1, 2), {}),
+        (("left", 1, "2"), {}),
+        (("left", 1, 2), {"parts": ("1", "2")}),
+        (("left", 1, 2), {"parts": [1]}),
+    ]:
+        with pytest.raises(jaxtyping.TypeCheckError):
+            check(*arguments, **named)
 
 
 def annotated() -> Iterator[tuple[str, Any, dict[str, Any]]]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import functools
+import inspect
 import threading
 from collections.abc import Callable, Collection, Hashable
 from typing import Any
@@ -60,15 +61,23 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
 
     with_checks = beartype(conf=CONF)(run_or_take)
     passed: set[Hashable] = set()
+    by_place, by_name, of_result = _looks(function)
+    num_places = len(by_place)
+    of_rest = by_name.get("*", _nothing)
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
         if jaxtyping.config.jaxtyping_disable:
             return function(*args, **kwargs)
-        given = _signature((*args, *kwargs.items()))
+        parts: list[Hashable] = [look(value) for look, value in zip(by_place, args, strict=False)]
+        if len(args) > num_places:
+            parts += map(of_rest, args[num_places:])
+        for name, value in kwargs.items():
+            parts += name, by_name.get(name, _exact)(value)
+        given = _UNKNOWN if _UNKNOWN in parts else tuple(parts)
         if given in passed:
             result = function(*args, **kwargs)
-            if (given, _signature(result)) in passed:
+            if (given, of_result(result)) in passed:
                 return result
             results[threading.get_ident()] = result
         push_shape_memo({})
@@ -77,7 +86,7 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
         finally:
             pop_shape_memo()
         if given is not _UNKNOWN and len(passed) < _MOST:
-            found = _signature(result)
+            found = of_result(result)
             passed.update([given] if found is _UNKNOWN else [given, (given, found)])
         return result
 
@@ -88,18 +97,84 @@ def _has_shape(annotation: Any) -> bool:
     return "[" in str(annotation) and any(name in str(annotation) for name in ("Float", "Int", "Bool"))
 
 
-def _signature(value: Any, depth: int = 0) -> Hashable:
-    """Return all that a check of a value depends on: types, shapes, names; _UNKNOWN where that is not known."""
+Look = Callable[[Any], Hashable]
+"""Returns all of a value that the check against one annotation depends on; _UNKNOWN where that is not known."""
+
+
+def _looks(function: Callable[..., Any]) -> tuple[list[Look], dict[str, Look], Look]:
+    """Return how to look at each argument by its place and by its name (``*`` for several), and at the result."""
+    resolved = {name: _resolved(hint, function) for name, hint in function.__annotations__.items()}
+    by_value = any("{" in repr(hint) for hint in resolved.values())  # sizes that other arguments' values give
+    looks = {name: _exact if by_value else _look(hint) for name, hint in resolved.items()}
+    parameters = inspect.signature(function).parameters.values()
+    positional = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)]
+    several = {p.name: "*" for p in parameters if p.kind is p.VAR_POSITIONAL}
+    named = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD]
+    by_name = {several.get(name, name): looks.get(name, _nothing) for name in named}
+    return [by_name[name] for name in positional], by_name, looks.get("return", _nothing)
+
+
+def _resolved(annotation: Any, function: Callable[..., Any]) -> Any:
+    """Return what an annotation stands for; None where a name in it is not there yet."""
+    try:
+        return eval(annotation, function.__globals__) if isinstance(annotation, str) else annotation
+    except (NameError, TypeError):
+        return None
+
+
+def _look(hint: Any) -> Look:
+    """Return how to look at a value of this annotation; a word counts where only some are allowed."""
+    if hint is Any or hint is object:
+        return _nothing
+    text = repr(hint)
+    return _exact if hint is None or "jaxtyping" in text or "Literal" in text else _kinds
+
+
+def _nothing(value: Any) -> Hashable:
+    return None
+
+
+def _exact(value: Any, depth: int = 0) -> Hashable:
+    """Return types, shapes and words of a value."""
     kind = type(value)
     if kind is np.ndarray:
         return value.dtype.char, value.shape
-    if kind is str or kind is int or kind is bool or kind is type:
+    if kind is str or kind is int or kind is bool:
+        return kind, value
+    if hasattr(value, "dtype") and isinstance(shape := getattr(value, "shape", None), tuple):  # a scalar, a tensor
+        return kind, str(value.dtype), tuple(shape)
+    return _of_others(value, kind, _exact, depth)
+
+
+def _kinds(value: Any, depth: int = 0) -> Hashable:
+    """Return types alone, and of an array that of its numbers."""
+    kind = type(value)
+    if kind is np.ndarray:
+        return value.dtype.char
+    if kind is str or kind is int or kind is bool:
+        return kind
+    if kind is tuple and len(kinds := set(map(type, value))) == 1 and _is_plain(*kinds):
+        return tuple, kinds.pop(), len(value)
+    return _of_others(value, kind, _exact, depth)
+
+
+def _of_others(value: Any, kind: type, look: Callable[[Any, int], Hashable], depth: int) -> Hashable:
+    if kind is type:
         return kind, value
     if kind is tuple:
         if depth == _DEEPEST:
             return _UNKNOWN
-        parts = tuple(_signature(part, depth + 1) for part in value)
+        parts = tuple([look(part, depth + 1) for part in value])
         return _UNKNOWN if _UNKNOWN in parts else parts
-    if hasattr(value, "dtype") and isinstance(shape := getattr(value, "shape", None), tuple):  # a scalar, a tensor
-        return kind, str(value.dtype), tuple(shape)
-    return _UNKNOWN if issubclass(kind, Collection) else kind
+    return _UNKNOWN if _is_collection(kind) else kind  # of a tensor too, where its shape does not count
+
+
+@functools.cache
+def _is_plain(kind: type) -> bool:
+    """Return whether values of a class have no parts; of several that have the same class one stands for all."""
+    return kind is str or not (kind in (np.ndarray, type) or _is_collection(kind))
+
+
+@functools.cache
+def _is_collection(kind: type) -> bool:
+    return issubclass(kind, Collection) and not hasattr(kind, "dtype")
