@@ -26,7 +26,7 @@ if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
     annotation_checks.install(CHECKED)  # before anything imports the solver
 
 from tests.support.recordings import recordings_folder  # noqa: E402
-from tests.support.slow_tests import left_out  # noqa: E402
+from tests.support.slow_tests import is_left_out, left_out  # noqa: E402
 
 hypothesis.settings.register_profile(
     "mocap",
@@ -42,6 +42,11 @@ hypothesis.settings.load_profile("mocap")
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option of the whole suite."""
     parser.addoption("--all", action="store_true", help="run what is marked slow, too; a named file runs whole")
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Import no test of what no user runs, where it is not asked for."""
+    return is_left_out(config, collection_path) or None
 
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:

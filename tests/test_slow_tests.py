@@ -9,7 +9,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from tests.support.slow_tests import AREAS, TESTS, left_out
+from tests.support.slow_tests import AREAS, TESTS, is_left_out, left_out
 
 ROOT = Path(__file__).resolve().parents[1]
 FILE = """import pytest
@@ -44,3 +44,4 @@ def test_an_area_runs_where_it_is_named(area: str, asked_for: str, runs: bool) -
     config = SimpleNamespace(getoption=lambda name: False, args=[asked_for.format(area)], invocation_params=named)
     item = SimpleNamespace(path=TESTS / area / "engine" / "test_one.py", get_closest_marker=lambda name: None)
     assert left_out(config, [item]) == ([] if runs else [item])
+    assert is_left_out(config, TESTS / area) is not runs, "what is left out is not imported"

@@ -15,13 +15,20 @@ def left_out(config: pytest.Config, items: list[pytest.Item]) -> list[pytest.Ite
     """Return the tests that this call leaves out: of an area or marked slow, and not asked for."""
     if config.getoption("--all"):
         return []
-    named = [(config.invocation_params.dir / argument.split("::")[0]).resolve() for argument in config.args]
-    return [item for item in items if _is_left_out(item, named)]
+    named = _named(config)
+    areas = {path: is_left_out(config, path) for path in {item.path for item in items}}
+    unnamed = [item for item in items if item.path not in named]
+    return [item for item in unnamed if areas[item.path] or item.get_closest_marker("slow") is not None]
 
 
-def _is_left_out(item: pytest.Item, named: list[Path]) -> bool:
-    if item.path in named:
+def is_left_out(config: pytest.Config, path: Path) -> bool:
+    """Return whether a folder or file belongs to an area that this call does not ask for: nobody imports it then."""
+    area = next((TESTS / name for name in AREAS if path.is_relative_to(TESTS / name)), None)
+    if area is None or config.getoption("--all"):
         return False
-    area = next((TESTS / name for name in AREAS if item.path.is_relative_to(TESTS / name)), None)
-    in_area = area is not None and not any(path.is_relative_to(area) for path in named)
-    return in_area or item.get_closest_marker("slow") is not None
+    return not any(named.is_relative_to(area) for named in _named(config))
+
+
+def _named(config: pytest.Config) -> list[Path]:
+    """Return the files and folders that were asked for."""
+    return [(config.invocation_params.dir / argument.split("::")[0]).resolve() for argument in config.args]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -12,17 +13,19 @@ import pytest
 from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS
 from solver_backend.io.detections.named_hands import hand_point
 from solver_backend.io.load import load_capture
-from solver_backend.types import Keypoints2D
+from solver_backend.types import Cameras, Keypoints2D
 from tests.support.calibration_files import toml_text
 from tests.support.handed_take import handed_take
 from tests.support.words import codes
 
 FRAMES = 6
-TAKE = handed_take(FRAMES, seed=2)
-assert TAKE.capture.keypoints is not None and TAKE.capture.cameras is not None
-KEYPOINTS, CAMERAS = TAKE.capture.keypoints, TAKE.capture.cameras
 BODY = ("nose", *(f"{side}_{part}" for part in ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
                   for side in ("left", "right")))  # fmt: skip
+
+
+@cache
+def take() -> tuple[Cameras, Keypoints2D]:
+    return handed_take(FRAMES, seed=2).capture.require_multiview()
 
 
 def whole(side: str, point: str) -> str:
@@ -51,14 +54,15 @@ def write(root: Path, names: dict[tuple[int, int], str]) -> Path:
     """Write bodies and hands as DeepLabCut's tables, a camera each."""
     root.mkdir(exist_ok=True)
     (root / "calibration").mkdir()
-    (root / "calibration" / "Calib.toml").write_text(toml_text(CAMERAS))
-    joints = KEYPOINTS.joint_set.keypoints
-    assert KEYPOINTS.hands is not None
+    cameras, keypoints = take()
+    (root / "calibration" / "Calib.toml").write_text(toml_text(cameras))
+    joints = keypoints.joint_set.keypoints
+    assert keypoints.hands is not None
     columns = [*BODY, *names.values()]
-    for c, camera in enumerate(CAMERAS.names):
+    for c, camera in enumerate(cameras.names):
         body = [joints.index(name) for name in BODY]
-        found = np.concatenate([KEYPOINTS.xy[c][:, body], KEYPOINTS.confidence[c][:, body, None]], axis=-1)
-        own = np.stack([KEYPOINTS.hands[c][:, side, point] for side, point in names], axis=1)
+        found = np.concatenate([keypoints.xy[c][:, body], keypoints.confidence[c][:, body, None]], axis=-1)
+        own = np.stack([keypoints.hands[c][:, side, point] for side, point in names], axis=1)
         with (root / f"{camera}DLC_resnet50_dance.csv").open("w", newline="") as file:
             table = csv.writer(file)
             table.writerow(["scorer", *["me"] * 3 * len(columns)])
@@ -82,7 +86,7 @@ def test_hands_come_by_name(tmp_path: Path, style) -> None:
              for point in range(1, 21)}  # fmt: skip
     keypoints = read(write(tmp_path / "take", names))
     assert keypoints.hands is not None
-    np.testing.assert_allclose(keypoints.hands[..., 1:, :], KEYPOINTS.hands[..., 1:, :], atol=1e-3)
+    np.testing.assert_allclose(keypoints.hands[..., 1:, :], take()[1].hands[..., 1:, :], atol=1e-3)
     wrists = [keypoints.joint_set.keypoints.index(f"{side}_wrist") for side in ("left", "right")]
     seen = keypoints.hands[..., 0, 2] > 0
     assert seen.any()
@@ -98,7 +102,7 @@ def test_own_names_lead_to_hands(tmp_path: Path) -> None:
     (root / "keypoints.json").write_text(json.dumps({"landmarks": landmarks}))
     hands = read(root).hands
     assert hands is not None and not (hands[:, :, 1, :, 2] > 0).any()
-    np.testing.assert_allclose(hands[:, :, 0, 1:], KEYPOINTS.hands[:, :, 0, 1:], atol=1e-3)
+    np.testing.assert_allclose(hands[:, :, 0, 1:], take()[1].hands[:, :, 0, 1:], atol=1e-3)
 
 
 @pytest.mark.slow
