@@ -90,10 +90,16 @@ def _essential(cameras: Cameras, i: int, j: int) -> np.ndarray:
 
 
 def _shares(both: np.ndarray, common: np.ndarray, off_line: float) -> np.ndarray:
-    """Return ``d²/(d² + s²)`` of summed squares of both ways over so many common points; inf where those are few."""
+    """Return ``d²/(d² + s²)`` of summed squares of both ways, which are overwritten, over so many common points.
+
+    It is inf where these are few.
+    """
     with np.errstate(invalid="ignore", divide="ignore"):
-        square = 0.5 * both / common
-        return np.where(common >= MIN_POINTS, square / (square + off_line**2), np.inf)
+        both *= 0.5
+        both /= common
+        both /= both + off_line**2
+    both[common < MIN_POINTS] = np.inf
+    return both
 
 
 def _means(nearest: np.ndarray, axis: int) -> np.ndarray:

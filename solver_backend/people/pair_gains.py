@@ -120,14 +120,15 @@ def _gains(share: np.ndarray, rows: np.ndarray, num_frames: int, step: int) -> n
     known = np.isfinite(share)
     usual = np.full(len(share), np.nan)
     seen = known.any(axis=1)
-    usual[seen] = np.nanmedian(share[seen], axis=1)
+    whole = known.all(axis=1)  # most often: a median without a look at each value is many times as fast
+    usual[whole] = np.median(share[whole], axis=1)
+    usual[seen & ~whole] = np.nanmedian(share[seen & ~whole], axis=1)
     gain = np.stack([np.where(known, usual[:, None] - share, 0.0), np.where(known, usual[:, None], 0.0)])
     table = np.zeros((2, 2 * num_frames - 1))
-    offsets = np.arange(2 * num_frames - 1) - (num_frames - 1)
+    nearest = np.minimum((np.arange(num_frames) + step // 2) // step, gain.shape[-1] - 1)
     for row, frame in enumerate(rows):
-        at = frame + offsets
-        inside = (at >= 0) & (at < num_frames)
-        table[:, inside] += gain[:, row, np.minimum((at[inside] + step // 2) // step, gain.shape[-1] - 1)]
+        first = num_frames - 1 - frame
+        table[:, first : first + num_frames] += gain[:, row, nearest]
     return table
 
 

@@ -3,13 +3,11 @@
 from __future__ import annotations
 
 import math
-from functools import partial
 
 from array_api_compat import array_namespace
 
-from solver_backend.cameras.triangulation.point_refinement import CameraArrays, fit_points
+from solver_backend.cameras.triangulation.point_refinement import CameraArrays, fit_points, undistorted_views
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.parallel import map_blocks
 
 START_SHARE = 0.001
 """First guess of the noise as a share of the image width: small, so that outliers never count as noise."""
@@ -22,8 +20,6 @@ _ENOUGH_SHARE = 0.2
 """Share of the located points that must have three agreeing views for the others to be left out."""
 _SAMPLES = 5_000, 20_000
 """Observations the noise is measured on, roughly and then well."""
-_PARTS = 2
-"""Parts of a sample that are fitted side by side: more would be small."""
 
 
 def flat_views(xy: Array, confidence: Array, sigma: Array) -> tuple[Array, Array, Array]:
@@ -48,17 +44,12 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
 
 def _settled(arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array) -> Array:
     """Return (K,) standard deviations that measuring again with them does not change."""
-    xp, frames = array_namespace(xy), max(1, int(xy.shape[1]))
-    step = -(-frames // _PARTS)
-    blocks = [slice(f, f + step) for f in range(0, frames, step)]
-
-    def fitted(block: slice, sigma: Array) -> tuple[Array, Array, Array]:
-        return fit_points(arrays, *flat_views(xy[:, block], confidence[:, block], sigma))
-
+    xp, keypoints = array_namespace(xy), int(sigma.shape[0])
+    px, weight, _ = flat_views(xy, confidence, sigma)
+    views = undistorted_views(arrays, px, weight)  # what a round does not change
     for _ in range(NOISE_ROUNDS):
         before = sigma
-        fits = map_blocks(partial(fitted, sigma=before), blocks, xy)
-        inliers, distance = (xp.concat([fit[i] for fit in fits], axis=1) for i in (1, 2))
+        _, inliers, distance = fit_points(arrays, px, weight, xp.tile(sigma, (int(px.shape[1]) // keypoints,)), views)
         sigma = _spread_of(xp.where(inliers, distance, xp.zeros_like(distance)), inliers, before)
         if bool(xp.all(xp.abs(sigma - before) <= _SETTLED_SHARE * before)):
             break

@@ -47,7 +47,9 @@ class CameraArrays:
         return cls(K, distortion, R, t, cameras.distortion_model, float(cameras.image_size[:, 0].mean()))
 
 
-def fit_points(arrays: CameraArrays, px: Array, weight: Array, spread: Array) -> tuple[Array, Array, Array]:
+def fit_points(
+    arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
+) -> tuple[Array, Array, Array]:
     """Return points (N, 3), the views that agree (C, N) and the distance to every detection (C, N) px.
 
     Args:
@@ -55,25 +57,30 @@ def fit_points(arrays: CameraArrays, px: Array, weight: Array, spread: Array) ->
         px: (C, N, 2) detections.
         weight: (C, N) confidence, zero where missing.
         spread: (N,) standard deviation of the detections, px.
+        views: ``undistorted_views`` of these detections, for who has them already.
 
     Reference: Hartley and Sturm 1997 (the reprojection error of a point); Geman and McClure 1987 (the penalty).
     """
     xp = array_namespace(px)
-    points = _locate(arrays, px, weight, ROBUST_SIGMAS * spread)
+    points = _locate(arrays, px, weight, ROBUST_SIGMAS * spread, views or undistorted_views(arrays, px, weight))
     inliers, _ = _agreeing(arrays, px, weight, points, spread)
     agreed = xp.where(inliers, weight, xp.zeros_like(weight))
     points = _refine(arrays, px, agreed, points, None, FINAL_STEPS, _SETTLED_M)
     return (points, *_agreeing(arrays, px, weight, points, spread))
 
 
-def _locate(arrays: CameraArrays, px: Array, weight: Array, scale_px: Array) -> Array:
-    """Return robust points (N, 3), NaN where nothing locates them."""
+def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
+    """Return (C, N, 2) detections as the linear triangulation takes them."""
     xp = array_namespace(px)
     normalised = undistort(arrays.K, arrays.distortion, px, arrays.model)
     usable = (weight > 0) & xp.all(xp.isfinite(normalised), axis=-1)
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
     focal = xp.stack((arrays.K[:, 0, 0], arrays.K[:, 1, 1]), axis=-1)
-    views = UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
+    return UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
+
+
+def _locate(arrays: CameraArrays, px: Array, weight: Array, scale_px: Array, views: UndistortedViews) -> Array:
+    """Return robust points (N, 3), NaN where nothing locates them."""
     return _refine(arrays, px, weight, best_candidate(views, scale_px), scale_px, ROBUST_STEPS, _ROUGHLY_M)
 
 
