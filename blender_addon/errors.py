@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from ._exchange.errors import MocapError
+from ._exchange.errors import ErrorEvent, MocapError
 
 
 class BodyMissing(MocapError):
@@ -85,7 +85,7 @@ class SolverStopped(MocapError):
         exit_code: of the process.
     """
 
-    def __init__(self, event: dict[str, str], exit_code: int) -> None:
+    def __init__(self, event: ErrorEvent, exit_code: int) -> None:
         super().__init__(event.get("message", ""), where=event.get("where", ""), hint=event.get("hint", ""))
         self.code = event.get("code", "error")
         self.exit_code = exit_code

@@ -41,7 +41,7 @@ class Resolve:
     stretch: FrameRange
     """Its frames, and the poses they must pass through."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values."""
         return {"motion": str(self.motion), **self.stretch.as_dict()}
 
@@ -122,7 +122,7 @@ class Job(JobFile):
         """Return the arguments that reading the capture takes."""
         return {name: getattr(self, name) for name in READING} | {"sync": self.settings.sync}
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return the job as plain values, which ``from_dict`` reads back."""
         return {**super().as_dict(), "settings": asdict(self.settings)}
 

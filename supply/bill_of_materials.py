@@ -6,10 +6,9 @@ import hashlib
 import tomllib
 import zipfile
 from pathlib import Path
-from typing import Any
 
 
-def bill_of_materials(extension: Path) -> dict[str, Any]:
+def bill_of_materials(extension: Path) -> dict[str, object]:
     """Return what a built extension holds, as CycloneDX 1.5: the extension, its wheels and its assets with hashes."""
     manifest_name = "blender_manifest.toml"
     with zipfile.ZipFile(extension) as archive:
@@ -28,7 +27,7 @@ def _is_material(name: str) -> bool:
     return name.endswith((".whl", ".npz"))
 
 
-def _component(name: str, data: bytes) -> dict[str, Any]:
+def _component(name: str, data: bytes) -> dict[str, object]:
     path = Path(name)
     if path.suffix == ".whl":
         project, version = path.name.split("-")[:2]

@@ -32,7 +32,7 @@ class JobPin:
     transl: Sequence[float]
     """(3,) metres."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values."""
         return {
             "frame": int(self.frame),
@@ -55,7 +55,7 @@ class JobRange:
     pins: tuple[JobPin, ...] = ()
     """Poses inside the range that are kept."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values."""
         pins = [pin.as_dict() for pin in self.pins]
         return {"motion": str(self.motion), "first": int(self.first), "last": int(self.last), "pins": pins}
@@ -115,7 +115,7 @@ class JobFile(ReadingSettings, TimeSettings, WorldSettings):
                 where=str(self.out),
             )
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values in the file's schema; what is left at its default is left out."""
         given = {name: getattr(self, name) for name in ("overwrite", "strict", "settings")}
         given["report"] = self.report and str(self.report)

@@ -6,7 +6,8 @@ import json
 import sys
 import time
 from collections import OrderedDict
-from typing import Any, Protocol, TextIO, runtime_checkable
+from collections.abc import Mapping
+from typing import Protocol, TextIO, runtime_checkable
 
 from .plain_text import plain
 from .plain_values import as_plain
@@ -99,7 +100,7 @@ class JsonProgress:
             }
         )
 
-    def event(self, event: dict[str, Any]) -> None:
+    def event(self, event: Mapping[str, object]) -> None:
         """Write one event."""
         self._stream.write(json.dumps(as_plain(event), allow_nan=False) + "\n")
         self._stream.flush()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,7 @@ from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
 from ..conventions.looks import PERSON_LOOK
+from .result import TimedResult
 
 if TYPE_CHECKING:
     import bpy
@@ -62,7 +63,13 @@ class BakeRequest:
     """Folders that footage may lie in, beside the capture's own; of a file, the folder it is in."""
 
 
-def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
+class BakeResult(TimedResult):
+    """Of ``bake`` and ``render``."""
+
+    baked_s: float
+
+
+def run_bake(request: BakeRequest, progress: Progress) -> BakeResult:
     """Bake a motion into a new file and write ``<name>.blend``, ``<name>.mp4`` and ``<name>_contact.png``.
 
     All files are written or none.
@@ -121,7 +128,8 @@ def run_bake(request: BakeRequest, progress: Progress) -> dict[str, Any]:
         "fps": motion.fps,
         "baked_s": round(baked_s, 3),
         "seconds": round(time.monotonic() - start, 3),
-        **deviation,
+        "joints_deviation_mm": deviation["joints_deviation_mm"],
+        "skin_deviation_mm": deviation["skin_deviation_mm"],
     }
 
 

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -14,6 +13,7 @@ from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
 from ..conventions.looks import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
+from .result import CommandResult
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,16 @@ class BodyRequest:
     """One of ``conventions.looks``."""
 
 
-def run_body(request: BodyRequest, progress: Progress) -> dict[str, Any]:
+class BodyResult(CommandResult):
+    """Of ``body``."""
+
+    body: str
+    vertices: int
+    seconds: float
+    pose_correctives: bool
+
+
+def run_body(request: BodyRequest, progress: Progress) -> BodyResult:
     """Write a Blender file that holds one body, standing on the floor, marked as an asset.
 
     Returns:

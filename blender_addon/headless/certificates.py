@@ -5,12 +5,12 @@ from __future__ import annotations
 import shutil
 import subprocess
 from pathlib import Path
-from typing import Any
 
 from .._exchange.cluster_address import CERTIFICATES
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..errors import EngineMissing
+from .result import CommandResult
 
 DAYS = 365
 """That a certificate is valid where nothing else is asked for; chosen by hand."""
@@ -23,7 +23,13 @@ _REQUEST = (
 )  # fmt: skip
 
 
-def run_certificates(out: Path, days: int, overwrite: bool, progress: Progress) -> dict[str, Any]:
+class CertificatesResult(CommandResult):
+    """Of ``certificates``."""
+
+    days: int
+
+
+def run_certificates(out: Path, days: int, overwrite: bool, progress: Progress) -> CertificatesResult:
     """Write a key on the curve P-256 and its certificate, which is its own authority, into a folder.
 
     Args:

@@ -23,7 +23,7 @@ def run_verb(
     arguments: Sequence[str],
     progress: Progress,
     stopped: Callable[[], MocapError | None] = lambda: None,
-) -> dict[str, Any]:
+) -> Any:
     """Run a verb to its end and return its result event.
 
     Args:

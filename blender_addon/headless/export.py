@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from .._exchange.diagnostics import sentence
+from .._exchange.diagnostics.diagnostic import DiagnosticValues
 from .._exchange.errors import FileDamaged, FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
 from ..errors import NothingToExport
+from .result import TimedResult
 
 if TYPE_CHECKING:
     import bpy
@@ -40,7 +42,13 @@ class ExportRequest:
     """One of ``conventions.looks``; "" for the file's own, and for a person of a motion."""
 
 
-def run_export(request: ExportRequest, progress: Progress) -> dict[str, Any]:
+class ExportResult(TimedResult):
+    """Of ``export``."""
+
+    diagnostics: list[DiagnosticValues]
+
+
+def run_export(request: ExportRequest, progress: Progress) -> ExportResult:
     """Write one file a format, named as the take is.
 
     Returns:

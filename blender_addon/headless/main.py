@@ -33,6 +33,7 @@ from .export import ExportRequest, run_export
 from .motion import HandsRequest, MotionRequest, run_add_hands, run_motion
 from .parent_pipe import end_with_input
 from .quiet import own_streams
+from .result import CommandResult
 from .retarget import run_retarget
 from .retarget_clips import run_retarget_clips
 from .retarget_request import RetargetRequest
@@ -81,7 +82,7 @@ def main(arguments: list[str] | None = None, program: str = MODULE) -> int:
     return result.get("exit_code", 0)
 
 
-def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _done(options: argparse.Namespace, progress: Progress) -> CommandResult:
     """Do the verb; interruptions and what nobody foresaw become named errors."""
     asked: list[int] = []
 
@@ -111,24 +112,24 @@ def _done(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
             signal.signal(number, handler or signal.SIG_DFL)  # Blender's own handler is unknown to Python
 
 
-def _solve(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _solve(options: argparse.Namespace, progress: Progress) -> CommandResult:
     result = run_solver("solve", options.rest, progress, python=options.python)
     outputs = [result[key] for key in ("motion", "report") if result.get(key)]
     found = [item for take in result.get("takes", [result]) for item in read_diagnostics(take.get("diagnostics"))]
-    return {**result, "outputs": outputs, "notes": [sentence(item) for item in warnings_in(found)]}
+    return result | {"outputs": outputs, "notes": [sentence(item) for item in warnings_in(found)]}
 
 
-def _calibrate(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _calibrate(options: argparse.Namespace, progress: Progress) -> CommandResult:
     result = run_solver("calibrate", options.rest, progress, python=options.python)
-    return {**result, "outputs": [result["subject"]], "notes": list(result.get("problems", []))}
+    return result | {"outputs": [result["subject"]], "notes": list(result.get("problems", []))}
 
 
-def _export_markers(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _export_markers(options: argparse.Namespace, progress: Progress) -> CommandResult:
     result = run_solver("export-markers", options.rest, progress, python=options.python)
-    return {**result, "outputs": [result["markers_file"]], "notes": []}
+    return result | {"outputs": [result["markers_file"]], "notes": []}
 
 
-def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _bake(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
@@ -139,7 +140,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_bake(request, progress)
 
 
-def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _render(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
@@ -148,7 +149,7 @@ def _render(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_bake(request, progress)
 
 
-def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _export(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     formats = tuple(dict.fromkeys(options.formats))
     request = ExportRequest(
@@ -164,7 +165,7 @@ def _export(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_export(request, progress)
 
 
-def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _retarget(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     targets = list(dict.fromkeys(options.target))
     request = RetargetRequest(
@@ -174,7 +175,7 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]
     )  # fmt: skip
     formats = tuple(dict.fromkeys(options.export))
 
-    def one(request: RetargetRequest, progress: Progress) -> dict[str, Any]:
+    def one(request: RetargetRequest, progress: Progress) -> CommandResult:
         if request.source.is_dir():
             return run_retarget_clips(request, formats, progress)
         return run_retarget(request, progress)
@@ -182,32 +183,35 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> dict[str, Any]
     return one(request, progress) if len(targets) == 1 else run_retarget_targets(request, targets, one, progress)
 
 
-def _motion(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _motion(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     request = MotionRequest(
         options.clip, options.out, options.armature, options.action, tuple(options.rest), options.python
     )
-    result = run_motion(request, progress)
-    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
+    return _of_motion(run_motion(request, progress))
 
 
-def _add_hands(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _add_hands(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     request = HandsRequest(
         options.hands_of, tuple(options.gloves), options.out, options.armature, tuple(options.rest), options.python
     )
-    result = run_add_hands(request, progress)
-    return {**result, "outputs": [result["motion"]], "notes": [*result.get("problems", []), *result.get("notes", [])]}
+    return _of_motion(run_add_hands(request, progress))
 
 
-def _body(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _of_motion(result: Any) -> CommandResult:
+    notes = [*result.get("problems", []), *result.get("notes", [])]
+    return result | {"outputs": [result["motion"]], "notes": notes}
+
+
+def _body(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _require_blender()
     return run_body(
         BodyRequest(options.out, options.body, options.betas, options.fingers, options.look or PERSON_LOOK), progress
     )
 
 
-def _batch(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _batch(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _use_certificates(options)
     if options.bake or options.render or options.export:
         _require_blender()
@@ -233,7 +237,7 @@ def _use_certificates(options: argparse.Namespace) -> None:
         use_certificates(options.tls)
 
 
-def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _studio(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _use_certificates(options)
     request = StudioRequest(
         options.description, options.out, options.plan, tuple(dict.fromkeys(options.benchmark)), options.places,
@@ -243,11 +247,11 @@ def _studio(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
     return run_studio(request, progress)
 
 
-def _certificates(options: argparse.Namespace, progress: Progress) -> dict[str, Any]:
+def _certificates(options: argparse.Namespace, progress: Progress) -> CommandResult:
     return run_certificates(options.out, options.days, options.overwrite, progress)
 
 
-_VERBS: dict[str, Callable[[argparse.Namespace, Progress], dict[str, Any]]] = {
+_VERBS: dict[str, Callable[[argparse.Namespace, Progress], CommandResult]] = {
     "solve": _solve, "calibrate": _calibrate, "export-markers": _export_markers, "bake": _bake, "render": _render,
     "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
     "batch": _batch, "studio": _studio, "certificates": _certificates,
@@ -264,13 +268,13 @@ def _beside(source: Path) -> Path:
     return source.with_name(f"{source.stem}_retargeted.blend")
 
 
-def _lines_about(result: dict[str, Any]) -> list[str]:
+def _lines_about(result: CommandResult) -> list[str]:
     """Return what is reported to a person about a result, beside its files."""
     lines = []
-    if "joints_deviation_mm" in result:
+    if "joints_deviation_mm" in result and "skin_deviation_mm" in result:
         joints_mm, skin_mm = result["joints_deviation_mm"], result["skin_deviation_mm"]
         lines.append(f"Blender agrees with the motion to {joints_mm:.3f} mm (joints) and {skin_mm:.3f} mm (skin)")
-    if "hands_and_feet_deviation_mm" in result:
+    if "hands_and_feet_deviation_mm" in result and "scale" in result and "map" in result:
         off_mm, scale = result["hands_and_feet_deviation_mm"], result["scale"]
         within = max(0.1, math.ceil(10 * off_mm) / 10)
         lines.append(f"{result['map']}, scaled by {scale:.3f}; Blender's hands and feet match within {within:.1f} mm")

@@ -5,10 +5,10 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Any
 
 from .._exchange.progress import Progress
 from .._exchange.skeleton_file import write_skeleton
+from .._exchange.verb_results import ClipResult, GlovesResult
 from .solver import run_solver
 
 _OWN = (".fbx", ".glb", ".gltf", ".vrm", ".blend")
@@ -33,7 +33,7 @@ class MotionRequest:
     """Python to solve with; None for this one."""
 
 
-def run_motion(request: MotionRequest, progress: Progress) -> dict[str, Any]:
+def run_motion(request: MotionRequest, progress: Progress) -> ClipResult:
     """Write a motion file and return the solver's ``result`` event.
 
     Raises:
@@ -62,7 +62,7 @@ class HandsRequest:
     """Python to solve with; None for this one."""
 
 
-def run_add_hands(request: HandsRequest, progress: Progress) -> dict[str, Any]:
+def run_add_hands(request: HandsRequest, progress: Progress) -> GlovesResult:
     """Write a motion with the hands of gloves and return the solver's ``result`` event.
 
     Raises:

@@ -5,17 +5,24 @@ from __future__ import annotations
 import time
 from dataclasses import asdict
 from math import isfinite
-from typing import Any
 
 from .._exchange.errors import FileMissing, OutputExists
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from .actors import read_source
+from .result import TimedResult
 from .retarget_request import RetargetRequest
 from .retarget_target import lay_out_time, map_target, open_target
 
 
-def run_retarget(request: RetargetRequest, progress: Progress) -> dict[str, Any]:
+class RetargetResult(TimedResult):
+    """Of ``retarget``."""
+
+    lengths_by_the_actor: dict[str, float]
+    soles_from: str
+
+
+def run_retarget(request: RetargetRequest, progress: Progress) -> RetargetResult:
     """Write a copy of the target's file in which the rig plays the motion.
 
     Returns:

@@ -6,7 +6,7 @@ import time
 from dataclasses import replace
 from itertools import count
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict
+from typing import TYPE_CHECKING, TypedDict
 
 from .._exchange.errors import MocapError, OutputExists
 from .._exchange.outputs import atomic_outputs
@@ -14,6 +14,7 @@ from .._exchange.progress import Progress
 from ..errors import ActorMissing
 from .actors import ReadActor, read_clips
 from .exit_codes import exit_code
+from .result import CommandResult
 from .retarget_target import lay_out_time, map_target, open_target
 
 if TYPE_CHECKING:
@@ -34,7 +35,23 @@ class FailedClip(TypedDict):
     exit_code: int
 
 
-def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progress: Progress) -> dict[str, Any]:
+class DoneClip(TypedDict):
+    """A clip that was transferred."""
+
+    clip: str
+    frames: int
+    notes: list[str]
+
+
+class ClipsResult(CommandResult):
+    """Of ``retarget`` of a folder."""
+
+    clips: list[DoneClip]
+    failed: list[FailedClip]
+    seconds: float
+
+
+def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progress: Progress) -> ClipsResult:
     """Write a Blender file in which the rig has an action a clip, and beside it a file a clip and format.
 
     A clip that cannot be read or laid is left out and named; the exit code is that of the worst.
@@ -60,7 +77,7 @@ def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progr
     suffixes = {name: format_of(name).suffix for name in formats}
     actors, failed = _read(request, progress)
     _check_free(request, [f"{read.actor.name}{suffix}" for read in actors for suffix in suffixes.values()])
-    clips: list[dict[str, Any]] = []
+    clips: list[DoneClip] = []
     written: list[Path] = [request.out]
     with atomic_outputs(request.out.parent, (request.out.name,), overwrite=request.overwrite) as temporary:
         scene, rig = open_target(request)

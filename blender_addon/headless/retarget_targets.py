@@ -5,21 +5,38 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TypedDict
 
 from .._exchange.errors import MocapError
 from .._exchange.progress import Progress
 from ..errors import BatchInvalid, TargetUnsuitable
 from .exit_codes import exit_code
+from .result import CommandResult
 from .retarget_request import RetargetRequest
+
+
+class FailedTarget(TypedDict):
+    """A target that was left out."""
+
+    target: str
+    code: str
+    message: str
+    exit_code: int
+
+
+class TargetsResult(CommandResult):
+    """Of ``retarget`` to several targets."""
+
+    targets: dict[str, CommandResult]
+    failed: list[FailedTarget]
 
 
 def run_retarget_targets(
     request: RetargetRequest,
     targets: Sequence[Path],
-    one: Callable[[RetargetRequest, Progress], dict[str, Any]],
+    one: Callable[[RetargetRequest, Progress], CommandResult],
     progress: Progress,
-) -> dict[str, Any]:
+) -> TargetsResult:
     """Retarget to each target; the files of one lie in a folder beside ``out`` that has the target's name.
 
     A target that is unsuitable is left out and named; the exit code is that of the worst.
@@ -43,8 +60,8 @@ def run_retarget_targets(
         raise BatchInvalid(f"Two targets have the same name: {', '.join(names)}.", hint=hint)
     if request.save_map is not None:
         raise BatchInvalid("One map file cannot hold several rigs' maps.", hint="Leave out --save-map.")
-    results: dict[str, dict[str, Any]] = {}
-    failed: list[dict[str, Any]] = []
+    results: dict[str, CommandResult] = {}
+    failed: list[FailedTarget] = []
     for done, (name, target) in enumerate(zip(names, targets, strict=True)):
         progress(f"target {name}", done, len(targets))
         out = request.out.parent / name / request.out.name

@@ -19,7 +19,7 @@ _BROKEN = 4
 
 def run_to_its_end(
     run: Run, progress: Progress, stopped: Callable[[int], MocapError | None], called: str = "The solver"
-) -> dict[str, Any]:
+) -> Any:
     """Wait for a child process and return its result event; it has ended however this ends.
 
     Args:
@@ -50,9 +50,11 @@ def run_to_its_end(
         raise
     if run.result is not None:
         return run.result
-    event = run.error or {}
-    if event.get("code") == "cancelled":
-        raise Cancelled(event["message"], where=event.get("where", ""))
-    if event.get("code") == "solver_died":
-        event = {**event, "message": event["message"].replace("The solver", called)}
+    event = run.error
+    assert event is not None
+    if event["code"] == "cancelled":
+        raise Cancelled(event["message"], where=event["where"])
+    if event["code"] == "solver_died":
+        event = event.copy()
+        event["message"] = event["message"].replace("The solver", called)
     raise SolverStopped(event, run.process.exit_code or _BROKEN)

@@ -20,7 +20,7 @@ def run_solver(
     python: Path | None = None,
     folder: Path | None = None,
     over_limit: Callable[[int], MocapError | None] = lambda pid: None,
-) -> dict[str, Any]:
+) -> Any:
     """Run the solver and return its result event.
 
     Args:

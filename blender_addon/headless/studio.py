@@ -7,16 +7,19 @@ import time
 from dataclasses import dataclass, field
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any
+from typing import NotRequired
 
 from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
+from .._exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
 from ..errors import BlenderMissing
 from .batch.dispatch import dispatch
+from .batch.record import TakeRecord
 from .batch.request import Spread
 from .batch.run_batch import engine_for
 from .batch.shots import Shots, digest_of, require_all
 from .batch.source import Listed
+from .result import CommandResult
 from .solver import run_solver
 
 
@@ -44,7 +47,16 @@ class StudioRequest:
     """JSON file of what ``studio-benchmark`` solves with."""
 
 
-def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
+class StudioResult(DataSetPlan, CommandResult):
+    """Of ``studio``."""
+
+    seconds: NotRequired[float]
+    page: NotRequired[str]
+    rows: NotRequired[list[BenchmarkRow]]
+    places: NotRequired[str]
+
+
+def run_studio(request: StudioRequest, progress: Progress) -> CommandResult:
     """Make a data set: the backend films truth, infrared, depth and masks, Blender colour; a killed run resumes.
 
     Returns:
@@ -60,7 +72,7 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     given = [str(request.description), "--out", str(request.out)]
     spread = bool(request.spread.scheduler or request.spread.workers)
     begin = "--claim" if spread and not request.plan else "--plan"
-    planned = run_solver("studio", [*given, begin], progress, python=request.python)
+    planned: DataSetPlan = run_solver("studio", [*given, begin], progress, python=request.python)
     coloured = "rgb" in planned["film"]
     if coloured:
         _require_engine(planned["engine"])
@@ -68,29 +80,35 @@ def run_studio(request: StudioRequest, progress: Progress) -> dict[str, Any]:
         f"{len(planned['shots'])} shots, {planned['pictures']} pictures, about {planned['needed_mb']:.0f} MiB on disk."
     ]
     progress(f"planned, {planned['needed_mb']:.0f} MiB", 1, 1)
-    result = {**planned, "event": "result", "outputs": [str(request.out)], "notes": notes}
+    result: StudioResult = {**planned, "event": "result", "outputs": [str(request.out)], "notes": notes}
     if request.plan:
         return result
     if spread:
         result["notes"] += _by_workers(request, planned["shots"], coloured, progress)
-    made = run_solver("studio", given, progress, python=request.python)
+    made: DataSetPlan = run_solver("studio", given, progress, python=request.python)
     if coloured and not spread:
         made = _in_colour(request, given, made, progress)
-    outputs = [str(request.out), *made["card"]]
+    outputs = [str(request.out), *made.get("card", ())]
     if request.benchmark or request.places:
         methods = ["--methods", *(request.benchmark or ("triangulation",))]
         more = ["--places"] if request.places else []
         more += ["--settings", str(request.settings)] if request.settings else []
-        compared = run_solver("studio-benchmark", [str(request.out), *methods, *more], progress, python=request.python)
+        compared: BenchmarkResult = run_solver(
+            "studio-benchmark", [str(request.out), *methods, *more], progress, python=request.python
+        )
         outputs.append(compared["page"])
-        result |= {key: compared[key] for key in ("page", "table", "rows", "places") if key in compared}
-    return {**result, "outputs": outputs, "frames": made["frames"], "seconds": round(time.monotonic() - start, 2)}
+        result["page"], result["table"], result["rows"] = compared["page"], compared["table"], compared["rows"]
+        if "places" in compared:
+            result["places"] = compared["places"]
+    result["outputs"], result["frames"] = outputs, made["frames"]
+    result["seconds"] = round(time.monotonic() - start, 2)
+    return result
 
 
 def _by_workers(request: StudioRequest, shots: list[str], coloured: bool, progress: Progress) -> list[str]:
     """Make all shots by the workers, and return what a person should know about these."""
     work = Shots(request.description, request.out, digest_of(request.description), coloured, request.python)
-    records = list[dict[str, Any]]()
+    records: list[TakeRecord] = []
     with engine_for(work, progress, request.spread) as engine:
         items = Listed([work.item(name) for name in shots])
         dispatch(work, items, engine, progress, lambda record, recalled: records.append(record))
@@ -99,7 +117,7 @@ def _by_workers(request: StudioRequest, shots: list[str], coloured: bool, progre
     return notes
 
 
-def _colour_of(request: StudioRequest, progress: Progress) -> dict[str, Any]:
+def _colour_of(request: StudioRequest, progress: Progress) -> CommandResult:
     from ..studio.data_set import film_data_set_in_colour
     from ..studio.videos import write_videos
 
@@ -109,7 +127,7 @@ def _colour_of(request: StudioRequest, progress: Progress) -> dict[str, Any]:
     return {"event": "result", "outputs": [str(request.out)], "notes": []}
 
 
-def _in_colour(request: StudioRequest, given: list[str], made: dict[str, Any], progress: Progress) -> dict[str, Any]:
+def _in_colour(request: StudioRequest, given: list[str], made: DataSetPlan, progress: Progress) -> DataSetPlan:
     from ..studio.data_set import film_data_set_in_colour
     from ..studio.videos import write_videos
 

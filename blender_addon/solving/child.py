@@ -15,6 +15,8 @@ from .._exchange.errors import BackendMissing
 
 _GRACE_S = 5.0
 """Seconds that a cancelled solver has to end by itself before it is killed; chosen by hand."""
+Line = str | dict[str, Any]
+"""A line of the log, or an event."""
 _NO_WINDOW = getattr(subprocess, "CREATE_NO_WINDOW", 0)
 
 
@@ -38,7 +40,7 @@ class SolverProcess:
         self, command: Sequence[str], environment: Mapping[str, str], folder: Path, grace_s: float | None = None
     ) -> None:
         self._grace_s = grace_s
-        self._lines: SimpleQueue[str | dict[str, Any]] = SimpleQueue()
+        self._lines: SimpleQueue[Line] = SimpleQueue()
         self._cancelled_at: float | None = None
         pipe = subprocess.PIPE
         try:
@@ -75,7 +77,7 @@ class SolverProcess:
         self._close_input()
         return self._process.returncode
 
-    def received(self, most: int = 200) -> list[str | dict[str, Any]]:
+    def received(self, most: int = 200) -> list[Line]:
         """Return what arrived since the last call, without waiting: events as dicts, log lines as text.
 
         A process that was asked to end and does not is killed here after its grace.
@@ -86,7 +88,7 @@ class SolverProcess:
         grace_s = _GRACE_S if self._grace_s is None else self._grace_s
         if self._cancelled_at is not None and time.monotonic() - self._cancelled_at > grace_s:
             self.kill()
-        items: list[str | dict[str, Any]] = []
+        items: list[Line] = []
         while len(items) < most:
             try:
                 items.append(self._lines.get_nowait())
@@ -127,7 +129,7 @@ class SolverProcess:
                 self._lines.put(event_in(line))
 
 
-def event_in(line: str) -> str | dict[str, Any]:
+def event_in(line: str) -> Line:
     """Return the event a line holds, or the line itself as a piece of the log."""
     text = line.rstrip("\r\n")
     if not text.startswith("{"):

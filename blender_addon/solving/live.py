@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from .._exchange.body_layout import SMPL, SMPL_HANDS
-from .._exchange.errors import sentence
+from .._exchange.errors import ErrorEvent, sentence
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
 from .child import SolverProcess
@@ -80,8 +80,8 @@ class LiveRun:
     """The last message of the solver."""
     ignored: int = 0
     """Lines that made no sense."""
-    result: dict[str, Any] | None = None
-    error: dict[str, Any] | None = None
+    result: Any = None
+    error: ErrorEvent | None = None
     finished: bool = False
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
 
@@ -131,7 +131,7 @@ class LiveRun:
             return ""
         return sentence(self.error)
 
-    def _event(self, event: dict[str, Any]) -> None:
+    def _event(self, event: Any) -> None:
         kind, message = event.get("event"), event.get("message")
         if kind == "result":
             self.result = event

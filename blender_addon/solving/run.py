@@ -9,11 +9,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from .._exchange.errors import sentence
+from .._exchange.errors import ErrorEvent, sentence
 from .._exchange.events import what_is_wrong
 from .._exchange.plain_text import plain
 from ..backend_environment import backend_command, environment_for_child
-from .child import SolverProcess
+from .child import Line, SolverProcess
 
 _LOG_LINES = 2000
 """Lines of a run's log that are kept, the last ones; chosen by hand."""
@@ -33,10 +33,10 @@ class Run:
     """Seconds left of the stage as last reported."""
     log: deque[str] = field(default_factory=lambda: deque(maxlen=_LOG_LINES))
     """What the process wrote beside its events, and when its stages began; the last lines of it."""
-    result: dict[str, Any] | None = None
-    """The result event, once it is there."""
-    error: dict[str, Any] | None = None
-    """The error event: code, message, where, hint."""
+    result: Any = None
+    """The result event, one of ``_exchange.verb_results``, once it is there and was checked; None before."""
+    error: ErrorEvent | None = None
+    """The error event."""
     started: float = field(default_factory=time.monotonic)
     finished: bool = False
 
@@ -75,24 +75,25 @@ class Run:
         """Ask the solver to end."""
         self.process.cancel()
 
-    def _take(self, item: str | dict[str, Any]) -> None:
+    def _take(self, item: Line) -> None:
         if isinstance(item, str):
             self.log.append(plain(item, keep="\t"))
             return
-        kind = item["event"]
-        if wrong := what_is_wrong(item, self.verb):
+        event: Any = item
+        kind = event["event"]
+        if wrong := what_is_wrong(event, self.verb):
             self._take_nonsense(wrong)
         elif kind == "progress":
-            if item["stage"] != self.stage:
-                self.log.append(f"{self.elapsed_s:7.1f} s  {item['stage']}")
-            self.stage, self.done, self.total = item["stage"], item["done"], item["total"]
-            self.eta_s = item.get("eta_s")
+            if event["stage"] != self.stage:
+                self.log.append(f"{self.elapsed_s:7.1f} s  {event['stage']}")
+            self.stage, self.done, self.total = event["stage"], event["done"], event["total"]
+            self.eta_s = event.get("eta_s")
         elif kind == "result":
-            self.result = item
+            self.result = event
             self.log.append(f"{self.elapsed_s:7.1f} s  Done")
         elif kind == "error":
-            self.error = item
-            self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(item)}")
+            self.error = event
+            self.log.append(f"{self.elapsed_s:7.1f} s  {sentence(event)}")
 
     def _take_nonsense(self, wrong: str) -> None:
         """Keep as an error what another program, or another version of the solver, writes in the solver's place."""
@@ -143,7 +144,7 @@ def start_script(verb: str, script: Path, arguments: Sequence[str], python: Path
     return run
 
 
-def _silent_end(code: int, *, cancelled: bool) -> dict[str, Any]:
+def _silent_end(code: int, *, cancelled: bool) -> ErrorEvent:
     """Return the error event of a process that ended without a message."""
     if cancelled:
         return {"event": "error", "code": "cancelled", "message": "The work was cancelled.", "where": "", "hint": ""}

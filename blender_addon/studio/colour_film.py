@@ -16,6 +16,7 @@ from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import write_text
+from .._exchange.studio_results import ShotRecord, is_shot_record
 from .._exchange.unfinished import publish, temporary_folder, unfinished_names
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
@@ -95,10 +96,10 @@ def film_in_colour(
     return count
 
 
-def _record(folder: Path) -> dict[str, Any]:
+def _record(folder: Path) -> ShotRecord:
     path = folder / "shot.json"
     record = read_json_file(path)
-    if not isinstance(record, dict) or not isinstance(record.get("rgb"), dict) or record.get("light") not in LIGHTS:
+    if not is_shot_record(record) or not isinstance(record.get("rgb"), dict) or record.get("light") not in LIGHTS:
         raise FileDamaged("The shot's record holds no colour.", where=str(path), hint="Run the studio again.")
     return record
 
@@ -108,7 +109,7 @@ def _empty_scene() -> bpy.types.Scene:
     return bpy.context.scene
 
 
-def _set_up(folder: Path, record: dict[str, Any], scene: bpy.types.Scene, stand_in: StandIn | None) -> ColourShot:
+def _set_up(folder: Path, record: ShotRecord, scene: bpy.types.Scene, stand_in: StandIn | None) -> ColourShot:
     capture, dressed = read_capture(folder / "clean.npz"), read_scene(folder / "scene.npz")
     rng = np.random.default_rng(int(record["rgb_seed"]))
     settings = dict(record["rgb"])

@@ -61,7 +61,7 @@ class NoiseMap:
         note = diagnostic(code, measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values."""
         return {
             "format": FORMAT, "version": 1, "detector": self.detector,

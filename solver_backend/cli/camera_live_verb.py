@@ -7,7 +7,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
@@ -16,6 +16,7 @@ from solver_backend.cli.live_verb import SEND_HELP, open_sender, recorded, repor
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.setting_options import WORLD_ROWS, add_settings, given_world
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.live_lines import LiveLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
@@ -100,7 +101,7 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         report_recovered(recorder, stream)
         lines = _lines(live, session, recorder, args)
         stopped = run_lines(lines, stream, statistics, sender, hold)
-    data: dict[str, Any] = {
+    data: dict[str, object] = {
         **statistics.summary(), "dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out,
         "detector": live.about["name"], "stopped": stopped, **({} if sender is None else sender.summary()),
     }  # fmt: skip
@@ -188,15 +189,14 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
 
 def _lines(
     live: LiveMoments, session: ViewsSession, recorder: ViewsRecorder | None, args: argparse.Namespace
-) -> Iterator[dict[str, Any]]:
+) -> Iterator[LiveLine]:
     """Yield the lines of moments, each after it was recorded, until the time is over."""
     from solver_backend.live.display import with_display
 
     for moment in live.moments():
         for line in session.run([moment]):
             if "frame" in line:
-                counts = {"dropped": live.counts.dropped, "views_left_out": live.counts.views_left_out}
-                line = {**line, **counts}
+                line["dropped"], line["views_left_out"] = live.counts.dropped, live.counts.views_left_out
                 if recorder is not None and not isinstance(moment, dict):
                     recorder.add(moment, line)
                 if args.with_points:

@@ -2,20 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from solver_backend.cli.describe_markers import describe_markers
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.exchange.person_summary import PersonSummary
+from solver_backend.exchange.verb_results import CameraSummary, CaptureSummary, MotionSummary, PersonSummary
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 
 
-def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
+def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
     """Return text and JSON values: cameras, frames, keypoints, markers, who is seen where, notes and problems."""
-    data: dict[str, Any] = {
+    data: CaptureSummary = {
         "name": capture.name, "frames": capture.num_frames, "fps": capture.fps,
         "duration_s": round(capture.num_frames / capture.fps, 3) if capture.fps else None,
         "cameras": _cameras(capture), "joint_set": None, "markers": None,
@@ -35,7 +33,7 @@ def describe_capture(capture: Capture) -> tuple[str, dict[str, Any]]:
     return _capture_text(data, marker_lines), data
 
 
-def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]]:
+def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]:
     """Return text and JSON values: length, residual and the frames that deserve a look."""
     error = (
         np.empty(0) if motion.reprojection_px is None else motion.reprojection_px[np.isfinite(motion.reprojection_px)]
@@ -43,7 +41,7 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, dict[str, Any]
     marker_error = np.empty(0) if motion.marker_residual_mm is None else motion.marker_residual_mm
     marker_error = marker_error[np.isfinite(marker_error)]
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
-    data = {
+    data: MotionSummary = {
         "frames": motion.num_frames, "fps": motion.fps, "solve_s": round(solve_s, 2),
         "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
         "marker_median_mm": round(float(np.median(marker_error)), 3) if marker_error.size else None,
@@ -100,7 +98,7 @@ def frames_without_two_views(capture: Capture) -> list[list[int]]:
     return [list(run) for run in true_runs(blind)]
 
 
-def _cameras(capture: Capture) -> list[dict[str, Any]]:
+def _cameras(capture: Capture) -> list[CameraSummary]:
     """Return what each camera is and the share of keypoints it sees, in percent."""
     cameras = capture.cameras
     if cameras is None:
@@ -117,13 +115,13 @@ def _cameras(capture: Capture) -> list[dict[str, Any]]:
     ]  # fmt: skip
 
 
-def _capture_text(data: dict[str, Any], marker_lines: list[str]) -> str:
+def _capture_text(data: CaptureSummary, marker_lines: list[str]) -> str:
     seconds = f" ({data['duration_s']:g} s)" if data["duration_s"] is not None else ""
     lines = [f"Capture {data['name']}", f"  frames      {data['frames']} at {data['fps']:g} fps{seconds}"]
     if data["joint_set"]:
         lines.append(f"  keypoints   {data['joint_set']}")
-    if data.get("own_points"):
-        own = ", ".join(f"{name} on {bone}" for name, bone in data["own_points"].items())
+    if points := data.get("own_points"):
+        own = ", ".join(f"{name} on {bone}" for name, bone in points.items())
         lines.append(f"  own points  {own}")
     lines += marker_lines + people_lines(data["people"])
     for camera in data["cameras"]:

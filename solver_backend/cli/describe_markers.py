@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from solver_backend.body.marker_names import is_unnamed, least_markers, name_mar
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary, MarkerGaps
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.partial_body.informed_parts import parts_without
 from solver_backend.fitters.partial_body.rest_parts import listed
@@ -25,14 +25,14 @@ MOST_LISTED = 8
 """Markers in a line."""
 
 
-def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
+def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
     """Return lines and JSON values: subjects, which labels are known, and gaps."""
     labels = cloud.labels or ()
     named = [label for label in labels if not is_unnamed(label)]
     names = name_markers(named, places_by_side(cloud))
     count = cloud.positions.shape[1]
     gaps, faults = _gaps(cloud), _faults(cloud)
-    data = {
+    data: LabelsSummary = {
         "subjects": list(subjects_of(labels)),
         "known": list(names.known),
         "unknown": list(names.unknown),
@@ -40,7 +40,8 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], dict[str, Any]]:
         "doubled": list(names.doubled),
         "unlabelled": count - len(named),
         "gaps": gaps,
-        **faults,
+        "jumping": faults["jumping"],
+        "frozen": faults["frozen"],
     }
     counts = {
         "known": len(names.known),
@@ -86,17 +87,19 @@ def _resting(cloud: MarkerCloud, known: Mapping[str, str]) -> tuple[str, ...]:
     return parts_without(body, landmarks, np.isfinite(cloud.positions[:, columns]).all(-1).any(axis=0))
 
 
-def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
+def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
     """Return text and JSON values of a calibrated person: shape, where markers sit, how far they stray."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
-    data = {
+    doubts = [*exchanged_in(person), *doubts_of(person)]
+    data: CalibratedPerson = {
         "body": person.body,
         "betas": [round(float(value), 3) for value in person.betas],
         "markers": {
             label: {"place": place, "offset_mm": round(float(offset), 1), "sigma_mm": round(float(spread), 1)}
             for label, place, offset, spread in zip(person.labels, person.places, away, sigma, strict=True)
         },
+        "diagnostics": [item.as_dict() for item in doubts],
     }
     free = [" (free along the limb)" if _is_free(place) else "" for place in person.places]
     far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm{free[m]}" for m in np.argsort(-away, kind="stable")[:5])
@@ -107,8 +110,6 @@ def describe_person(person: MarkerSubject) -> tuple[str, dict[str, Any]]:
         f"  farthest    {far} from the places of their names",
         f"  loosest     {loose} around where the body has them",
     ]
-    doubts = [*exchanged_in(person), *doubts_of(person)]
-    data["diagnostics"] = [item.as_dict() for item in doubts]
     return "\n".join([*lines, *(f"  warning     {sentence(item)}" for item in doubts)]), data
 
 
@@ -130,7 +131,7 @@ def _faults(cloud: MarkerCloud) -> dict[str, list[str]]:
     return {name: [cloud.labels[i] for i in np.flatnonzero(which)] for name, which in found.items()}
 
 
-def _gaps(cloud: MarkerCloud) -> list[dict[str, Any]]:
+def _gaps(cloud: MarkerCloud) -> list[MarkerGaps]:
     """Return name, number of gaps and share of frames not seen of every marker that has gaps."""
     seen = np.isfinite(cloud.positions).all(-1)
     labels = cloud.labels or tuple(f"*{number}" for number in range(1, seen.shape[1] + 1))

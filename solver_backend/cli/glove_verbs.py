@@ -10,6 +10,7 @@ from solver_backend.cli.outcome import Outcome, found_data, found_lines
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.verb_results import GlovesOfMotion, GlovesResult
 
 
 def add_hands_arguments(verb: argparse.ArgumentParser) -> None:
@@ -42,7 +43,8 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)
     found: list[Diagnostic] = []
-    lines, files = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"], []
+    lines = [f"Motion {args.motion.stem}: {motion.num_frames} frames at {motion.fps:g} Hz"]
+    files: list[GlovesOfMotion] = []
     for number, path in enumerate(args.gloves):
         progress("adding hands", number, len(args.gloves))
         gloves = read_gloves(path, args.side)
@@ -55,6 +57,7 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     motion = replace(motion, provenance={**motion.provenance, "gloves": files})
     write_motion(args.out, motion, overwrite=bool(args.overwrite))
     lines += [*found_lines(found), f"  written     {args.out}"]
-    return Outcome("\n".join(lines), {
+    result: GlovesResult = {
         "motion": str(args.out), "frames": motion.num_frames, "fps": motion.fps, "gloves": files, **found_data(found),
-    })  # fmt: skip
+    }  # fmt: skip
+    return Outcome("\n".join(lines), result)

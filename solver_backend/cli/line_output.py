@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import sys
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 from solver_backend.exchange.plain_values import as_plain
 from solver_backend.io.appended_file import AppendedFile, open_appended
@@ -28,7 +28,7 @@ class Lines:
         sys.__stdout__.flush()
         self._file = AppendedFile(sys.__stdout__.fileno(), "standard output")
 
-    def write(self, line: dict[str, Any]) -> None:
+    def write(self, line: Mapping[str, object]) -> None:
         """Write a line; where the disk is full it is lost, and counted.
 
         Raises:

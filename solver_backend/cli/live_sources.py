@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from solver_backend.exchange.errors import CommandLineInvalid, NoDetections
+from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, PORTS, is_address, read_address
@@ -32,10 +33,10 @@ FOREIGN_CLIPS = (".bvh", ".mvnx")
 class LiveSource:
     """Where the lines of a live run come from."""
 
-    lines: Iterator[dict[str, Any]]
+    lines: Iterator[LiveLine]
     proportions: Proportions
     recorder: Recorder | None = None
-    summary: Callable[[], dict[str, Any]] = field(default=dict)
+    summary: Callable[[], dict[str, object]] = field(default=dict)
     """Returns what is known of the source at the end."""
     beside: tuple[Recorder, ...] = ()
     """What else is recorded, and finished at the end."""
@@ -167,9 +168,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     )  # fmt: skip
 
 
-def _with_points(
-    session: LiveSession, lines: Iterator[dict[str, Any]], keep_up: Any, *, shown: bool
-) -> Iterator[dict[str, Any]]:
+def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
     """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
     from solver_backend.live.display import with_display
     from solver_backend.live.keeping_up import LATE_S
@@ -182,8 +181,8 @@ def _with_points(
         if keep_up.dropped and not named:
             named = True
             message = f"Poses fell {1e3 * LATE_S:.0f} ms behind; frames are dropped until they catch up."
-            yield {"event": "frames_dropped", "t": line["t"], "message": message}
-        line = {**line, "dropped": keep_up.dropped}
+            yield event_line("frames_dropped", message, line["t"])
+        line["dropped"] = keep_up.dropped
         yield with_display(line, session) if shown else line
 
 

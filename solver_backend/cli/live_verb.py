@@ -6,13 +6,14 @@ import argparse
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import open_source
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.errors import Cancelled, CommandLineInvalid
+from solver_backend.exchange.live_lines import LiveLine, event_line
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
@@ -72,7 +73,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         stream = stack.enter_context(Lines(args.lines))
         report_recovered(recorder, stream)
         stopped = run_lines(source.lines, stream, statistics, sender, hold)
-    data: dict[str, Any] = {**statistics.summary(), **source.summary(), "stopped": stopped}
+    data: dict[str, object] = {**statistics.summary(), **source.summary(), "stopped": stopped}
     data |= recorded(recorder)
     data |= {} if sender is None else sender.summary()
     stream.require_whole()
@@ -84,7 +85,7 @@ def report_recovered(recorder: Recorder | None, stream: Lines) -> None:
     """Write a line on what a run that was killed has left, and is finished now."""
     if recorder is not None and recorder.recovered is not None:
         message = f"A recording that was not finished is now {recorder.recovered}."
-        stream.write({"event": "recovered", "t": None, "message": message})
+        stream.write(event_line("recovered", message))
 
 
 def recorded(recorder: Recorder | None) -> dict[str, str]:
@@ -109,7 +110,7 @@ def open_sender(address: str | None, proportions: Proportions) -> PoseSender | N
 
 
 def run_lines(
-    lines: Iterable[dict[str, Any]], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None,
+    lines: Iterable[LiveLine], stream: Lines, statistics: LiveStatistics | None, sender: PoseSender | None,
     hold: Callable[[], None],
 ) -> bool:  # fmt: skip
     """Send and write lines until the source ends; return whether somebody stopped it before.
@@ -125,7 +126,8 @@ def run_lines(
         for line in lines if sender is None else sender.watched(lines):
             if statistics is not None:
                 statistics.add(line)
-                line = {**line, "rate_hz": round(statistics.rate_hz, 1)} if "frame" in line else line
+                if "frame" in line:
+                    line = {**line, "rate_hz": round(statistics.rate_hz, 1)}
             stream.write(line)
         hold()
     except Cancelled:  # the usual end of what is live: what was recorded is kept

@@ -14,6 +14,7 @@ from solver_backend.exchange.errors import CommandLineInvalid, MotionInvalid
 from solver_backend.exchange.marker_formats import MARKER_FORMATS, file_names
 from solver_backend.exchange.outputs import atomic_output, check_output, write_text
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.verb_results import MarkersResult
 
 if TYPE_CHECKING:
     from solver_backend.labelling.label_take import LabelledTake
@@ -116,7 +117,7 @@ def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
         write_markers(path, labelled.markers, overwrite=overwrite)
 
 
-def summary(take: LabelledTake) -> dict[str, Any]:
+def summary(take: LabelledTake) -> dict[str, object]:
     """Return plain values about a labelled take: shares in percent, and every stretch's label and confidence."""
     import numpy as np
 
@@ -154,7 +155,9 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_markers(args.out, cloud, overwrite=overwrite)
     progress("Writing the markers", 1, 1)
     frames, markers = positions.shape[:2]
-    data = {"markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents}
+    data: MarkersResult = {
+        "markers_file": str(args.out), "frames": frames, "fps": fps, "markers": markers, "contents": args.contents,
+    }  # fmt: skip
     text = f"{frames} frames of {markers} {args.contents} markers at {fps:g} fps"
     return Outcome(f"{text}\n  written     {args.out}", data)
 

@@ -10,6 +10,7 @@ from solver_backend.cli.outcome import Outcome, found_data, found_lines
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.verb_results import ClipResult
 
 
 def motion_arguments(verb: argparse.ArgumentParser) -> None:
@@ -68,6 +69,5 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
         f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
         *found_lines(found), f"  written     {args.out}",
     ]  # fmt: skip
-    return Outcome("\n".join(lines), {
-        "motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **found_data(found),
-    })  # fmt: skip
+    result: ClipResult = {"motion": str(args.out), "frames": clip.num_frames, "fps": clip.fps, **found_data(found)}
+    return Outcome("\n".join(lines), result)

@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, TextIO
+from typing import Generic, TextIO, TypeVar
 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, sentence, warnings_in
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.progress import ConsoleProgress, JsonProgress, Progress
+from solver_backend.exchange.verb_results import Remarks
+
+Data = TypeVar("Data", bound=Mapping[str, object], covariant=True)
+"""Of an outcome: one of ``exchange.verb_results``, or any plain values."""
 
 
 @dataclass(frozen=True)
-class Outcome:
+class Outcome(Generic[Data]):
     """The result of a verb."""
 
     text: str
     """For people; printed to standard output."""
-    data: dict[str, Any]
+    data: Data
     """For programs: plain JSON values of the result event."""
     summary: tuple[str, ...] = ()
     """For people, on standard error after the text: every warning, and a last line to trust."""
@@ -36,7 +40,7 @@ def found_lines(found: Sequence[Diagnostic]) -> list[str]:
     return [f"  {kind:<11} {sentence(item)}" for kind, items in kinds for item in items]
 
 
-def found_data(found: Sequence[Diagnostic]) -> dict[str, Any]:
+def found_data(found: Sequence[Diagnostic]) -> Remarks:
     """Return what was found as values of JSON."""
     return {
         "notes": [sentence(item) for item in notes_in(found)],
@@ -45,7 +49,7 @@ def found_data(found: Sequence[Diagnostic]) -> dict[str, Any]:
     }
 
 
-def findings_data(found: Sequence[Diagnostic]) -> dict[str, Any]:
+def findings_data(found: Sequence[Diagnostic]) -> dict[str, object]:
     """Return what was found of sensors as plain JSON values: data, and the sentences of earlier versions."""
     return {"findings": [sentence(item) for item in found], "diagnostics": [item.as_dict() for item in found]}
 

@@ -139,7 +139,7 @@ def mask_of(args: argparse.Namespace) -> dict[str, Any]:
     return {} if args.empty is None else masks_of(folder_of(args, args.empty))
 
 
-def chain_summary(chain: MarkerChain) -> dict[str, Any]:
+def chain_summary(chain: MarkerChain) -> dict[str, object]:
     """Return plain values about a chain that has ended."""
     ends = {
         name: {"frames": end.frames, "cpu_s": round(end.cpu_s, 3), "written": end.written, "dropped": end.dropped}

@@ -18,6 +18,7 @@ from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
 from solver_backend.cli.outcome import Outcome
 from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
@@ -68,7 +69,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         Lines(args.lines) as stream,
     ):
         until = None if args.seconds is None else chain.start + args.seconds
-        lines: Iterator[dict[str, Any]]
+        lines: Iterator[Any]  # without a fit and a wand, the points alone
         if session is not None:
             lines = _poses(session, _frames(chain, stream, until, progress), with_points=bool(args.with_points))
         elif args.wand:
@@ -79,7 +80,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
                 for frame in _frames(chain, stream, until, progress)
             )
         stopped = run_lines(lines, stream, statistics if session is not None else None, sender, hold)
-    data: dict[str, Any] = {**chain_summary(chain), "stopped": stopped}
+    data: dict[str, object] = {**chain_summary(chain), "stopped": stopped}
     if session is not None:
         data["poses"] = statistics.summary()
     if sender is not None:
@@ -171,7 +172,7 @@ def _session(subject: Path | None) -> LiveSession:
     return session
 
 
-def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[dict[str, Any]]:
+def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[LiveLine]:
     """Yield the lines of the live fit."""
     from solver_backend.live.display import with_display
 
@@ -181,7 +182,7 @@ def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: b
 
 def _waved(
     chain: MarkerChain, stream: Lines, until: float | None, progress: Progress
-) -> Iterator[dict[str, Any]]:  # fmt: skip
+) -> Iterator[LiveLine]:  # fmt: skip
     """Yield a line each ``COVERAGE_INTERVAL_S``: what of every picture the wand visited, and where to go next."""
     import numpy as np
 
@@ -204,7 +205,7 @@ def _waved(
         yield _coverage_line(number, moment, coverage, [])
 
 
-def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> dict[str, Any]:
+def _coverage_line(number: int, moment: LiveMoment, coverage: Coverage, several: list[str]) -> FrameLine:
     shares = dict(zip(coverage.names, coverage.shares.round(3).tolist(), strict=True))
     why = f"More than one point is lit in front of {', '.join(several)}." if several else coverage.next_place()
     return {

@@ -9,6 +9,7 @@ from solver_backend.cli.describe import describe_motion
 from solver_backend.cli.outcome import Outcome, note_lines
 from solver_backend.exchange.diagnostics import Diagnostic, sentence, summarise, warnings_in
 from solver_backend.exchange.errors import WarningsRefused
+from solver_backend.exchange.verb_results import SolveResult
 from solver_backend.job import Job
 from solver_backend.types import Motion
 
@@ -31,7 +32,9 @@ def record_found(job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s:
     return replace(motion, provenance=record)
 
 
-def outcome_of(job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, person: str = "") -> Outcome:
+def outcome_of(
+    job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: float, person: str = ""
+) -> Outcome[SolveResult]:
     """Return what is reported of a solve that was written.
 
     Args:
@@ -42,16 +45,13 @@ def outcome_of(job: Job, motion: Motion, found: Sequence[Diagnostic], solve_s: f
         person: whose motion it is, where the views show several people.
     """
     text, data = describe_motion(motion, solve_s)
-    whose = {"person": person} if person else {}
     written = {"motion": str(job.out), "report": None if job.report is None else str(job.report)}
     files = [f"  {name:<11} {path}" for name, path in written.items() if path]
+    result: SolveResult = {
+        "motion": str(job.out), "report": written["report"], **data, "diagnostics": [item.as_dict() for item in found],
+    }  # fmt: skip
+    if person:
+        result["person"] = person
     return Outcome(
-        "\n".join([text, *note_lines(found, motion.fps), *files]),
-        {
-            **written,
-            **whose,
-            **data,
-            "diagnostics": [item.as_dict() for item in found],
-        },
-        tuple(summarise(found, motion.fps)),
+        "\n".join([text, *note_lines(found, motion.fps), *files]), result, tuple(summarise(found, motion.fps))
     )

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from solver_backend.cli.motion_and_page import write_both
 from solver_backend.cli.outcome import Outcome
@@ -25,6 +25,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
 from solver_backend.fitters.freed_memory import keep_freed_memory
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.job import READING, Job, Resolve
@@ -104,7 +105,7 @@ def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
     return read_user_labels(path, capture.markers)
 
 
-def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome:
+def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
@@ -161,8 +162,8 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
     texts: list[str] = []
     summary: list[str] = []
     to_look_at: list[str] = []
-    takes: list[dict[str, Any]] = []
-    failed: list[dict[str, Any]] = []
+    takes: list[TakeResult] = []
+    failed: list[FailedTake] = []
     first: MocapError | None = None
     for number, job in enumerate(jobs):
         parts = _parts(job, progress)
@@ -192,7 +193,8 @@ def _several(jobs: list[Job], progress: Progress, each: Stretches) -> Outcome:
     if first is not None and not takes:
         raise first
     last = f"Look at {', '.join(to_look_at)}." if to_look_at else "OK"
-    return Outcome("\n".join(texts), {"takes": takes, "failed": failed}, (*summary, last))
+    result: TakesResult = {"takes": takes, "failed": failed}
+    return Outcome("\n".join(texts), result, (*summary, last))
 
 
 def _parts(job: Job, progress: Progress) -> Iterator[_Part]:

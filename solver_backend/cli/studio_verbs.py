@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
 
 if TYPE_CHECKING:
     from solver_backend.fitters.settings import SolveSettings
@@ -76,7 +77,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     message = (
         f"{len(found.shots)} shots, {found.frames} frames, {found.pictures} pictures, {found.bytes / 2**20:.0f} MiB"
     )
-    data = {
+    data: DataSetPlan = {
         "shots": [shot.name for shot in found.shots], "frames": found.frames, "pictures": found.pictures,
         "needed_mb": round(found.bytes / 2**20, 1), "film": list(spec.film), "engine": spec.rgb.engine,
         "write": list(spec.write), "data_set": str(args.out), "free_mb": round(free_bytes(args.out) / 2**20, 1),
@@ -91,7 +92,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.shot:
         return Outcome(made, data)
     card = write_card(args.out)
-    return Outcome(f"{made}\n  written     {args.out}", data | {"card": [str(path) for path in card]})
+    return Outcome(f"{made}\n  written     {args.out}", {**data, "card": [str(path) for path in card]})
 
 
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -109,16 +110,16 @@ def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     places = [place_errors(array, spec.perturb, progress=progress) for array in spec.arrays] if args.places else []
     page = args.data_set / "benchmark.html"
     write_text(page, page_html(args.data_set, spec.name, verdicts, places), overwrite=True)
-    data = {"page": str(page), "table": table(verdicts)}
-    if places:
-        data["places"] = str(write_text(args.data_set / "places.json", places_text(places), overwrite=True))
-    rows = [
+    rows: list[BenchmarkRow] = [
         {"shot": v.shot, "camera_array": v.array, "faults": v.faults, "input": v.source, "method": v.method,
          "mpjpe_mm": _plain(v.mpjpe_mm), "pa_mpjpe_mm": _plain(v.pa_mpjpe_mm), "accel_m_s2": _plain(v.accel_m_s2),
          "seconds": _plain(v.seconds), "error": v.error}
         for v in verdicts
     ]  # fmt: skip
-    return Outcome(f"{data['table']}\n  written     {page}", data | {"rows": rows})
+    data: BenchmarkResult = {"page": str(page), "table": table(verdicts), "rows": rows}
+    if places:
+        data["places"] = str(write_text(args.data_set / "places.json", places_text(places), overwrite=True))
+    return Outcome(f"{data['table']}\n  written     {page}", data)
 
 
 def studio_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -25,6 +25,7 @@ from solver_backend.exchange.errors import (
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.verb_results import CameraChange, CaptureResult, CapturesResult, PersonResult, RefineResult
 from solver_backend.io.footage.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
@@ -48,7 +49,8 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     write_subject(args.out, person, overwrite=overwrite)
     text, data = describe_person(person)
     problems = [sentence(item) for capture in captures for item in capture.problems]
-    return Outcome(f"{text}\n  written     {args.out}", {"subject": str(args.out), **data, "problems": problems})
+    written: PersonResult = {"subject": str(args.out), **data, "problems": problems}
+    return Outcome(f"{text}\n  written     {args.out}", written)
 
 
 def layout(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -97,7 +99,7 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     trials = trials_of(args.capture)
     if not trials:
         check_output(args.out, overwrite=overwrite)
-        return _write(args.out, _converted(args, progress), overwrite)
+        return Outcome(*_write(args.out, _converted(args, progress), overwrite))
     if args.out.suffix.lower() == ".npz":
         raise CommandLineInvalid(
             "The capture is a session of several trials.", where=str(args.capture), hint="Name a folder with --out."
@@ -105,11 +107,13 @@ def convert(args: argparse.Namespace, progress: Progress) -> Outcome:
     files = [args.out / trial.name / "capture.npz" for trial in trials]
     for path in files:
         check_output(path, overwrite=overwrite)
-    parts: list[Outcome] = []
+    texts: list[str] = []
+    found: CapturesResult = {"captures": []}
     for trial, path in zip(trials, files, strict=True):
-        part = _write(path, load(trial, reading(args), progress), overwrite)
-        parts.append(Outcome(part.text, {**part.data, "source": str(trial)}))
-    return Outcome("\n".join(part.text for part in parts), {"captures": [part.data for part in parts]})
+        text, data = _write(path, load(trial, reading(args), progress), overwrite)
+        texts.append(text)
+        found["captures"].append({**data, "source": str(trial)})
+    return Outcome("\n".join(texts), found)
 
 
 def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
@@ -148,8 +152,8 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     note = diagnostic("cameras_refined", before=before, after=after)
     problems = tuple(problem for problem in capture.problems if problem.code != "cameras_shifted")
     refined = replace(capture, cameras=found.cameras, notes=(*capture.notes, note), problems=problems)
-    written = _write(args.out, refined, overwrite)
-    rows = [
+    text, data = _write(args.out, refined, overwrite)
+    rows: list[CameraChange] = [
         {
             "name": name, "before_px": _rounded(found.before_px[c]), "after_px": _rounded(found.after_px[c]),
             "moved_mm": _rounded(found.moved_mm[c]), "turned_degrees": _rounded(found.turned_degrees[c]),
@@ -161,7 +165,8 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
         f"moved by {row['moved_mm']} mm, turned by {row['turned_degrees']}°"
         for row in rows
     ]
-    return Outcome("\n".join([written.text, *lines]), {**written.data, "refined": rows})
+    done: RefineResult = {**data, "refined": rows}
+    return Outcome("\n".join([text, *lines]), done)
 
 
 def _rounded(value: float) -> float | None:
@@ -187,10 +192,10 @@ def demo_capture(args: argparse.Namespace, progress: Progress) -> Outcome:
     if args.markers:
         from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 
-        return _write(args.out, load(DEMO_TAKE, {}, progress), overwrite)
+        return Outcome(*_write(args.out, load(DEMO_TAKE, {}, progress), overwrite))
     from solver_backend.synthesis.embedded.demo import demo_capture as make_capture
 
-    return _write(args.out, make_capture(), overwrite)
+    return Outcome(*_write(args.out, make_capture(), overwrite))
 
 
 def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -248,9 +253,9 @@ def _trained(finished: Finished, lines: list[str], figures: dict[str, float]) ->
     return Outcome("\n".join([str(finished.weights), *lines]), data)
 
 
-def _write(path: Path, capture: Capture, overwrite: bool) -> Outcome:
+def _write(path: Path, capture: Capture, overwrite: bool) -> tuple[str, CaptureResult]:
     from solver_backend.io.native.capture_file import write_capture
 
     write_capture(path, capture, overwrite=overwrite)
     text, data = describe_capture(capture)
-    return Outcome(f"{text}\n  written     {path}", {"capture": str(path), **data})
+    return f"{text}\n  written     {path}", {"capture": str(path), **data}

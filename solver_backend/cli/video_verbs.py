@@ -75,9 +75,9 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     out = args.folder / "mocap" if args.folder.is_dir() else args.folder.parent / f"{args.folder.stem}_mocap"
     plans = planned(replace(found, takes=takes), args.out or out)
     lines = described(found, plans, str(args.detector_worker or args.detector), args.clocks, args.until)
-    data: dict[str, Any] = {"plan": lines, "takes": {}}
+    done: dict[str, dict[str, object]] = {}
     if args.dry_run:
-        return Outcome("\n".join(lines), data)
+        return Outcome("\n".join(lines), {"plan": lines, "takes": done})
     python = args.hand_python or args.python
     hands = None if args.hand_model is None else chosen_hand_detector(args.hand_model, python=python)
     settings = RoadSettings(
@@ -96,14 +96,14 @@ def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
                 raise
             failed[plan.take.name] = error
             continue
-        data["takes"][plan.take.name] = _took(plan, record)
+        done[plan.take.name] = _took(plan, record)
         words, found_in[plan.take.name] = record.lines(), record.diagnostics()
         lines += [f"  done {plan.take.name}", *(f"    {step:<10} {line}" for step, line in words.items())]
-    if failed and not data["takes"]:
+    if failed and not done:
         raise next(iter(failed.values()))
     lines += [f"  failed {name}: {error}" for name, error in failed.items()]
-    data["failed"] = {name: error.as_event() for name, error in failed.items()}
-    return Outcome("\n".join(lines), data, _summary(found_in, list(failed)))
+    errors = {name: error.as_event() for name, error in failed.items()}
+    return Outcome("\n".join(lines), {"plan": lines, "takes": done, "failed": errors}, _summary(found_in, list(failed)))
 
 
 def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tuple[str, ...]:
@@ -116,7 +116,7 @@ def _summary(found: dict[str, tuple[Diagnostic, ...]], failed: list[str]) -> tup
     return (*lines, f"Look at {', '.join(names)}." if names else "OK")
 
 
-def _took(plan: Any, record: Any) -> dict[str, Any]:
+def _took(plan: Any, record: Any) -> dict[str, object]:
     """Return what is to be reported about a take that went the road, with its capture as ``convert`` reports it."""
     from solver_backend.io.native.capture_file import read_capture
 

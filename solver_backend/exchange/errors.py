@@ -3,8 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import NotRequired, TypedDict
 
 from .plain_text import plain
+
+
+class ErrorEvent(TypedDict):
+    """The ``error`` event of the progress protocol."""
+
+    event: NotRequired[str]
+    code: str
+    message: str
+    where: str
+    hint: str
 
 
 class MocapError(Exception):
@@ -28,15 +39,15 @@ class MocapError(Exception):
     def __str__(self) -> str:
         return sentence(self.as_event())
 
-    def as_event(self) -> dict[str, str]:
+    def as_event(self) -> ErrorEvent:
         """Return the error as the ``error`` event of the progress protocol."""
         return {"event": "error", "code": self.code, "message": self.message, "where": self.where, "hint": self.hint}
 
 
-def sentence(event: Mapping[str, str]) -> str:
+def sentence(event: Mapping[str, object]) -> str:
     """Return an ``error`` event as one line: what happened, where, what to try."""
     where = f"({event['where']})" if event.get("where") else ""
-    return plain(" ".join(part for part in (event.get("message", ""), where, event.get("hint", "")) if part))
+    return plain(" ".join(str(part) for part in (event.get("message"), where, event.get("hint")) if part))
 
 
 class CaptureNotRecognised(MocapError):

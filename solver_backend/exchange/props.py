@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -76,7 +75,7 @@ class Prop:
         points, transl = (self.points - origin) @ axes, self.transl + R @ origin
         return replace(self, points=points, rotvec=rotvec_from_matrix(R @ axes), transl=transl)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             "name": self.name,

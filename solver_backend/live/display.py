@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from solver_backend.exchange.live_lines import FrameLine
 from solver_backend.fitters.recipes.live_follow import PersonFollower
 from solver_backend.live.pose_lines import millimetres
 
@@ -29,11 +30,11 @@ class Shown(Protocol):
         ...
 
 
-def with_display(line: dict[str, Any], session: Shown) -> dict[str, Any]:
+def with_display(line: FrameLine, session: Shown) -> FrameLine:
     """Return a line with ``cloud``, ``cloud_off_mm`` and, where it has a pose, ``sigma_mm``."""
     if session.shown is None:
         return line
-    sigma = {"sigma_mm": millimetres(session.fit.deviations())} if "pose" in line else {}
-    return {
-        **line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m), **sigma,
-    }  # fmt: skip
+    line = {**line, "cloud": session.shown.round(4).tolist(), "cloud_off_mm": millimetres(session.shown_off_m)}
+    if "pose" in line:
+        line["sigma_mm"] = millimetres(session.fit.deviations())
+    return line

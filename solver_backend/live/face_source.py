@@ -8,6 +8,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any
 
+from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.face_packets import FacePacket, FacePacketInvalid, decode_ifacialmocap, decode_live_link
@@ -103,9 +104,7 @@ def ask_phone(host: str, port: int) -> Callable[[Any], None]:
     return ask
 
 
-def face_lines(
-    found: Iterable[FaceFrame | dict[str, Any]], recorder: FaceRecorder | None = None
-) -> Iterator[dict[str, Any]]:
+def face_lines(found: Iterable[FaceFrame | EventLine], recorder: FaceRecorder | None = None) -> Iterator[LiveLine]:
     """Yield the lines of a live run of a face; frames are recorded before.
 
     Args:
@@ -120,10 +119,13 @@ def face_lines(
         if recorder is not None and item.channels:
             recorder.add(item.time, item.channels)
         lag = round(1e3 * (time.perf_counter() - item.arrived), 3)
-        face = {"face": {name: round(value, 4) for name, value in item.channels.items()}}
-        yield {
+        line: FrameLine = {
             "frame": number, "t": round(item.time, 6), "state": "tracking" if item.channels else "no_person",
             "points": 0, "latency_ms": lag, "lag_ms": lag,
-            **(face if item.channels else {"why": "the phone sees no face"}),
         }  # fmt: skip
+        if item.channels:
+            line["face"] = {name: round(value, 4) for name, value in item.channels.items()}
+        else:
+            line["why"] = "the phone sees no face"
+        yield line
         number += 1

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import time
 from collections.abc import Iterator
-from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.live_lines import FrameLine
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.live.keeping_up import LATE_S
 from solver_backend.types import Motion
@@ -16,7 +16,7 @@ _DIGITS = 6
 """Decimals of numbers in a line: micrometres and microradians."""
 
 
-def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[dict[str, Any]]:
+def replayed_poses(motion: Motion, *, paced: bool = True, repeat: bool = False) -> Iterator[FrameLine]:
     """Yield a line a frame, of all joints of the motion; frames that come more than ``LATE_S`` late are left out.
 
     Args:

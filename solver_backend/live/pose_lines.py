@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 import time
-from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.live_lines import EventLine, FrameDelays, PoseValues, event_line
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.geometry.rotations import log_so3
 
@@ -39,20 +39,20 @@ class SourceClock:
         return min(max(time_s - before, _SHORTEST_S), _LONGEST_S), found
 
 
-def pose_of(frame: PosedFrames) -> dict[str, list[float]]:
+def pose_of(frame: PosedFrames) -> PoseValues:
     """Return the keys ``root``, ``pose`` and ``trans`` of one pose."""
-    turns = (log_so3(frame.root)[0], log_so3(frame.local)[0].ravel(), frame.transl[0])
-    return {name: rounded(values) for name, values in zip(("root", "pose", "trans"), turns, strict=True)}
+    root, pose = log_so3(frame.root)[0], log_so3(frame.local)[0].ravel()
+    return {"root": rounded(root), "pose": rounded(pose), "trans": rounded(frame.transl[0])}
 
 
-def delays(arrived: float, lag_s: float) -> dict[str, float]:
+def delays(arrived: float, lag_s: float) -> FrameDelays:
     """Return how long a frame took since it arrived, and how far its pose is behind the source."""
     return {"latency_ms": round(1e3 * (time.perf_counter() - arrived), 3), "lag_ms": round(1e3 * lag_s, 3)}
 
 
-def event(kind: str, message: str, time_s: float) -> dict[str, Any]:
+def event(kind: str, message: str, time_s: float) -> EventLine:
     """Return the line of an event."""
-    return {"event": kind, "t": None if math.isnan(time_s) else round(time_s, 6), "message": message}
+    return event_line(kind, message, None if math.isnan(time_s) else round(time_s, 6))
 
 
 def rounded(values: np.ndarray) -> list[float]:

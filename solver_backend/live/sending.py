@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.live_lines import FrameLine, LiveLine, event_line
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
@@ -37,21 +37,24 @@ class PoseSender:
         self._shift = 0.0
         self._packets = PacketSender(address)
 
-    def watched(self, lines: Iterable[dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    def watched(self, lines: Iterable[LiveLine]) -> Iterator[LiveLine]:
         """Yield the same lines, those with a pose after they were sent, and events about the receiver.
 
         Raises:
             MotionInvalid: the body is no humanoid.
         """
         for line in lines:
-            if line.get("event") in ("shape", "fingers"):
-                self._bundle = None
-            elif "pose" in line and (message := self._send(line)):
+            if "event" in line:
+                self._bundle = None if line["event"] in ("shape", "fingers") else self._bundle
+            elif message := self._send(line):
                 back = message.endswith("is back.")
-                yield {"event": "receiver_back" if back else "receiver_away", "t": line["t"], "message": message}
+                yield event_line("receiver_back" if back else "receiver_away", message, line["t"])
             yield line
 
-    def _send(self, line: dict[str, Any]) -> str:
+    def _send(self, line: FrameLine) -> str:
+        """Send the pose of a line, if it has one; return what is to be reported of the receiver."""
+        if "root" not in line or "pose" not in line or "trans" not in line:
+            return ""
         if self._bundle is None:
             self._bundle = FrameBundle(Humanoid(*self._proportions()))
         rotvec = np.array([*line["root"], *line["pose"]]).reshape(-1, 3)
@@ -64,7 +67,7 @@ class PoseSender:
         self._clock = t
         return t + self._shift
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Return where bundles were sent, and how many."""
         return {"sent_to": str(self._packets.address), "sent": self._packets.sent, "refused": self._packets.refused}
 

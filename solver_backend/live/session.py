@@ -5,10 +5,10 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.live_lines import FrameDelays, FrameLine, LiveLine
 from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
@@ -70,7 +70,7 @@ class LiveSession:
         for number in range(_TRIAL_FRAMES):
             list(trial.step(PointFrame(number / 60.0, rest + 1e-4 * number, time.perf_counter())))
 
-    def run(self, frames: Iterable[PointFrame]) -> Iterator[dict[str, Any]]:
+    def run(self, frames: Iterable[PointFrame]) -> Iterator[LiveLine]:
         """Yield a line a frame, and events; nothing that comes as a frame ends it."""
         for frame in frames:
             try:
@@ -84,7 +84,7 @@ class LiveSession:
         """(3, 3) what turns the source's points into metres, Z up; None while it is not known."""
         return self._turn
 
-    def step(self, frame: PointFrame) -> Iterator[dict[str, Any]]:
+    def step(self, frame: PointFrame) -> Iterator[LiveLine]:
         """Yield what one frame makes: perhaps events, then a pose or what keeps it from having one."""
         if frame.fault:
             yield event("line_ignored", frame.fault, frame.time)
@@ -112,7 +112,7 @@ class LiveSession:
             self._shape_sent = True
             yield {**event("shape", "The person's shape is known.", frame.time), "betas": rounded(shape)}
 
-    def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> dict[str, Any]:
+    def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> FrameLine:
         """Return the pose of a frame."""
         self.shown, self.shown_off_m = points, np.full(len(points), np.nan)
         near = self._nearest(points)
@@ -140,11 +140,12 @@ class LiveSession:
         else:
             self._good = frame.time
         self._number += 1
-        return {
+        line: FrameLine = {
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
             **pose_of(found.pose), "markers": len(named), "points": len(frame.points),
-            "off_mm": round(1e3 * found.off_m, 2), **_delays(frame), **({"why": doubts} if doubts else {}),
+            "off_mm": round(1e3 * found.off_m, 2), **_delays(frame),
         }  # fmt: skip
+        return {**line, "why": doubts} if doubts else line
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
         """Return which points may be the person's: all, or of very many those about the body or their middle."""
@@ -179,7 +180,7 @@ class LiveSession:
         self._still_s = self._still_s + dt if same else 0.0
         return self._still_s > FROZEN_S
 
-    def _nothing(self, frame: PointFrame, why: str, state: str) -> dict[str, Any]:
+    def _nothing(self, frame: PointFrame, why: str, state: str) -> FrameLine:
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(frame.time, 6), "state": state, "why": why,
@@ -193,5 +194,5 @@ def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
     return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
 
 
-def _delays(frame: PointFrame) -> dict[str, float]:
+def _delays(frame: PointFrame) -> FrameDelays:
     return delays(frame.arrived, frame.lag_s)

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import time
 from collections import Counter, deque
-from typing import Any
 
 import numpy as np
+
+from solver_backend.exchange.live_lines import LiveLine
 
 KEPT = 16384
 """Latencies that are kept, the newest: a run of hours keeps no more."""
@@ -24,13 +25,13 @@ class LiveStatistics:
         self.lag_ms: deque[float] = deque(maxlen=KEPT)
         self._recent: deque[float] = deque(maxlen=KEPT)
 
-    def add(self, line: dict[str, Any]) -> None:
+    def add(self, line: LiveLine) -> None:
         """Count a line."""
         if "event" in line:
             self.events[line["event"]] += 1
             return
         self.states[line["state"]] += 1
-        if "pose" in line:
+        if "pose" in line and "latency_ms" in line:
             self.latency_ms.append(line["latency_ms"])
             self.lag_ms.append(line.get("lag_ms", line["latency_ms"]))
             self._recent.append(time.monotonic())
@@ -44,9 +45,9 @@ class LiveStatistics:
             return float(len(self._recent))
         return (len(self._recent) - 1) / max(self._recent[-1] - self._recent[0], 1e-6)
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Return frames, states, events, and latency and lag in the median and their 99th percentile."""
-        data: dict[str, Any] = {
+        data: dict[str, object] = {
             "frames": sum(self.states.values()), "states": dict(self.states), "events": dict(self.events),
         }  # fmt: skip
         for name, values in (("latency", self.latency_ms), ("lag", self.lag_ms)):

@@ -5,7 +5,6 @@ from __future__ import annotations
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.live_lines import EventLine, FrameDelays, FrameLine, LiveLine
 from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import pose
@@ -103,7 +103,7 @@ class ViewsSession:
         subject = self.fit.subject
         return subject.body.layout, subject.body.rest_joints(subject.betas)
 
-    def run(self, moments: Iterable[ViewMoment | dict[str, Any]]) -> Iterator[dict[str, Any]]:
+    def run(self, moments: Iterable[ViewMoment | EventLine]) -> Iterator[LiveLine]:
         """Yield a line a moment, and events; nothing that comes as a moment ends it."""
         for moment in moments:
             if isinstance(moment, dict):
@@ -116,7 +116,7 @@ class ViewsSession:
                 message = f"The moment could not be fitted ({error}); starting again."
                 yield event("restarted", message, moment.time)
 
-    def step(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
+    def step(self, moment: ViewMoment) -> Iterator[LiveLine]:
         """Yield what one moment makes: perhaps events, then a pose or what keeps it from having one."""
         dt, broken = self._clock.passed(moment.time)
         if broken:
@@ -152,7 +152,7 @@ class ViewsSession:
             self._shape_reported = True
             yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
 
-    def _fitted(self, moment: ViewMoment, found: ViewsFrame) -> dict[str, Any]:
+    def _fitted(self, moment: ViewMoment, found: ViewsFrame) -> FrameLine:
         seen = np.isfinite(found.points_off_m)
         self.shown, self.shown_off_m = found.points[seen], found.points_off_m[seen]
         self._expected = found.landmarks
@@ -168,11 +168,12 @@ class ViewsSession:
         elif moment.time - self._good > LOST_S:
             self._reset()
         self._number += 1
-        return {
+        line: FrameLine = {
             "frame": self._number - 1, "t": round(moment.time, 6), "state": "tracking" if off_m < BAD_M and not doubts
             else "unsure", **pose_of(found.pose), "points": int(seen.sum()), "views": _views(moment),
-            "off_mm": round(1e3 * off_m, 2), **_delays(moment), **({"why": doubts} if doubts else {}),
+            "off_mm": round(1e3 * off_m, 2), **_delays(moment),
         }  # fmt: skip
+        return {**line, "why": doubts} if doubts else line
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them.
@@ -203,7 +204,7 @@ class ViewsSession:
         c = self.cameras
         return project(c.K, c.distortion, c.R, c.t, points[None], c.distortion_model)[:, 0]
 
-    def _enter_world(self, moment: ViewMoment) -> Iterator[dict[str, Any]]:
+    def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
         """Take the world in which the person of the first moments stands upright on the floor."""
         xy, confidence = (np.stack(part, axis=1) for part in zip(*self._first, strict=True))
         self._world_known, self._first = True, []
@@ -217,7 +218,7 @@ class ViewsSession:
         self.fit.restart()
         self._expected, self._good, self._may_start_anew = None, float("-inf"), True
 
-    def _nothing(self, moment: ViewMoment, why: str, state: str) -> dict[str, Any]:
+    def _nothing(self, moment: ViewMoment, why: str, state: str) -> FrameLine:
         self._number += 1
         return {
             "frame": self._number - 1, "t": round(moment.time, 6), "state": state, "why": why,
@@ -258,5 +259,5 @@ def _views(moment: ViewMoment) -> int:
     return sum(people is not None for people in moment.people)
 
 
-def _delays(moment: ViewMoment) -> dict[str, float]:
+def _delays(moment: ViewMoment) -> FrameDelays:
     return delays(moment.arrived, time.perf_counter() - moment.arrived)

@@ -16,6 +16,7 @@ from solver_backend.body.hands import with_fingers
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, event_line
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF
@@ -41,7 +42,6 @@ _LEGS = (("left_hip", "left_knee", "left_ankle"), ("right_hip", "right_knee", "r
 _SAME = 0.005
 """Share by which legs may differ in length without the path being scaled."""
 
-Event = dict[str, Any]
 Frame = TypeVar("Frame", covariant=True)
 
 
@@ -58,7 +58,7 @@ class Assembly(Protocol[Frame]):
 
 def listen(
     address: VmcAddress, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
-) -> Generator[Frame | Event, None, None]:
+) -> Generator[Frame | EventLine, None, None]:
     """Yield frames as they come, and events; a port that is taken is waited for.
 
     Args:
@@ -75,17 +75,17 @@ def listen(
         there = _bound(address)
         if there is None:
             if not busy:
-                yield _event("port_busy", f"Another program listens at {address}; waiting until it ends.")
+                yield event_line("port_busy", f"Another program listens at {address}; waiting until it ends.")
             busy = True
             time.sleep(_RETRY_S)
     with there:
-        yield _event("listening", f"Listening at {address}.")
+        yield event_line("listening", f"Listening at {address}.")
         yield from _received(there, assembly, ask)
 
 
 def _received(
     there: socket.socket, assembly: Assembly[Frame], ask: Callable[[socket.socket], None] = lambda there: None
-) -> Iterator[Frame | Event]:
+) -> Iterator[Frame | EventLine]:
     heard, silent, broken = time.perf_counter(), False, False
     ask(there)
     asked = heard
@@ -98,23 +98,23 @@ def _received(
                 ask(there)
             if not silent and time.perf_counter() - heard > SILENT_S:
                 silent = True
-                yield _event("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
+                yield event_line("sender_silent", f"Nothing has come for {SILENT_S:g} s; waiting.")
             continue
         except ConnectionError:  # Windows reports what an earlier packet of ours met
             continue
         except OSError as error:
             if not broken:
                 broken = True
-                yield _event("port_broken", f"Nothing can be received ({error.strerror or error}); trying again.")
+                yield event_line("port_broken", f"Nothing can be received ({error.strerror or error}); trying again.")
             time.sleep(_LOOK_S)
             continue
         heard, broken = time.perf_counter(), False
         if silent:
             silent = False
-            yield _event("sender_back", "Packets arrive again.")
+            yield event_line("sender_back", "Packets arrive again.")
         yield from assembly.take(packet, sender, heard)
         while assembly.news:
-            yield _event(*assembly.news.pop(0))
+            yield event_line(*assembly.news.pop(0))
 
 
 def _bound(address: VmcAddress) -> socket.socket | None:
@@ -154,7 +154,7 @@ class BonesOnBody:
     def __init__(self, body: Body, betas: np.ndarray | None = None) -> None:
         """Take the body, and the shape of a person who is known."""
         self.body, self.betas = body, betas
-        self.news: list[Event] = []
+        self.news: list[EventLine] = []
         self._humanoid: Humanoid | None = None
         self._scale, self._fingers = 1.0, False
 
@@ -173,7 +173,7 @@ class BonesOnBody:
         if not self._fingers and has_fingers(frame):
             self._fingers, self.body = True, with_fingers(self.body)
             self._humanoid = Humanoid(*self.proportions())
-            self.news.append(_event("fingers", "The sender moves fingers, so the body has them too."))
+            self.news.append(event_line("fingers", "The sender moves fingers, so the body has them too."))
         humanoid = self._humanoid
         assert humanoid is not None
         quat = np.tile([1.0, 0.0, 0.0, 0.0], (len(humanoid.bones), 1))
@@ -194,20 +194,20 @@ class BonesOnBody:
             own = own_shape(self.body, rest)
             self.betas = shape_from_lengths(self.body, rest) if own is None else own
             message = "The person's shape follows from the lengths of the sender's bones."
-            self.news.append({**_event("shape", message), "betas": np.round(self.betas, 6).tolist()})
+            self.news.append({**event_line("shape", message), "betas": np.round(self.betas, 6).tolist()})
         layout, ours = self.proportions()
         self._humanoid = Humanoid(layout, ours)
         wanted, given = np.mean([_length(ours, self.body, chain) for chain in _LEGS]), np.mean(legs)
         if np.isfinite(given) and given > 0 and abs(wanted / given - 1.0) > _SAME:
             self._scale = float(wanted / given)
             message = f"The sender's legs are {given:.2f} m long, the body's {wanted:.2f} m: its path is scaled."
-            self.news.append(_event("path_scaled", message))
+            self.news.append(event_line("path_scaled", message))
 
 
 def pose_lines(
-    found: Iterable[BoneFrame | Event], onto: BonesOnBody, recorder: PoseRecorder | None = None,
+    found: Iterable[BoneFrame | EventLine], onto: BonesOnBody, recorder: PoseRecorder | None = None,
     face: FaceRecorder | None = None,
-) -> Iterator[Event]:  # fmt: skip
+) -> Iterator[LiveLine]:  # fmt: skip
     """Yield the lines of a live run; frames are recorded before.
 
     Args:
@@ -230,12 +230,14 @@ def pose_lines(
         yield from onto.news
         onto.news.clear()
         now = time.perf_counter()
-        yield {
+        line: FrameLine = {
             "frame": number, "t": round(item.time, 6), "state": "tracking", "root": np.round(rotvec[0], 6).tolist(),
             "pose": np.round(rotvec[1:], 6).ravel().tolist(), "trans": np.round(transl, 6).tolist(),
             "points": 0, "latency_ms": round(1e3 * (now - taken), 3), "lag_ms": round(1e3 * (now - item.arrived), 3),
-            **({"face": {name: round(value, 4) for name, value in item.face.items()}} if item.face else {}),
         }  # fmt: skip
+        if item.face:
+            line["face"] = {name: round(value, 4) for name, value in item.face.items()}
+        yield line
         number += 1
 
 
@@ -256,7 +258,3 @@ def _t_joints(frame: BoneFrame, body: Body) -> np.ndarray:
 def _length(joints: np.ndarray, body: Body, chain: tuple[str, ...]) -> float:
     places = joints[[body.layout.joints.index(name) for name in chain]]
     return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
-
-
-def _event(kind: str, message: str) -> Event:
-    return {"event": kind, "t": None, "message": message}

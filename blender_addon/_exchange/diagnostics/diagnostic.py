@@ -7,7 +7,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 from enum import StrEnum
 from numbers import Integral
-from typing import Any
+from typing import Any, TypedDict
 
 from .entry import Severity
 from .table import TABLE
@@ -49,11 +49,23 @@ class Where:
     person: str = ""
     """Name of a person."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain JSON values of the fields that are not empty."""
         found = {item.name: getattr(self, item.name) for item in fields(self)}
-        plain = {key: value if isinstance(value, str) else list(value) for key, value in found.items() if value}
+        plain: dict[str, object] = {
+            key: value if isinstance(value, str) else list(value) for key, value in found.items() if value
+        }
         return {**plain, "frames": [list(run) for run in self.frames]} if self.frames else plain
+
+
+class DiagnosticValues(TypedDict):
+    """A diagnostic as plain JSON values."""
+
+    code: str
+    severity: str
+    where: dict[str, object]
+    values: dict[str, object]
+    remedy: str
 
 
 @dataclass(frozen=True)
@@ -71,7 +83,7 @@ class Diagnostic:
     remedy: Remedy = Remedy.REPORTED
     """What was done."""
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> DiagnosticValues:
         """Return plain JSON values, which ``read_diagnostics`` reads back."""
         return {
             "code": self.code, "severity": self.severity.value, "where": self.where.as_dict(),

@@ -5,16 +5,15 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
 
 from ..._exchange.errors import MocapError
 from ..._exchange.outputs import write_text
 from ..._exchange.plain_text import plain
 from ..._exchange.progress import Progress
 from ...errors import TakeUndoable
-from ..exit_codes import exit_code
 from .engines.base import DIED, LOST, Ended, Engine, Ticket
-from .record import read_record
+from .record import Failure, TakeRecord, begun_record, failure_of, read_record
 from .run_take import failed, recalled
 from .work import Work, take_name
 
@@ -50,7 +49,7 @@ def dispatch(
     source: Source,
     engine: Engine,
     progress: Progress,
-    ended: Callable[[dict[str, Any], bool], None],
+    ended: Callable[[TakeRecord, bool], None],
 ) -> None:
     """Do all takes of a source.
 
@@ -94,7 +93,7 @@ def _again(engine: Engine, one: Ended) -> Ticket | None:
     """Return the ticket of a take that is to be tried again."""
     if one.how == LOST:
         return one.ticket
-    code = (one.record.get("error") or {}).get("code")
+    code = _code_of(one)
     if one.how == DIED or code not in _CRASHES | _OF_THE_WORKER:
         return None
     one.ticket.tries += 1
@@ -102,29 +101,36 @@ def _again(engine: Engine, one: Ended) -> Ticket | None:
     return one.ticket if one.ticket.tries < engine.tries else None
 
 
-def _record_of(work: Work, one: Ended, engine: Engine) -> dict[str, Any]:
+def _code_of(one: Ended) -> str:
+    """Return the code of the error that a take ended with, "" for none."""
+    error = None if one.record is None else one.record.get("error")
+    return error["code"] if error else ""
+
+
+def _record_of(work: Work, one: Ended, engine: Engine) -> TakeRecord:
     """Return the take's last record; one that crashes whoever does it is set aside with a log of what was tried."""
     folder = work.out / one.ticket.name
-    code = (one.record.get("error") or {}).get("code")
-    if one.record.get("status") == "skipped":  # done by a worker that died before it could report it
-        return {**one.record, "status": "done"}
-    if one.how != DIED and (engine.tries == 1 or code not in _CRASHES):
-        return one.record
-    if one.how == DIED:
-        known = read_record(folder) or {"take": one.ticket.name, "capture": str(one.ticket.capture)}
+    code, record = _code_of(one), one.record
+    if record is not None and record["status"] == "skipped":  # done by a worker that died before it could report it
+        return {**record, "status": "done"}
+    if record is not None and one.how != DIED and (engine.tries == 1 or code not in _CRASHES):
+        return record
+    if record is None or "error" not in record:
+        known = read_record(folder) or begun_record(one.ticket.name, one.ticket.capture)
         error: MocapError = TakeUndoable(
             "The take has ended every worker that tried it.", where=str(one.ticket.capture),
             hint="Solve it alone, with --take-memory. It is not tried again until its files or settings change.",
         )  # fmt: skip
-        record = failed(known, folder, error.as_event() | {"exit_code": exit_code(error)}, SET_ASIDE)
+        record, why = known, failure_of(error)
     else:
-        record = failed(one.record, folder, one.record["error"], SET_ASIDE)
-    _write_log(folder, record)
+        why = record["error"]
+    record = failed(record, folder, why, SET_ASIDE)
+    _write_log(folder, record, why)
     return record
 
 
-def _write_log(folder: Path, record: dict[str, Any]) -> None:
-    lines = [f"{record['take']} was set aside: {record['error']['message']}", f"capture: {record['capture']}", ""]
+def _write_log(folder: Path, record: TakeRecord, why: Failure) -> None:
+    lines = [f"{record['take']} was set aside: {why['message']}", f"capture: {record['capture']}", ""]
     for number, attempt in enumerate(record.get("attempts", ()), 1):
         message = attempt.get("message", "")
         lines.append(

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from .shots import Shots
 from .takes import Takes
-from .work import Work
+from .work import Plain, Work
 
 _KINDS: dict[str, type[Takes] | type[Shots]] = {kind.kind: kind for kind in (Takes, Shots)}
 
 
-def work_of(values: dict[str, Any]) -> Work:
+def work_of(values: Plain) -> Work:
     """Return the work that its ``plain`` has written."""
     return _KINDS[values["kind"]].from_plain(values)

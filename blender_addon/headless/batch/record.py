@@ -9,14 +9,84 @@ from __future__ import annotations
 import hashlib
 import json
 from pathlib import Path
-from typing import Any
+from typing import Any, NotRequired, TypedDict, TypeGuard
 
 from ..._exchange.errors import MocapError
 from ..._exchange.json_file import read_json_file
 from ..._exchange.outputs import atomic_outputs
+from ..._exchange.verb_results import SolveResult
 from ..._exchange.version import VERSION
+from ..exit_codes import exit_code
 
 NAME = "take.json"
+UNFINISHED = "unfinished"
+"""Status of a take that somebody works on, or was working on when it was interrupted."""
+
+
+class StepRecord(TypedDict):
+    """A step that was done."""
+
+    key: str
+    """Of what it was made from."""
+    outputs: list[str]
+    """Names in the take's folder."""
+    notes: list[str]
+    seconds: float
+
+
+class Attempt(TypedDict):
+    """Who tried a step, and how it ended."""
+
+    step: str
+    worker: str
+    how: str
+    """begun, done or the code of an error."""
+    message: NotRequired[str]
+
+
+class Failure(TypedDict):
+    """Why a take failed."""
+
+    event: NotRequired[str]
+    code: str
+    message: str
+    where: NotRequired[str]
+    hint: NotRequired[str]
+    exit_code: int
+
+
+class StepMade(TypedDict):
+    """What a step hands back for the record."""
+
+    outputs: list[str]
+    """Names in the take's folder."""
+    notes: list[str]
+    figures: NotRequired[SolveResult]
+    """What the worst of the take's solves reported."""
+    people: NotRequired[list[str]]
+
+
+class TakeRecord(TypedDict):
+    """A take's record, in its folder and in the summary."""
+
+    take: str
+    """Name of its folder."""
+    capture: str
+    status: str
+    """unfinished, done, skipped, failed or set aside."""
+    inputs: NotRequired[str]
+    """Key of the first step."""
+    steps: NotRequired[dict[str, StepRecord]]
+    """By name."""
+    attempts: NotRequired[list[Attempt]]
+    solve: NotRequired[SolveResult]
+    """What the worst of the take's solves reported."""
+    people: NotRequired[list[str]]
+    outputs: NotRequired[list[str]]
+    """Of all steps, as paths."""
+    notes: NotRequired[list[str]]
+    seconds: NotRequired[float]
+    error: NotRequired[Failure]
 
 
 def fingerprint(capture: Path, choices: dict[str, Any]) -> str:
@@ -43,13 +113,23 @@ def step_key(before: str, step: str, choices: dict[str, Any]) -> str:
     return hashlib.sha256(json.dumps([before, step, choices], sort_keys=True).encode()).hexdigest()
 
 
-def is_step_done(record: dict[str, Any], folder: Path, step: str, key: str) -> bool:
+def begun_record(take: str, capture: Path) -> TakeRecord:
+    """Return the record of a take of which nothing is done."""
+    return {"take": take, "capture": str(capture), "status": UNFINISHED}
+
+
+def failure_of(error: MocapError) -> Failure:
+    """Return an error as a record has it."""
+    return {**error.as_event(), "exit_code": exit_code(error)}
+
+
+def is_step_done(record: TakeRecord, folder: Path, step: str, key: str) -> bool:
     """Return whether a step's outputs are there, made from just this."""
-    kept = (record.get("steps") or {}).get(step) or {}
-    return kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
+    kept = (record.get("steps") or {}).get(step)
+    return bool(kept) and kept.get("key") == key and all((folder / name).is_file() for name in kept.get("outputs", ()))
 
 
-def read_record(folder: Path) -> dict[str, Any] | None:
+def read_record(folder: Path) -> TakeRecord | None:
     """Return the record of a take's folder; None where there is none, or it cannot be read."""
     try:
         record = read_json_file(folder / NAME)
@@ -58,13 +138,14 @@ def read_record(folder: Path) -> dict[str, Any] | None:
     return record if _is_record(record) else None
 
 
-def _is_record(value: Any) -> bool:
+def _is_record(value: Any) -> TypeGuard[TakeRecord]:
     """Return whether a value has the parts of a record, each of its kind."""
     if not isinstance(value, dict):
         return False
     steps, attempts = value.get("steps") or {}, value.get("attempts") or []
     return (
-        isinstance(steps, dict)
+        all(isinstance(value.get(key), str) for key in ("take", "capture", "status"))
+        and isinstance(steps, dict)
         and all(isinstance(step, dict) and _texts(step.get("outputs", [])) for step in steps.values())
         and isinstance(attempts, list)
         and all(isinstance(attempt, dict) for attempt in attempts)
@@ -77,7 +158,7 @@ def _texts(value: Any) -> bool:
     return isinstance(value, list) and all(isinstance(item, str) for item in value)
 
 
-def write_record(folder: Path, record: dict[str, Any]) -> None:
+def write_record(folder: Path, record: TakeRecord) -> None:
     """Write a take's record, whole or not at all.
 
     Raises:

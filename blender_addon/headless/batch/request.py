@@ -12,7 +12,7 @@ from ..._exchange.reading_settings import ROWS as READING
 from ...errors import BatchInvalid
 from ...solving.take_paths import MARKER_SUFFIXES, is_session, trials_below
 from .limits import TakeLimits
-from .work import take_name
+from .work import Plain, take_name
 
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})
 """Keys of a batch's job file."""
@@ -47,7 +47,7 @@ class BatchRequest:
     accept: tuple[str, ...] = ()
     """Codes of faults that are accepted beside those of the job file."""
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Plain:
         """Return the request for another process or machine: plain values, paths from the root."""
         paths = {name: getattr(self, name) for name in ("captures", "out", "body")}
         whole = {name: None if path is None else str(path.resolve()) for name, path in paths.items()}
@@ -58,7 +58,7 @@ class BatchRequest:
         }  # fmt: skip
 
     @classmethod
-    def from_plain(cls, values: dict[str, Any]) -> BatchRequest:
+    def from_plain(cls, values: Plain) -> BatchRequest:
         """Return the request that ``plain`` has written; the job file's settings travel as choices."""
         body, python = (Path(values[name]) if values[name] else None for name in ("body", "python"))
         return cls(

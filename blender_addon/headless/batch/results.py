@@ -7,10 +7,10 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any
 
 from ..._exchange.outputs import atomic_outputs
 from .engines.base import Engine
+from .record import TakeRecord
 from .summary import table, worst_first
 from .summary_page import summary_page
 
@@ -30,7 +30,7 @@ class Results:
 
     def __init__(self, out: Path) -> None:
         self._out = out
-        self._takes: dict[str, dict[str, Any]] = {}
+        self._takes: dict[str, TakeRecord] = {}
         self._next, self._start = 0.0, time.monotonic()
         self._done = 0
         self._engine: Engine | None = None
@@ -50,14 +50,14 @@ class Results:
         finally:
             self._who, self._engine = engine.headline(), None
 
-    def add(self, record: dict[str, Any], recalled: bool) -> None:
+    def add(self, record: TakeRecord, recalled: bool) -> None:
         """Keep the record of a take, and write the summary if that was not done just now."""
         self._takes[record["take"]] = record
         self._done += not recalled
         if time.monotonic() > self._next:
             self.write()
 
-    def ordered(self) -> list[dict[str, Any]]:
+    def ordered(self) -> list[TakeRecord]:
         """Return the takes, worst first."""
         return worst_first(list(self._takes.values()))
 

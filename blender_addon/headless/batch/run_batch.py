@@ -8,14 +8,15 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from ..._exchange.progress import Progress
 from ..._exchange.unfinished import temporary_folder
 from ...errors import BatchInvalid
-from .dispatch import SET_ASIDE, dispatch
+from ..result import CommandResult
+from .dispatch import dispatch
 from .engines.base import Engine
 from .engines.here import HereEngine, ProcessesEngine
+from .record import TakeRecord
 from .request import BatchRequest, Spread, find_captures
 from .results import Results
 from .source import Listed, Watched
@@ -24,7 +25,14 @@ from .takes import Takes
 from .work import Work
 
 
-def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> dict[str, Any]:
+class BatchResult(CommandResult):
+    """Of ``batch``."""
+
+    takes: list[TakeRecord]
+    """Worst first."""
+
+
+def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread()) -> BatchResult:
     """Do all takes and write ``summary.json``, ``summary.txt`` and ``summary.html``.
 
     Args:
@@ -55,7 +63,7 @@ def run_batch(request: BatchRequest, progress: Progress, spread: Spread = Spread
     finally:
         results.write()
     ordered = results.ordered()
-    codes = [take["error"]["exit_code"] for take in ordered if take["status"] in ("failed", SET_ASIDE)]
+    codes = [take["error"]["exit_code"] for take in ordered if "error" in take]
     return {
         "event": "result", "takes": ordered, "table": table(ordered), "outputs": results.outputs, "notes": notes,
         "exit_code": max(codes, default=0),

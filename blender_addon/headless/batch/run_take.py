@@ -12,18 +12,26 @@ from typing import Any
 from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
 from ..._exchange.outputs import full_disk, is_free
 from ..._exchange.progress import Progress
-from ..exit_codes import BROKEN, exit_code
-from .record import is_step_done, read_record, write_record
+from ..exit_codes import BROKEN
+from .record import (
+    UNFINISHED,
+    Failure,
+    StepMade,
+    StepRecord,
+    TakeRecord,
+    begun_record,
+    failure_of,
+    is_step_done,
+    read_record,
+    write_record,
+)
 from .work import Place, Step, Work, take_name
 
-UNFINISHED = "unfinished"
-"""Status of a take that somebody works on, or was working on when it was interrupted."""
 _KEPT_ATTEMPTS = 20
 """Attempts at a take that its record keeps, the last ones; chosen by hand."""
-_KEPT = ("steps", "attempts", "solve", "people")
 
 
-def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> dict[str, Any]:
+def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> TakeRecord:
     """Do all steps of one take, or recall it; errors become part of its record.
 
     Args:
@@ -50,25 +58,27 @@ def run_take(work: Work, capture: Path, progress: Progress, **place: Any) -> dic
     return record
 
 
-def recalled(work: Work, capture: Path) -> dict[str, Any] | None:
+def recalled(work: Work, capture: Path) -> TakeRecord | None:
     """Return the record of a take that is done or was set aside, None where there is something to do."""
     folder = work.out / take_name(capture)
-    known = read_record(folder) or {}
+    known = read_record(folder)
     try:
         steps = work.steps(capture)
     except OSError:
         return None
+    if known is None:
+        return None
     if known.get("status") == "set aside" and known.get("inputs") == steps[0].key:
         return known
     done = known.get("status") == "done" and all(is_step_done(known, folder, s.name, s.key) for s in steps)
-    return {**known, **_whole(known, folder, steps), "status": "skipped"} if done else None
+    return _whole(known, folder, steps, "skipped") if done else None
 
 
 def run_step(
     work: Work, capture: Path, step: str, progress: Progress, *,
     worker: str = "", stopped: Callable[[], MocapError | None] = lambda: None, in_child: bool = False,
     scheduler: str = "",
-) -> dict[str, Any]:  # fmt: skip
+) -> TakeRecord:  # fmt: skip
     """Do one step of a take, unless it is done or not wanted, and return the take's record.
 
     It may be run twice, by anybody: what it writes is named when it is whole, and the record is written last.
@@ -88,7 +98,7 @@ def run_step(
     """
     name = take_name(capture)
     folder = work.out / name
-    record: dict[str, Any] = {"take": name, "capture": str(capture)}
+    record = begun_record(name, capture)
     start = time.monotonic()
 
     def of_take(stage: str, done: int, total: int) -> None:
@@ -96,42 +106,42 @@ def run_step(
 
     try:
         wanted = work.steps(capture)
-        record |= _known(folder, wanted)
+        record = _known(record, folder, wanted)
         mine = next((one for one in wanted if one.name == step), None)
         if mine is not None and not is_step_done(record, folder, mine.name, mine.key):
             record = _begun(record, folder, step, worker)
             made = work.do_step(capture, step, Place(folder, of_take, stopped, in_child, scheduler))
             record = _ended(record, mine, made, time.monotonic() - start)
         if all(is_step_done(record, folder, s.name, s.key) for s in wanted):
-            record |= {**_whole(record, folder, wanted), "status": "done"}
+            record = _whole(record, folder, wanted, "done")
         if mine is not None:
             write_record(folder, record)
         return record
     except Cancelled:
         raise
     except MocapError as error:
-        failure = error.as_event() | {"exit_code": exit_code(error)}
+        return failed(record, folder, failure_of(error))
     except Exception as error:  # what breaks one take must not stop the others
         if (named := full_disk(error)) is not None:
-            return failed(record, folder, named.as_event() | {"exit_code": exit_code(named)})
+            return failed(record, folder, failure_of(named))
         traceback.print_exc()
-        failure = {"code": "take_failed", "message": f"{type(error).__name__}: {error}", "exit_code": BROKEN}
+        failure: Failure = {"code": "take_failed", "message": f"{type(error).__name__}: {error}", "exit_code": BROKEN}
     return failed(record, folder, failure)
 
 
-def failed(record: dict[str, Any], folder: Path, failure: dict[str, Any], status: str = "failed") -> dict[str, Any]:
+def failed(record: TakeRecord, folder: Path, failure: Failure, status: str = "failed") -> TakeRecord:
     """Return a take's record with what went wrong, and keep it where the folder is ours and can be written to."""
     record = {**record, "status": status, "error": failure}
-    if record.get("attempts"):
-        record["attempts"][-1] |= {"how": failure["code"], "message": failure["message"]}
+    if attempts := record.get("attempts"):
+        attempts[-1]["how"], attempts[-1]["message"] = failure["code"], failure["message"]
     with suppress(OutputNotWritable):
         if read_record(folder) is not None:
             write_record(folder, record)
     return record
 
 
-def _known(folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
-    """Return what is still true of the record of a take's folder, nothing for a folder that is new.
+def _known(record: TakeRecord, folder: Path, wanted: tuple[Step, ...]) -> TakeRecord:
+    """Return a record with what is still true of that of a take's folder, nothing for a folder that is new.
 
     Raises:
         OutputExists: the folder holds files that are not ours.
@@ -141,13 +151,21 @@ def _known(folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
         raise OutputExists(
             "The take's folder holds files that no batch has written.", where=str(folder), hint="Choose another --out."
         )
-    inputs = wanted[0].key
-    same = known is not None and known.get("inputs") == inputs
-    kept = {name: known[name] for name in _KEPT if name in known} if known and same else {}
-    return {"status": UNFINISHED, "inputs": inputs, **kept}
+    record = {**record, "inputs": wanted[0].key}
+    if known is None or known.get("inputs") != record["inputs"]:
+        return record
+    if "steps" in known:
+        record["steps"] = known["steps"]
+    if "attempts" in known:
+        record["attempts"] = known["attempts"]
+    if "solve" in known:
+        record["solve"] = known["solve"]
+    if "people" in known:
+        record["people"] = known["people"]
+    return record
 
 
-def _begun(record: dict[str, Any], folder: Path, step: str, worker: str) -> dict[str, Any]:
+def _begun(record: TakeRecord, folder: Path, step: str, worker: str) -> TakeRecord:
     """Return the record, written, of a take that somebody works on: a step without an end was interrupted."""
     attempts = [*record.get("attempts", ())][-_KEPT_ATTEMPTS:]
     record = {**record, "attempts": [*attempts, {"step": step, "worker": worker, "how": "begun"}]}
@@ -155,18 +173,26 @@ def _begun(record: dict[str, Any], folder: Path, step: str, worker: str) -> dict
     return record
 
 
-def _ended(record: dict[str, Any], step: Step, made: dict[str, Any], seconds: float) -> dict[str, Any]:
-    kept = {"key": step.key, "outputs": made["outputs"], "notes": made["notes"], "seconds": round(seconds, 2)}
-    figures = {"solve": made["figures"]} if "figures" in made else {}
-    figures |= {"people": made["people"]} if "people" in made else {}
+def _ended(record: TakeRecord, step: Step, made: StepMade, seconds: float) -> TakeRecord:
+    record = {**record, "attempts": [*record.get("attempts", ())]}
     record["attempts"][-1]["how"] = "done"
-    return {**record, **figures, "steps": {**record.get("steps", {}), step.name: kept}}
+    if "figures" in made:
+        record["solve"] = made["figures"]
+    if "people" in made:
+        record["people"] = made["people"]
+    kept: StepRecord = {
+        "key": step.key, "outputs": made["outputs"], "notes": made["notes"], "seconds": round(seconds, 2),
+    }  # fmt: skip
+    return {**record, "steps": {**record.get("steps", {}), step.name: kept}}
 
 
-def _whole(record: dict[str, Any], folder: Path, wanted: tuple[Step, ...]) -> dict[str, Any]:
-    """Return what the wanted steps have made together."""
-    steps = [record["steps"][step.name] for step in wanted]
+def _whole(record: TakeRecord, folder: Path, wanted: tuple[Step, ...], status: str) -> TakeRecord:
+    """Return the record with what the wanted steps have made together."""
+    kept = record.get("steps", {})
+    steps = [kept[step.name] for step in wanted]
     return {
+        **record,
+        "status": status,
         "outputs": [str(folder / name) for step in steps for name in step["outputs"]],
         "notes": [note for step in steps for note in step["notes"]],
         "seconds": round(sum(step["seconds"] for step in steps), 2),

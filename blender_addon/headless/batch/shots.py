@@ -6,14 +6,15 @@ import hashlib
 import json
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from ..._exchange.version import VERSION
 from ...errors import ShotsMissing
 from ..child_verb import run_verb
 from ..solver import run_solver
 from .limits import TakeLimits
-from .work import Place, Step
+from .record import StepMade, TakeRecord
+from .work import Place, Plain, Step
 
 RECORDS, SHOTS = "tasks", "shots"
 """Folders of a data set: of the tasks' records, of the shots."""
@@ -60,7 +61,7 @@ class Shots:
             for name in ((FILM, COLOUR) if self.colour else (FILM,))
         )
 
-    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+    def do_step(self, item: Path, step: str, place: Place) -> StepMade:
         """Make a shot, or its colour pictures, in a process of its own; what is there stays.
 
         Raises:
@@ -76,7 +77,7 @@ class Shots:
             run_verb("studio", [*given, "--colour-of", item.name], place.progress, place.stopped)
         return {"outputs": [f"../../{SHOTS}/{item.name}/{_DONE[step]}"], "notes": []}
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Plain:
         """Return the work for another process or machine: plain values, paths from the root."""
         return {
             "kind": self.kind, "description": str(self.description.resolve()), "data_set": str(self.data_set.resolve()),
@@ -84,7 +85,7 @@ class Shots:
         }  # fmt: skip
 
     @classmethod
-    def from_plain(cls, values: dict[str, Any]) -> Shots:
+    def from_plain(cls, values: Plain) -> Shots:
         """Return the work that ``plain`` has written."""
         python = Path(values["python"]) if values["python"] else None
         description, data_set = Path(values["description"]), Path(values["data_set"])
@@ -100,7 +101,7 @@ def digest_of(description: Path) -> str:
     return hashlib.sha256(description.read_bytes()).hexdigest()
 
 
-def require_all(records: list[dict[str, Any]], data_set: Path) -> None:
+def require_all(records: list[TakeRecord], data_set: Path) -> None:
     """Make sure that all shots are there.
 
     Raises:
@@ -108,7 +109,7 @@ def require_all(records: list[dict[str, Any]], data_set: Path) -> None:
     """
     failed = [record for record in records if record["status"] not in ("done", "skipped")]
     if failed:
-        reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3])
+        reasons = "; ".join(f"{one['take']}: {one['error']['message']}" for one in failed[:3] if "error" in one)
         raise ShotsMissing(
             f"{len(failed)} of {len(records)} shots could not be made: {reasons}", where=str(data_set),
             hint=f"The others are kept, what was tried stands in {RECORDS}; the same command does what is missing.",

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+
+from .record import TakeRecord
 
 _BAD = ("failed", "set aside", "unfinished")
 HEAD = ("take", "status", "frames", "residual", "unsure", "bridged", "seconds", "what happened")
@@ -12,14 +13,14 @@ _RESIDUALS = {"reprojection_median_px": "px", "marker_median_mm": "mm"}
 """Figures of a solve that state how far it is from what was measured, by their unit."""
 
 
-def worst_first(takes: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
+def worst_first(takes: Sequence[TakeRecord]) -> list[TakeRecord]:
     """Return the takes sorted: failed ones, then by residual, then by the share of frames that deserve a look."""
     return sorted(
         takes, key=lambda take: (take["status"] not in _BAD, -_residual(take), -_doubtful(take), take["take"])
     )
 
 
-def table(takes: Sequence[dict[str, Any]]) -> str:
+def table(takes: Sequence[TakeRecord]) -> str:
     """Return the takes as aligned columns of text."""
     rows = [HEAD, *(cells(take) for take in takes)]
     widths = [max(len(row[c]) for row in rows) for c in range(len(HEAD))]
@@ -27,13 +28,13 @@ def table(takes: Sequence[dict[str, Any]]) -> str:
     return "\n".join(lines)
 
 
-def cells(take: dict[str, Any]) -> tuple[str, ...]:
+def cells(take: TakeRecord) -> tuple[str, ...]:
     """Return a take's row of the table."""
     solved = take.get("solve") or {}
     frames, unsure, bridged = (_text(solved.get(key)) for key in ("frames", "unsure_frames", "unseen_frames"))
     unit = next((unit for key, unit in _RESIDUALS.items() if solved.get(key) is not None), "")
     residual = f"{_residual(take):.2f} {unit}" if unit else "-"
-    message = take["error"]["message"] if take.get("error") else ""
+    message = take["error"]["message"] if "error" in take else ""
     return (take["take"], take["status"], frames, residual, unsure, bridged, _text(take.get("seconds")), message)
 
 
@@ -47,12 +48,12 @@ def _text(value: float | None) -> str:
     return f"{value:.2f}" if isinstance(value, float) else str(value)
 
 
-def _residual(take: dict[str, Any]) -> float:
+def _residual(take: TakeRecord) -> float:
     solved = take.get("solve") or {}
     return next((solved[key] for key in _RESIDUALS if solved.get(key) is not None), 0.0)
 
 
-def _doubtful(take: dict[str, Any]) -> float:
+def _doubtful(take: TakeRecord) -> float:
     solved = take.get("solve") or {}
     frames = solved.get("frames") or 1
     return (solved.get("unsure_frames", 0) + solved.get("unseen_frames", 0)) / frames

@@ -9,9 +9,9 @@ from collections.abc import Callable, Sequence
 from hashlib import sha256
 from html import escape
 from pathlib import Path
-from typing import Any
 
 from ..._exchange.plain_text import plain
+from .record import TakeRecord
 from .summary import HEAD, cells
 from .thumbnails import thumbnail
 
@@ -41,7 +41,7 @@ svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: r
 
 
 def summary_page(
-    takes: Sequence[dict[str, Any]], out: Path, message: str, picture: Callable[[Path], str] = thumbnail
+    takes: Sequence[TakeRecord], out: Path, message: str, picture: Callable[[Path], str] = thumbnail
 ) -> str:
     """Return the page.
 
@@ -71,7 +71,7 @@ def summary_page(
     )
 
 
-def _row(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | None) -> str:
+def _row(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
     bad = take["status"] not in ("done", "skipped")
     values = cells(take)
     shown = "".join(
@@ -81,7 +81,7 @@ def _row(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | None)
     return f"<tr{kind}><td>{_picture(take, out, picture)}</td>{shown}<td>{_links(take, out)}</td></tr>"
 
 
-def _picture(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | None) -> str:
+def _picture(take: TakeRecord, out: Path, picture: Callable[[Path], str] | None) -> str:
     """Return the contact sheet if one was rendered, or stick figures."""
     name = take["take"]
     if picture is None:
@@ -92,7 +92,7 @@ def _picture(take: dict[str, Any], out: Path, picture: Callable[[Path], str] | N
     return picture(out / name / f"{name}.npz") if take.get("outputs") else ""
 
 
-def _links(take: dict[str, Any], out: Path) -> str:
+def _links(take: TakeRecord, out: Path) -> str:
     name = take["take"]
     wanted = {"report": f"{name}.html", "video": f"{name}.mp4", "log": "take.log"}
     files = {word: Path(name) / file for word, file in wanted.items()}

@@ -11,14 +11,16 @@ from typing import Any, ClassVar
 from ..._exchange.diagnostics import read_diagnostics, sentence, warnings_in
 from ..._exchange.outputs import atomic_outputs
 from ..._exchange.reading_settings import options_of
+from ..._exchange.verb_results import SolveResult
 from ..bake import BakeRequest, run_bake
 from ..child_verb import run_verb
 from ..export import ExportRequest, run_export
+from ..result import CommandResult
 from ..solver import run_solver
 from .limits import TakeLimits, TakeWatch
-from .record import fingerprint, read_record, step_key
+from .record import StepMade, fingerprint, read_record, step_key
 from .request import BatchRequest
-from .work import Place, Step
+from .work import Place, Plain, Step
 
 
 @dataclass(frozen=True)
@@ -62,7 +64,7 @@ class Takes:
         others = (Step(name, step_key(solve, name, chosen[name])) for name, asked in wanted.items() if asked)
         return Step("solve", solve), *others
 
-    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+    def do_step(self, item: Path, step: str, place: Place) -> StepMade:
         """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
 
         Raises:
@@ -74,17 +76,17 @@ class Takes:
             return _export(self.request, place)
         return _show(self.request, item, place, blend=step == "bake")
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Plain:
         """Return the work for another process or machine: plain values, paths from the root."""
         return {"kind": self.kind, "request": self.request.plain(), "choices": self.choices}
 
     @classmethod
-    def from_plain(cls, values: dict[str, Any]) -> Takes:
+    def from_plain(cls, values: Plain) -> Takes:
         """Return the work that ``plain`` has written."""
         return cls(BatchRequest.from_plain(values["request"]), values["choices"])
 
 
-def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> dict[str, Any]:
+def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: Place) -> StepMade:
     folder, name = place.folder, place.folder.name
     copy, motion, page = (folder / f"{name}{end}" for end in ("_capture.npz", ".npz", ".html"))
     sync = (shared.get("settings") or {}).get("sync")
@@ -98,27 +100,31 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     )
     solver("convert", [str(capture), "--out", str(copy), "--overwrite", *reading])
     job_file = _write_job(folder, copy, motion, page, shared)
-    solved = solver("solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])])
-    takes = solved.get("takes", [solved])
-    several = [Path(take[kind]).name for take in takes for kind in ("motion", "report") if "takes" in solved]
+    solved: Any = solver(
+        "solve", ["--job", str(job_file), *(["--scheduler", place.scheduler] if place.scheduler else [])]
+    )
+    solved.pop("event", None)
+    takes: list[SolveResult] = solved.get("takes", [solved])
+    several = [Path(path).name for take in takes for path in (take["motion"], take["report"]) if path]
     worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
-    people = {"people": [take.get("person", "") for take in takes]} if "takes" in solved else {}
-    return {
-        "outputs": [copy.name, job_file.name, *(several or (motion.name, page.name))],
+    made: StepMade = {
+        "outputs": [copy.name, job_file.name, *(several if "takes" in solved else (motion.name, page.name))],
         "notes": [sentence(item) for take in takes for item in warnings_in(read_diagnostics(take["diagnostics"]))],
-        "figures": {key: value for key, value in worst.items() if key != "event"},
-        **people,
+        "figures": worst,
     }
+    if "takes" in solved:
+        made["people"] = [take.get("person", "") for take in takes]
+    return made
 
 
-def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> dict[str, Any]:
+def _show(request: BatchRequest, capture: Path, place: Place, *, blend: bool) -> StepMade:
     """Write the Blender file of each motion, or its video and contact sheet."""
     made = [_show_motion(motion, capture, request, place, blend=blend) for motion in _motions(place.folder)]
     outputs = [path for one in made for path in one["outputs"]]
     return {"outputs": _inside(place.folder, outputs), "notes": [note for one in made for note in one["notes"]]}
 
 
-def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> dict[str, Any]:
+def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Place, *, blend: bool) -> CommandResult:
     folder, copy = place.folder, place.folder / f"{place.folder.name}_capture.npz"
     if place.in_child:
         words = [str(motion), "--capture", str(copy), "--out", str(folder), "--overwrite"]
@@ -133,7 +139,7 @@ def _show_motion(motion: Path, capture: Path, request: BatchRequest, place: Plac
     return run_bake(wanted, place.progress)
 
 
-def _export(request: BatchRequest, place: Place) -> dict[str, Any]:
+def _export(request: BatchRequest, place: Place) -> StepMade:
     outputs = [path for motion in _motions(place.folder) for path in _export_motion(motion, request, place)]
     return {"outputs": _inside(place.folder, outputs), "notes": []}
 
@@ -152,9 +158,9 @@ def _export_motion(motion: Path, request: BatchRequest, place: Place) -> list[st
 
 def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[str]:
     """Write the cleaned markers of a take that was solved from markers, and return the files."""
-    record = read_record(place.folder) or {}
+    record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
-    if (record.get("solve") or {}).get("marker_median_mm") is None:
+    if record is None or "solve" not in record or record["solve"]["marker_median_mm"] is None:
         return []
     for path in paths:
         options = [str(motion), "--out", str(path), "--overwrite"]
@@ -164,7 +170,8 @@ def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[s
 
 def _motions(folder: Path) -> list[Path]:
     """Return the motions that the take's solve has made: one, or one a person."""
-    made = (read_record(folder) or {})["steps"]["solve"]["outputs"]
+    record = read_record(folder)
+    made = record["steps"]["solve"]["outputs"] if record is not None and "steps" in record else []
     return [folder / name for name in made if name.endswith(".npz") and name != f"{folder.name}_capture.npz"]
 
 

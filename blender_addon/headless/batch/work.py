@@ -10,6 +10,10 @@ from typing import Any, ClassVar, Protocol
 from ..._exchange.errors import MocapError
 from ..._exchange.progress import Progress
 from .limits import TakeLimits
+from .record import StepMade
+
+Plain = dict[str, Any]
+"""Work as plain values, for another process or machine: written by ``plain``, read by ``from_plain`` of its kind."""
 
 
 @dataclass(frozen=True)
@@ -66,7 +70,7 @@ class Work(Protocol):
         """
         ...
 
-    def do_step(self, item: Path, step: str, place: Place) -> dict[str, Any]:
+    def do_step(self, item: Path, step: str, place: Place) -> StepMade:
         """Do one step and return what goes into the record: ``outputs`` as names in the folder, ``notes``, figures.
 
         Raises:
@@ -74,7 +78,7 @@ class Work(Protocol):
         """
         ...
 
-    def plain(self) -> dict[str, Any]:
+    def plain(self) -> Plain:
         """Return plain values for another process or machine, with ``kind``."""
         ...
 

@@ -89,7 +89,7 @@ def map_of(values: Any, where: str) -> RigMap:
     return RigMap(str(values.get("label", Path(where).stem)), bones, switches, pose)
 
 
-def map_values(rig_map: RigMap) -> dict[str, Any]:
+def map_values(rig_map: RigMap) -> dict[str, object]:
     """Return the values that ``map_of`` reads."""
     switches = [{"bone": s.bone, "property": s.key, "fk": s.fk, "ik": s.ik} for s in rig_map.switches]
     return {

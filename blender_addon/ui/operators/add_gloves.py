@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -15,6 +15,9 @@ from ..locations import RELATIVE, files_folder, usable
 from ..preferences import chosen_python
 from .foreign_motion import THROUGH_BLENDER, remarks
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import GlovesResult
 
 VERB = "add-hands"
 """Of both command lines."""
@@ -87,7 +90,7 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, ImportHelper):
         solve_with = ["--python", str(python)] if python else []
         return self.follow(context, start_verb(VERB, [*given, *named, *solve_with], folder))
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: GlovesResult) -> set[str]:
         """Bake the motion as a new take, on a body with fingers."""
         from ...animation.takes import SolveFiles, take_file
         from .import_results import take_motion

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ...conventions.file_paths import stored
 from ..project_files import bring_home
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import PersonResult
 
 
 class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
@@ -42,7 +45,7 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
         options = ["--out", str(out), *(["--body", settings.solve.body] if settings.solve.body else [])]
         return self.launch(context, "calibrate", [str(capture), *options, *by_hand], out.parent)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: PersonResult) -> set[str]:
         """Solve with this person from now on."""
         context.scene.mocap.solve.subject = stored(result["subject"])
         bring_home()
@@ -50,7 +53,7 @@ class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-def calibrated(result: dict[str, Any]) -> str:
+def calibrated(result: PersonResult) -> str:
     """Return what a calibration found, in a line.
 
     Args:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -14,6 +14,9 @@ from ...conventions.kept_findings import findings_text
 from ...conventions.numbered import next_path
 from .base import MocapOperator
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureResult, CheckResult, RefineResult
 
 
 class MOCAP_OT_leave_out_range(MocapOperator, bpy.types.Operator):
@@ -71,7 +74,7 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         source = capture_file(context.scene.mocap.capture)
         return self.launch(context, "check-cameras", [str(source)], source.parent)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: CheckResult) -> set[str]:
         """Keep what was found for the panel."""
         capture = context.scene.mocap.capture
         verdict = result["verdict"]
@@ -113,7 +116,7 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
         self._out = next_path(folder, "capture_refined", ".npz")
         return self.launch(context, "refine-cameras", [str(source), "--out", str(self._out)], folder)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: RefineResult) -> set[str]:
         """Move the cameras."""
         capture = context.scene.mocap.capture
         rows = {row["name"]: row for row in result["refined"]}
@@ -149,7 +152,7 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
         copy = source.with_name("capture_restored.npz")
         return self.launch(context, "convert", [str(source), "--out", str(copy), "--overwrite"], source.parent)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: CaptureResult) -> set[str]:
         """Move the cameras back."""
         capture = context.scene.mocap.capture
         Path(result["capture"]).unlink(missing_ok=True)
@@ -169,7 +172,7 @@ def _has_cameras(operator: type[bpy.types.Operator], context: bpy.types.Context)
 
 
 def _retaken(
-    scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: dict[str, Any]
+    scene: bpy.types.Scene, capture: bpy.types.PropertyGroup, result: CaptureResult
 ) -> bpy.types.PropertyGroup:
     """Show another file's cameras in place of a capture's, and return the capture's settings."""
     from .import_results import take_capture

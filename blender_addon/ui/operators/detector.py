@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -12,6 +12,9 @@ from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from ..preferences import detector_for, detector_python, note_detector
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import DetectorResult
 
 _HAND_MODEL = "hand_landmark_full.tflite"
 _POSE_MODELS = tuple(f"pose_landmark_{size}.tflite" for size in ("full", "heavy", "lite"))
@@ -89,7 +92,7 @@ class MOCAP_OT_set_up_detector(SolverOperator, bpy.types.Operator):
         own = python if python != Path(sys.executable) else None
         return self.follow(context, start_script(VERB, Path(make_environment.__file__), arguments, own, folder.parent))
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: DetectorResult) -> set[str]:
         """Report what there is now."""
         found = note_detector(context, Path(result["python"]))
         videos = context.scene.mocap.videos

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy_extras.io_utils import ExportHelper
@@ -12,6 +12,9 @@ from ..._exchange.marker_formats import FORMAT_NAMES, MARKER_FORMATS
 from ...conventions.file_paths import absolute
 from ..locations import RELATIVE
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import MarkersResult
 
 _FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
 _ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
@@ -72,7 +75,7 @@ class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
         motion = take_file(context.scene.mocap.review.take, "motion_file")
         return self.launch(context, "export-markers", [str(motion), *options], usable(path.parent))
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: MarkersResult) -> set[str]:
         """Report what was written."""
         name = absolute(self.filepath).name
         count = f"{result['frames']} frames of {result['markers']} {self.contents} markers"

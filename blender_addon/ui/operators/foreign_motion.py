@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -15,6 +15,7 @@ from ..preferences import chosen_python
 from .solver_operator import SolverOperator
 
 if TYPE_CHECKING:
+    from ..._exchange.verb_results import ClipResult, Remarks
     from ...scene.bake import BakeSettings
 
 VERB = "motion"
@@ -56,7 +57,7 @@ class BringsMotion(SolverOperator):
         solve_with = ["--python", str(python)] if python else []
         return self.follow(context, start_verb(VERB, [*given, *solve_with], folder))
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: ClipResult) -> set[str]:
         """Bake the motion and report what was detected."""
         from ...scene.users_state import undisturbed
         from ..project_files import bring_home
@@ -74,6 +75,6 @@ class BringsMotion(SolverOperator):
         return {"FINISHED"}
 
 
-def remarks(result: dict[str, Any]) -> tuple[str, ...]:
+def remarks(result: Remarks) -> tuple[str, ...]:
     """Return what was found in a clip, warnings such as missing limbs first; the two lists may hold the same."""
     return tuple(dict.fromkeys((*result.get("problems", ()), *result.get("notes", ()))))

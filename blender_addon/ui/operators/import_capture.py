@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -14,6 +14,9 @@ from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
 from .base import ViewportDrop
 from .solver_operator import SolverOperator, current
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureResult
 
 SUFFIXES = (".npz", ".json", ".toml", ".txt", ".yml", ".yaml", *MARKER_SUFFIXES)
 """Of the files a capture is made of: our own, detections, calibrations, settings; and recordings of markers."""
@@ -73,26 +76,27 @@ class MOCAP_OT_import_capture(SolverOperator, bpy.types.Operator, ImportHelper):
             return absolute(self.directory) / self.files[0].name
         return absolute(self.filepath or self.directory)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: Any) -> set[str]:
         """Set the stage, and keep what was recognised for the panels; of each trial, where it was a session."""
         from .import_results import takes_over
 
         scene = context.scene
         take_over = takes_over(scene, scene.mocap.reading.scene_setup)
         last = 1
-        for part in result.get("captures", [result]):
-            self._received(context, {"source": str(self._source), **part})
+        parts: list[CaptureResult] = result.get("captures", [result])
+        for part in parts:
+            self._received(context, part, Path(part.get("source", self._source)))
             last = max(last, scene.mocap.capture.review.last)
         if take_over:  # of a session the longest trial sets the range
             scene.frame_end = max(scene.frame_end, last)
         return {"FINISHED"}
 
-    def _received(self, context: bpy.types.Context, result: dict[str, Any]) -> None:
+    def _received(self, context: bpy.types.Context, result: CaptureResult, source: Path) -> None:
         from .import_results import present_capture, set_up_said, take_capture, takes_over
 
         take_over = takes_over(context.scene, context.scene.mocap.reading.scene_setup)
-        stage = take_capture(context.scene, result, Path(result["source"]))
-        context.scene.mocap.capture.source = stored(Path(result["source"]))
+        stage = take_capture(context.scene, result, source)
+        context.scene.mocap.capture.source = stored(source)
         present_capture(context, stage)
         problems = len(result["problems"])
         look = f"; {counted(problems, 'problem')}, see the panel" if problems else ""
@@ -132,7 +136,7 @@ class MOCAP_OT_demo_capture(SolverOperator, bpy.types.Operator):
         out = ["--out", str(folder / "capture.npz"), "--overwrite", *(["--markers"] if markers else [])]
         return self.launch(context, "demo-capture", out, folder)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: CaptureResult) -> set[str]:
         """Set the stage."""
         from .import_results import present_capture, take_capture
 

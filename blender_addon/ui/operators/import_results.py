@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 import numpy as np
@@ -15,7 +14,6 @@ from mathutils import Vector
 from ..._exchange.capture_file import read_capture
 from ..._exchange.diagnostics import EARLIER_NOTE, Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
-from ..._exchange.person_summary import PersonSummary
 from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
 from ...body.body_choice import body_path_of
@@ -39,11 +37,14 @@ from ..marker_view import colour_markers
 from ..project_files import bring_home
 from .marker_results import take_markers
 
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureResult, CaptureSummary, PersonSummary, SolveResult
+
 _HEIGHTS = 2.2
 """Distance from which a body is looked at, by its height."""
 
 
-def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | None = None) -> CaptureStage:
+def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | None = None) -> CaptureStage:
     """Set up a capture the solver has read, and keep what it found in the scene's settings.
 
     Args:
@@ -100,7 +101,7 @@ def take_capture(scene: bpy.types.Scene, result: dict[str, Any], source: Path | 
     return stage
 
 
-def found_in_reading(result: dict[str, Any]) -> tuple[Diagnostic, ...]:
+def found_in_reading(result: CaptureSummary) -> tuple[Diagnostic, ...]:
     """Return what reading a capture found; of a solver that writes no diagnostics yet, its sentences."""
     if result.get("diagnostics") is not None:
         return read_diagnostics(result["diagnostics"])
@@ -168,7 +169,7 @@ def take_motion(
     files: SolveFiles,
     of: bpy.types.PropertyGroup | None = None,
     again: SolvedAgain | None = None,
-    result: dict[str, Any] | None = None,
+    result: SolveResult | None = None,
 ) -> bpy.types.Action:
     """Add the solved motion to the scene, to the body of the person it is of.
 
@@ -206,8 +207,9 @@ def take_motion(
     if whom:
         action[PERSON] = whom
     if result is not None:
-        action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_of(result)))
-        action[DIAGNOSTICS] = findings_text(read_diagnostics(result.get("diagnostics")))
+        found = read_diagnostics(result["diagnostics"])
+        action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_in(found)))
+        action[DIAGNOSTICS] = findings_text(found)
     review.armature = armature
     settings.stage = "EDIT"
     if needs_body:
@@ -226,17 +228,12 @@ def show_looks(scene: bpy.types.Scene) -> None:
         show_look(mesh, scene.mocap.look)
 
 
-def error_text(result: dict[str, Any]) -> str:
+def error_text(result: SolveResult) -> str:
     """Return how far a solve is from what was measured, for people; "" where it does not say."""
     for key, unit in (("marker_median_mm", "mm"), ("reprojection_median_px", "px")):
         if result.get(key) is not None:
             return f"{result[key]:.1f} {unit}"
     return ""
-
-
-def warnings_of(result: dict[str, Any]) -> Sequence[Diagnostic]:
-    """Return the warnings of a solve's result event."""
-    return warnings_in(read_diagnostics(result.get("diagnostics")))
 
 
 def add_motion(

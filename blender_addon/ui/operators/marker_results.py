@@ -2,17 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ...scene.capture_stage import CaptureStage
 from ...scene.marker_cloud import LABELS, labels_of
 
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureSummary
+
 _NAMED = ("known", "unknown", "computed", "doubled")
 
 
-def take_markers(capture: bpy.types.PropertyGroup, result: dict[str, Any], stage: CaptureStage) -> None:
+def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
     """Keep what each label means and which gaps it has, and which object shows the markers.
 
     Args:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -20,6 +20,9 @@ from .base import MocapOperator
 from .live import may_begin, require_there
 from .solver_operator import SolverOperator
 
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import OaksResult, SensorsResult
+
 
 class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
     """Lists the cameras that are there."""
@@ -34,7 +37,7 @@ class MOCAP_OT_rig_find(SolverOperator, bpy.types.Operator):
         """Ask for them."""
         return self.launch(context, "oaks", [], usable(files_folder(context.scene)))
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: OaksResult) -> set[str]:
         """Take those that are not named yet."""
         rig, found = context.scene.mocap.rig, list(result["oaks"])
         known = {oak.partition("=")[0] for oak in rig.oaks.split()}
@@ -111,7 +114,7 @@ class MOCAP_OT_rig_calibrate(SolverOperator, bpy.types.Operator):
         out = next_path(folder, "sensor_array", ".toml")
         return self.launch(context, "calibrate-wand", [*rig.calibrating(), "--out", str(out)], folder)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: SensorsResult) -> set[str]:
         """Use the calibration, and keep what was reported about it."""
         rig = context.scene.mocap.rig
         rig.calibration = stored(Path(result["calibration"]))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -12,6 +12,7 @@ from ...conventions.counting import counted
 from .solver_operator import SolverOperator, current
 
 if TYPE_CHECKING:
+    from ..._exchange.verb_results import SolveResult
     from ...review.pinning import SceneRange
 
 
@@ -31,7 +32,7 @@ class _Solves(SolverOperator):
         self._again = None if frames is None or part is None else SolvedAgain(frames.action.name, part.first, part.last)
         return self.launch(context, "solve", ["--job", str(path)], path.parent)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: SolveResult) -> set[str]:
         """Bake the motion as a new action."""
         from .import_results import take_motion
 

@@ -3,13 +3,16 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
 from ...conventions.counting import counted
 from ...conventions.file_paths import file_of
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import SolveResult, TakeResult, TakesResult
 
 
 class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
@@ -55,7 +58,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
                 folder = path.parent
         return self.launch(context, "solve", arguments, folder)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: TakesResult | TakeResult) -> set[str]:
         """Bake each motion."""
         takes = result.get("takes", [result])
         for take in takes:
@@ -75,7 +78,7 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
             self._bake(context, motion)
         return f"{len(done)} of {counted(len(self._files), 'take')} finished and arrived." if done else ""
 
-    def _bake(self, context: bpy.types.Context, motion: Path, result: dict[str, Any] | None = None) -> None:
+    def _bake(self, context: bpy.types.Context, motion: Path, result: SolveResult | None = None) -> None:
         from .import_results import take_motion
 
         files = self._files[motion]

@@ -99,7 +99,7 @@ class SolverOperator(MocapOperator):
             return False
         return True
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: Any) -> set[str]:
         """Take the result into the scene and return the operator's answer."""
         raise NotImplementedError
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,6 +13,9 @@ from ...conventions.file_paths import absolute, file_of, stored
 from ..preferences import chosen_python
 from .base import MocapOperator
 from .solver_operator import SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.studio_results import BenchmarkResult, DataSetPlan
 
 
 class _Films(SolverOperator):
@@ -49,20 +52,21 @@ class MOCAP_OT_benchmark(_Films, bpy.types.Operator):
         self._faults = context.scene.mocap.studio.faults
         return self.film(context, path, folder, ["--benchmark", *methods, "--places"])
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: BenchmarkResult) -> set[str]:
         """Add a row an array and show the first array's map on the floor."""
         from ...studio.benchmark_rows import rows_of
         from ...studio.place_file import read_places
 
         settings = context.scene.mocap.studio
-        places = read_places(Path(result["places"]))
+        file = result.get("places", "")
+        places = read_places(Path(file))
         first, faults = len(settings.rows), self._faults
         for array, reached in rows_of(result["rows"], [item.array for item in places]):
             row = settings.rows.add()
             row.array, row.reached, row.faults = array, reached, faults
             median = next(item.median_mm for item in places if item.array == array)
             row.median_mm = -1.0 if median is None else median
-            row.page, row.places = stored(result["page"]), stored(result["places"])
+            row.page, row.places = stored(result["page"]), stored(file)
         show_row(context, first)
         self.report({"INFO"}, f"{settings.rows[first].array}: {settings.rows[first].reached}")
         return {"FINISHED"}
@@ -88,7 +92,7 @@ class MOCAP_OT_check_data_set(_Films, bpy.types.Operator):
         self._checked = stored(path), stored(out)
         return self.film(context, path, out, ["--plan"])
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: DataSetPlan) -> set[str]:
         """Keep what was reported until a setting changes."""
         settings = context.scene.mocap.studio
         settings.planned = (
@@ -122,7 +126,7 @@ class MOCAP_OT_make_data_set(_Films, bpy.types.Operator):
         description, out = file_of(settings.planned_file), file_of(settings.planned_out)
         return self.film(context, description, out, [])
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: DataSetPlan) -> set[str]:
         """Report where it is."""
         self.report({"INFO"}, f"{counted(len(result['shots']), 'shot')} in {result['data_set']}")
         return {"FINISHED"}

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 from bpy_extras.io_utils import ImportHelper
@@ -17,6 +17,9 @@ from ..settings_layout import draw_setting, settings_layout
 from ..video_properties import STEPS
 from .base import MocapOperator, ViewportDrop
 from .solver_operator import SolverOperator, current
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import CaptureResult, TakeOfVideos, VideosResult
 
 SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", ".mts")
 """Of the videos that cameras write."""
@@ -51,12 +54,12 @@ class VideosOperator(SolverOperator):
             self._show_steps(context)
         return super().modal(context, event)
 
-    def received(self, context: bpy.types.Context, result: dict[str, Any]) -> set[str]:
+    def received(self, context: bpy.types.Context, result: VideosResult) -> set[str]:
         """Set the stage of each take that was put together."""
         takes = list(result["takes"].values())
         self._show_steps(context, takes)
-        read = [take for take in takes if take["read"] is not None]
-        names = [self._staged(context, take["read"], Path(take["source"])) for take in read]
+        read = [(take["read"], Path(take["source"])) for take in takes]
+        names = [self._staged(context, capture, source) for capture, source in read if capture is not None]
         failed = [f"{name}: {sentence(error)}" for name, error in result.get("failed", {}).items()]
         found = f"Captures from videos: {', '.join(names)}" if names else "The step is finished; see the panel"
         self.report({"WARNING"} if failed else {"INFO"}, ". ".join([found, *failed]))
@@ -68,7 +71,7 @@ class VideosOperator(SolverOperator):
         done = [STEPS[step.name][0].lower() for step in context.scene.mocap.videos.steps]
         return f"Done before that: {', '.join(done)}." if done else ""
 
-    def _show_steps(self, context: bpy.types.Context, takes: list[dict[str, Any]] | None = None) -> None:
+    def _show_steps(self, context: bpy.types.Context, takes: list[TakeOfVideos] | None = None) -> None:
         """Read what the steps reported, if they reported anything new; of several takes those of the last one."""
         videos = context.scene.mocap.videos
         folders = [Path(take["folder"]) for take in takes or ()] or _with_reports(file_of(videos.results))
@@ -79,7 +82,7 @@ class VideosOperator(SolverOperator):
             self._seen = _changed(road)
             videos.take_steps(str(road))
 
-    def _staged(self, context: bpy.types.Context, read: dict[str, Any], source: Path) -> str:
+    def _staged(self, context: bpy.types.Context, read: CaptureResult, source: Path) -> str:
         from .import_results import present_capture, take_capture
 
         settings = context.scene.mocap

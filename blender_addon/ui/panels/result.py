@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING
 
 import bpy
 
@@ -13,6 +13,9 @@ from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from .findings import draw_finding
 from .parts import StagePanel, wrapped
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import SolveResult, TakesResult
 
 _VERBS = ("solve",)
 
@@ -55,14 +58,15 @@ class VIEW3D_PT_mocap_result_notes(StagePanel, bpy.types.Panel):
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the notes, and the button of the log."""
-        result = _solved(context) or {}
+        result = _solved(context)
+        assert result is not None
         for take in result.get("takes", [result]):
-            for note in notes_in(read_diagnostics(take.get("diagnostics"))):
-                draw_finding(self.layout, context, note, f"{take['name']}: " if "takes" in result else "")
+            for note in notes_in(read_diagnostics(take["diagnostics"])):
+                draw_finding(self.layout, context, note, f"{take['name']}: " if "name" in take else "")
         self.layout.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
 
 
-def _solved(context: bpy.types.Context) -> dict[str, Any] | None:
+def _solved(context: bpy.types.Context) -> SolveResult | TakesResult | None:
     run = current.last_for(context.scene, _VERBS)
     return None if run is None or run.error is not None else run.result
 
@@ -79,7 +83,7 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
     run = current.last_for(context.scene, _VERBS)
     if run is None or run.result is None or run.error is not None:
         return
-    result = run.result
+    result: SolveResult | TakesResult = run.result
     box = layout.box()
     if "takes" in result:
         box.label(text=f"{counted(len(result['takes']), 'take')} solved", icon="CHECKMARK", translate=False)
@@ -102,7 +106,7 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
 
 
 def _draw_warnings(
-    layout: bpy.types.UILayout, context: bpy.types.Context, result: dict[str, Any], whose: str = ""
+    layout: bpy.types.UILayout, context: bpy.types.Context, result: SolveResult, whose: str = ""
 ) -> None:
     """Draw what wants a look."""
     column = layout.column(align=True)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -82,7 +81,7 @@ class CalibrationCheck:
         """(C,) its error."""
         return np.nan_to_num(self.region_px, nan=0.0).max((1, 2))
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         number = lambda a: [None if not np.isfinite(v) else round(float(v), 3) for v in np.ravel(a)]  # noqa: E731
         return {

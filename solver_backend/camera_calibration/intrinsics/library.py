@@ -76,7 +76,7 @@ def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] |
     return Lens(K, lens.distortion, image_size, lens.distortion_model)
 
 
-def _entry(lens: Lens) -> dict[str, Any]:
+def _entry(lens: Lens) -> dict[str, object]:
     return {
         "image_size": list(lens.image_size), "K": lens.K.tolist(), "distortion": lens.distortion.tolist(),
         "distortion_model": lens.distortion_model,

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any
 
 import numpy as np
 
@@ -107,9 +106,9 @@ def with_arm(solved: SolvedFrames, side: int, frames: np.ndarray, turn: np.ndarr
     return replace(solved, frames=replace(poses, local=constant(local, poses.local)))
 
 
-def statistics(hands: SolvedHands) -> dict[str, Any]:
+def statistics(hands: SolvedHands) -> dict[str, object]:
     """Return what a motion records of its hands: size, and for each side how much is seen and how far it misses."""
-    found: dict[str, Any] = {"size": round(hands.size, 3)}
+    found: dict[str, object] = {"size": round(hands.size, 3)}
     for side, hand in hands.hands.items():
         left = hand.problem.term.residuals(hand.problem.points(_states(hand)))
         far = np.linalg.norm(left.error[left.measured], axis=-1)

@@ -57,7 +57,7 @@ class FrameRange:
             pins.append(Pin(_whole(pin, "frame", where), **{k: _vector(pin, k, n, where) for k, n in sizes.items()}))
         return cls(_whole(values, "first", "resolve"), _whole(values, "last", "resolve"), tuple(pins))
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values, which ``from_dict`` reads back."""
         pins = [
             {"frame": pin.frame}

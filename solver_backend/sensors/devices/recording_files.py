@@ -56,7 +56,7 @@ class SensorFiles:
         height, width = frame.infrared.shape
         return SensorFiles(frame.sensor, width, height, str(frame.infrared.dtype), frame.depth is not None)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values."""
         return {"name": self.name, "size": [self.width, self.height], "infrared": self.infrared, "depth": self.depth}
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections import Counter, deque
-from typing import Any
 
 import numpy as np
 
@@ -33,9 +32,9 @@ class ChainStatistics:
         self._latency_ms.append(1e3 * latency_s)
         self._last_s = now
 
-    def summary(self) -> dict[str, Any]:
+    def summary(self) -> dict[str, object]:
         """Return plain values."""
-        data: dict[str, Any] = {
+        data: dict[str, object] = {
             "moments": self.moments, "points": self.points, "frames": dict(self.frames), "lost": dict(self.lost),
             "skipped": self.skipped,
         }  # fmt: skip

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 
@@ -73,7 +72,7 @@ class WandCalibration:
         lines += [f"  note        {sentence(note)}" for note in array.notes]
         return lines + [f"  finding     {sentence(found)}" for found in array.findings]
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return ``lines`` as plain JSON values; None where a number is not known."""
         array, cameras = self.array, self.array.cameras
         return {

@@ -14,6 +14,7 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.exchange.outputs import check_output, is_free, write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.studio_results import ShotRecord
 from solver_backend.exchange.version import VERSION
 from solver_backend.io.files import read_json
 from solver_backend.synthesis.studio.errors import DiskTooSmall, OtherDataSet
@@ -121,9 +122,7 @@ def open_data_set(spec: Spec, out: Path) -> Plan:
     return found
 
 
-def make_data_set(
-    spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()
-) -> list[dict[str, Any]]:
+def make_data_set(spec: Spec, out: Path, progress: Progress = silent, only: Collection[str] = ()) -> list[ShotRecord]:
     """Make every shot of a data set that is not there yet, and return what each one's ``shot.json`` states.
 
     Args:
@@ -142,7 +141,8 @@ def make_data_set(
     else:
         found = open_data_set(spec, out)
         chosen, stage = found.shots, f"filming {_size(found.bytes)}"
-    frames, records = spec.frames * len(chosen), []
+    frames = spec.frames * len(chosen)
+    records: list[ShotRecord] = []
     progress(stage, 0, frames)
     for number, shot in enumerate(chosen):
         start = number * spec.frames
@@ -163,7 +163,7 @@ def _chosen(spec: Spec, out: Path, names: Collection[str]) -> tuple[Shot, ...]:
     return tuple(shots[name] for name in names)
 
 
-def read_data_set(out: Path) -> tuple[Spec, list[dict[str, Any]]]:
+def read_data_set(out: Path) -> tuple[Spec, list[ShotRecord]]:
     """Return description and shots of a data set that was made.
 
     Raises:

@@ -6,12 +6,12 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.studio_results import ShotRecord, is_shot_record
 from solver_backend.exchange.unfinished import publish, unfinished_names
 from solver_backend.fitters.output.finger_turns import with_finger_turns
 from solver_backend.io.files import read_json
@@ -41,9 +41,7 @@ DONE = "shot.json"
 """Of a shot's folder: it is whole."""
 
 
-def make_shot(
-    spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None
-) -> dict[str, Any]:
+def make_shot(spec: Spec, shot: Shot, shots: Path, on_frame: Callable[[int], None] = lambda frame: None) -> ShotRecord:
     """Make a shot and return what its ``shot.json`` states; a shot that is there already stays.
 
     Several processes may make one shot at a time: the first that is through names its folder.
@@ -70,19 +68,17 @@ def make_shot(
         record = _write_shot(spec, stage, unfinished, on_frame)
         (unfinished / DONE).write_text(json.dumps(record, indent=1, sort_keys=True), encoding="utf-8", newline="\n")
         publish(unfinished, folder, f"{folder.name}/{DONE}")
-    if "rig" in record:  # its name until 0.1
-        record.setdefault("camera_array", record["rig"])
     return record
 
 
-def read_shot(folder: Path) -> dict[str, Any]:
+def read_shot(folder: Path) -> ShotRecord:
     """Return what the ``shot.json`` of a shot's folder states.
 
     Raises:
         FileMissing, FileDamaged: it is not there, or no object of JSON.
     """
     record = read_json(folder / DONE)
-    if not isinstance(record, dict):
+    if not is_shot_record(record):
         raise FileDamaged(
             "The shot's record is not an object.", where=str(folder / DONE), hint="Remove the shot's folder."
         )
@@ -91,7 +87,7 @@ def read_shot(folder: Path) -> dict[str, Any]:
     return record
 
 
-def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int], None]) -> dict[str, Any]:
+def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int], None]) -> ShotRecord:
     truth = find_truth(stage, spec.fps)
     with PictureWriter(folder, stage.cameras.names) as keep:
         filmed = film(spec, stage, keep, on_frame)
@@ -134,7 +130,7 @@ def _write_formats(spec: Spec, stage: Stage, folder: Path, truth: Truth, capture
         (folder / "coco.json").write_text(text, encoding="utf-8", newline="\n")
 
 
-def _record(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> dict[str, Any]:
+def _record(spec: Spec, stage: Stage, truth: Truth, motion: Motion) -> ShotRecord:
     visible = truth.visibility[spec.joint_set] == VISIBLE
     return {
         "name": stage.shot.name, "frames": stage.num_frames, "fps": spec.fps, "seed": spec.seed,

@@ -6,7 +6,6 @@ import json
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from solver_backend.exchange.diagnostics import Diagnostic, merge, sentence
 from solver_backend.exchange.outputs import write_text
@@ -34,7 +33,7 @@ class StepReport:
         """All of it in one line."""
         return f"{self.state}: {' '.join(map(sentence, self.diagnostics))}"
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain JSON values."""
         return {
             "step": self.step, "state": self.state, "diagnostics": [item.as_dict() for item in self.diagnostics],
@@ -64,7 +63,7 @@ class Steps:
         """Return everything that was found, each once."""
         return merge(item for report in self.in_order() for item in report.diagnostics)
 
-    def as_list(self) -> list[dict[str, Any]]:
+    def as_list(self) -> list[dict[str, object]]:
         """Return the steps in their order as plain JSON values."""
         return [report.as_dict() for report in self.in_order()]
 

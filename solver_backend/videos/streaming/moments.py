@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import TooFewViews
+from solver_backend.exchange.live_lines import EventLine, event_line
 from solver_backend.live.views_session import ViewMoment
 from solver_backend.videos.detect.errors import DetectorFailed
 from solver_backend.videos.streaming.live_view import LiveView, MakeDetector
@@ -35,8 +36,6 @@ AHEAD_S = 0.05
 """From when all are ready until the shared clock begins."""
 _LOOK_S = 0.05
 """Seconds after which waiting looks about itself."""
-
-Event = dict[str, Any]
 
 
 @dataclass
@@ -107,7 +106,7 @@ class LiveMoments:
                     raise DetectorFailed("The detectors do not get ready.", hint="Detect a single video first.")
                 self._changed.wait(_LOOK_S)
 
-    def moments(self) -> Iterator[ViewMoment | Event]:
+    def moments(self) -> Iterator[ViewMoment | EventLine]:
         """Yield moments, and events about cameras, until fewer than two are left.
 
         While a moment is fitted, the next one is detected.
@@ -203,21 +202,21 @@ class LiveMoments:
         known = [view for view in self.views if view.newest and not view.ended and view.source.name not in self._behind]
         return [view for view in known if now - view.newest[-1].arrived > BEHIND_S]
 
-    def _fallen_behind(self) -> Iterator[Event]:
+    def _fallen_behind(self) -> Iterator[EventLine]:
         """Yield an event for each camera whose pictures are late since."""
         with self._changed:
             late = self._late(time.perf_counter())
             self._behind |= {view.source.name for view in late}
         for view in late:
             message = f"{view.source.name}: no picture was in time for {BEHIND_S:g} s. It stands still, or its pictures"
-            yield _event("camera_behind", f"{message} cannot be read as fast as they come.")
+            yield event_line("camera_behind", f"{message} cannot be read as fast as they come.")
 
-    def _lost(self) -> Iterator[Event]:
+    def _lost(self) -> Iterator[EventLine]:
         """Yield an event for each camera that has failed since, and one where too few are left."""
         for view in self.views:
             if view.failure is not None and view.source.name not in self._named:
                 self._named.add(view.source.name)
-                yield _event("camera_lost", f"{view.source.name}: {view.failure.message}")
+                yield event_line("camera_lost", f"{view.source.name}: {view.failure.message}")
 
     def require_views(self) -> None:
         """Raise what ended a run in which cameras failed.
@@ -229,7 +228,3 @@ class LiveMoments:
         if failed and len(self.views) - len(failed) < FEWEST:
             names = ", ".join(view.source.name for view in failed)
             raise TooFewViews(f"Fewer than two cameras are left: {failed[0].failure}", where=names)
-
-
-def _event(kind: str, message: str) -> Event:
-    return {"event": kind, "t": None, "message": message}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -13,6 +12,7 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.live_lines import FrameLine
 from solver_backend.exchange.outputs import check_output
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
@@ -49,7 +49,7 @@ class ViewsRecorder(Recorder):
         """Number of moments in the file."""
         return max(self._file.written - 1, 0)
 
-    def add(self, moment: ViewMoment, line: dict[str, Any] | None) -> None:
+    def add(self, moment: ViewMoment, line: FrameLine | None) -> None:
         """Append a moment, and the line that was made of it; moments before the world is known are left out."""
         session = self._session
         if not session.is_in_world or session.chosen is None:
@@ -58,7 +58,7 @@ class ViewsRecorder(Recorder):
             self._file.append(json.dumps(_head(session, self._source)).encode() + b"\n")
         xy, confidence = session.chosen
         pose = np.full(3 + _TURNS, np.nan)
-        if line is not None and "pose" in line:
+        if line is not None and "trans" in line and "root" in line and "pose" in line:
             pose = np.array([*line["trans"], *line["root"], *line["pose"]])
         parts = [[moment.time], moment.times, pose, session.fit.subject.betas, xy.ravel(), confidence.ravel()]
         self._file.append(np.concatenate(parts).astype("<f8").tobytes())
@@ -118,7 +118,7 @@ def _view(
     return np.where(known[..., None], places, np.nan), np.where(known, sureness, 0.0)
 
 
-def _head(session: ViewsSession, source: str) -> dict[str, Any]:
+def _head(session: ViewsSession, source: str) -> dict[str, object]:
     cameras = session.cameras
     return {
         "format": _FORMAT, "version": _VERSION, "body": session.fit.subject.body.id, "source": source,

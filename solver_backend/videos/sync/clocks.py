@@ -96,7 +96,7 @@ class Clocks:
         sure = sigma[0] <= LARGEST_SIGMA_S and (np.abs(found) <= SIGMAS * sigma).all()
         return not found.any() or bool(sure)
 
-    def as_dict(self) -> dict[str, Any]:
+    def as_dict(self) -> dict[str, object]:
         """Return plain values for a file."""
         return {
             "cameras": list(self.names), "offset_s": self.offset_s.tolist(), "rate": self.rate.tolist(),

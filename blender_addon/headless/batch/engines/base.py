@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Protocol
+from typing import Protocol
+
+from ..record import TakeRecord
 
 LOST, ENDED, DIED = "lost", "ended", "died"
 
@@ -30,7 +32,7 @@ class Ended:
     ticket: Ticket
     how: str
     """ENDED: the record states how; DIED: it has ended its workers; LOST: nobody knows, it is to be begun again."""
-    record: dict[str, Any] = field(default_factory=dict)
+    record: TakeRecord | None = None
     """Of the take, if it ended."""
     worker: str = ""
     """Who did it."""

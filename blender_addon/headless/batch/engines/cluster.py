@@ -12,14 +12,17 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from queue import Empty, SimpleQueue
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ....errors import BatchTaken
-from ..record import read_record
+from ..record import Failure, begun_record, read_record
 from ..work import Work
 from .base import DIED, ENDED, LOST, Ended, Ticket
 from .connection import connected, require_dask
 from .marker import marker_in, put_marker, remove_marker
+
+if TYPE_CHECKING:
+    from .cluster_task import Batch, TaskResult
 
 _AHEAD = 2
 """Takes begun for each thread of the workers: one at work, one waiting."""
@@ -86,7 +89,7 @@ class ClusterEngine:
         from .cluster_task import step_of_take
         from .cluster_workers import MEMORY
 
-        given = {
+        given: Batch = {
             "work": self._plain, "out": self._out, "capture": str(ticket.capture.resolve()),
             "marker": self._marker, "versions": self._workers.versions, "stretches": self._stretches,
         }  # fmt: skip
@@ -156,9 +159,11 @@ class ClusterEngine:
             return []
         ticket = one.ticket
         if isinstance(future, OSError):
-            record = {"take": ticket.name, "capture": str(ticket.capture), "status": "failed"}
-            error = {"code": "file_missing", "message": f"The capture cannot be read: {future}.", "exit_code": 3}
-            return [Ended(ticket, ENDED, {**record, "error": error})]
+            why: Failure = {
+                "code": "file_missing", "message": f"The capture cannot be read: {future}.", "exit_code": 3,
+            }  # fmt: skip
+            record = begun_record(ticket.name, ticket.capture)
+            return [Ended(ticket, ENDED, {**record, "status": "failed", "error": why})]
         if future.status == "finished":
             try:
                 result = future.result(timeout=_CONNECT_S)
@@ -176,17 +181,19 @@ class ClusterEngine:
 
     def _deaths(self, ticket: Ticket) -> int:
         """Return how often a take was begun and never ended; Dask also blames those that waited behind it."""
-        attempts = (read_record(self._work.out / ticket.name) or {}).get("attempts", ())
+        known = read_record(self._work.out / ticket.name)
+        attempts = () if known is None else known.get("attempts", ())
         return sum(attempt["how"] == "begun" for attempt in attempts)
 
-    def _ended(self, ticket: Ticket, result: dict[str, Any]) -> Ended:
+    def _ended(self, ticket: Ticket, result: TaskResult) -> Ended:
         worker = result["worker"]
-        if "unsuitable" in result:
-            self._workers.bad[worker] = result["unsuitable"]
+        if "record" not in result:
+            self._workers.bad[worker] = result.get("unsuitable", "")
             return Ended(ticket, LOST)
         record = result["record"]
-        error = record.get("error") or {}
-        self._workers.wrote(worker, error["message"] if error.get("code") == "output_not_writable" else "")
+        error = record.get("error")
+        unwritable = error is not None and error["code"] == "output_not_writable"
+        self._workers.wrote(worker, error["message"] if error and unwritable else "")
         return Ended(ticket, ENDED, record, worker)
 
     def _look(self) -> list[Ended]:

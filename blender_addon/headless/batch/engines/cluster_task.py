@@ -6,18 +6,50 @@ import platform
 import time
 from collections.abc import Callable
 from pathlib import Path
-from typing import Any
+from typing import NotRequired, TypedDict
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import silent
 from ...._exchange.version import VERSION
 from ..kinds import work_of
-from ..run_take import UNFINISHED, recalled, run_step
+from ..record import UNFINISHED, TakeRecord
+from ..run_take import recalled, run_step
+from ..work import Plain
 from .marker import marker_in
 
-UNSUITABLE = "unsuitable"
 _LOOK_S, _LOOKS = 2.0, 3
 """The marker must be gone for so many looks: a network's folder may vanish for a moment."""
+
+
+class Batch(TypedDict):
+    """What a worker is given of a batch with each task."""
+
+    work: Plain
+    """See ``Work.plain``."""
+    out: str
+    capture: str
+    marker: str
+    versions: dict[str, str]
+    stretches: bool
+
+
+class WorkerFacts(TypedDict):
+    """What is to be known about a worker."""
+
+    versions: dict[str, str]
+    marker: str
+    """That it sees among the results."""
+    time: float
+    """By its clock."""
+    host: str
+
+
+class TaskResult(TypedDict):
+    """What a worker returns of a step: a record, or why it is unsuitable."""
+
+    worker: str
+    record: NotRequired[TakeRecord]
+    unsuitable: NotRequired[str]
 
 
 def versions() -> dict[str, str]:
@@ -28,12 +60,12 @@ def versions() -> dict[str, str]:
     return {"Manifold MoCap": VERSION, "Dask distributed": version_of("distributed"), "Python": python}
 
 
-def describe(out: str) -> dict[str, Any]:
-    """Return what is to be known about this worker: versions, the marker that it sees among the results, its clock."""
+def describe(out: str) -> WorkerFacts:
+    """Return what is to be known about this worker."""
     return {"versions": versions(), "marker": marker_in(Path(out)), "time": time.time(), "host": platform.node()}
 
 
-def what_is_wrong(about: dict[str, Any], wanted: dict[str, str], marker: str, out: str) -> str:
+def what_is_wrong(about: WorkerFacts, wanted: dict[str, str], marker: str, out: str) -> str:
     """Return why a worker cannot do a batch's takes, "" if it can."""
     for name, mine in wanted.items():
         theirs = about["versions"].get(name, "none")
@@ -42,25 +74,25 @@ def what_is_wrong(about: dict[str, Any], wanted: dict[str, str], marker: str, ou
     return "" if about["marker"] == marker else f"it does not see the folder {out}"
 
 
-def step_of_take(given: dict[str, Any], step: str, before: dict[str, Any] | None) -> dict[str, Any]:
-    """Do one step of a take and return ``worker`` and ``record``, or ``unsuitable`` and why.
+def step_of_take(given: Batch, step: str, before: TaskResult | None) -> TaskResult:
+    """Do one step of a take.
 
     Args:
-        given: the batch: work, out, capture, marker, versions and stretches.
+        given: the batch.
         step: its name.
         before: what the step before this one has returned.
     """
     from distributed import get_worker, secede
 
-    if before is not None and (UNSUITABLE in before or before["record"]["status"] != UNFINISHED):
+    if before is not None and ("record" not in before or before["record"]["status"] != UNFINISHED):
         return before
     worker = get_worker().address
     wrong = what_is_wrong(describe(given["out"]), given["versions"], given["marker"], given["out"])
     if wrong:
-        return {"worker": worker, UNSUITABLE: wrong}
+        return {"worker": worker, "unsuitable": wrong}
     work, capture = work_of(given["work"]), Path(given["capture"])
     if not work.sees(capture):
-        return {"worker": worker, UNSUITABLE: f"it does not see the capture {capture}"}
+        return {"worker": worker, "unsuitable": f"it does not see the capture {capture}"}
     known = recalled(work, capture)
     if known is None:
         if given["stretches"]:

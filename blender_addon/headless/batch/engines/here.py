@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import threading
 from concurrent.futures import FIRST_COMPLETED, Future, ThreadPoolExecutor, wait
-from typing import Any
 
 from ...._exchange.errors import Cancelled, MocapError
 from ...._exchange.progress import Progress, silent
+from ..record import TakeRecord
 from ..run_take import run_take
 from ..work import Work
 from .base import ENDED, Ended, Ticket
@@ -69,7 +69,7 @@ class ProcessesEngine:
     def __init__(self, work: Work, workers: int) -> None:
         self._work, self._workers = work, workers
         self._pool = ThreadPoolExecutor(workers, "take")
-        self._running: dict[Future[dict[str, Any]], Ticket] = {}
+        self._running: dict[Future[TakeRecord], Ticket] = {}
         self._stop = threading.Event()
 
     def free(self) -> int:

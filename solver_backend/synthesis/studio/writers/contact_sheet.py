@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.studio_results import ShotRecord
 from solver_backend.io.png import png_bytes, read_png
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
 from solver_backend.synthesis.studio.histograms import SECTOR_DEG
@@ -43,7 +43,7 @@ def write_card(out: Path) -> list[Path]:
     return written
 
 
-def contact_sheet(out: Path, records: list[dict[str, Any]]) -> np.ndarray | None:
+def contact_sheet(out: Path, records: list[ShotRecord]) -> np.ndarray | None:
     """Return (h, w, 3) uint8 of up to 24 pictures spread over shots, cameras and time; None where none was filmed."""
     tiles = []
     for i in range(_TILES):
@@ -93,7 +93,7 @@ def _fitted(picture: np.ndarray) -> np.ndarray:
     return (total / 9).astype(np.uint8)
 
 
-def card_text(spec: Spec, records: list[dict[str, Any]], has_sheet: bool) -> str:
+def card_text(spec: Spec, records: list[ShotRecord], has_sheet: bool) -> str:
     """Return the data card as Markdown."""
     views = np.sum([record["views"] for record in records], axis=0)
     frames = sum(record["frames"] for record in records)
@@ -132,6 +132,6 @@ def card_text(spec: Spec, records: list[dict[str, Any]], has_sheet: bool) -> str
     return "\n".join(lines)
 
 
-def _listed(records: list[dict[str, Any]], key: str) -> str:
+def _listed(records: list[ShotRecord], key: str) -> str:
     names, counts = np.unique([record[key] for record in records], return_counts=True)
     return ", ".join(f"{name} ({count})" for name, count in zip(names.tolist(), counts.tolist(), strict=True))

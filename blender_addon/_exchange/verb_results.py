@@ -1,0 +1,272 @@
+"""What the result events of verbs hold that another program acts on: written by the solver, read by the add-on.
+
+``events`` checks them where they arrive; a result may hold more keys than these.
+"""
+
+from __future__ import annotations
+
+from typing import NotRequired, TypedDict
+
+from .diagnostics.diagnostic import DiagnosticValues
+from .errors import ErrorEvent
+
+
+class PersonSummary(TypedDict):
+    """What the solver reports of each of several people in a capture, and the panel lists."""
+
+    name: str
+    frames: int
+    """How many frames two views agree on."""
+    first: int | None
+    """The first of them, from 0; None where there is none."""
+    last: int | None
+    """The last of them."""
+    views: float
+    """How many views see the person in them, on average."""
+    seen_percent: list[float]
+    """Of all frames, by view."""
+
+
+class Remarks(TypedDict):
+    """What was found: data, and the sentences of earlier versions."""
+
+    notes: list[str]
+    problems: list[str]
+    diagnostics: list[DiagnosticValues]
+
+
+class CameraSummary(TypedDict):
+    """A camera of a capture."""
+
+    name: str
+    image_size: list[int]
+    position_m: list[float]
+    seen_percent: float | None
+    """Share of keypoints that it sees; None without keypoints."""
+    footage: str | None
+
+
+class MarkerGaps(TypedDict):
+    """How often a marker is missing."""
+
+    marker: str
+    gaps: int
+    missing_percent: float
+
+
+class LabelsSummary(TypedDict):
+    """What the labels of a recording mean: lists of labels by what they are, and gaps."""
+
+    subjects: list[str]
+    known: list[str]
+    unknown: list[str]
+    computed: list[str]
+    doubled: list[str]
+    unlabelled: int
+    gaps: list[MarkerGaps]
+    jumping: list[str]
+    frozen: list[str]
+    resting: NotRequired[list[str]]
+    """Parts of the body that no known marker informs."""
+
+
+class CaptureSummary(Remarks):
+    """What was recognised in a capture."""
+
+    name: str
+    frames: int
+    fps: float
+    duration_s: float | None
+    cameras: list[CameraSummary]
+    joint_set: str | None
+    markers: int | None
+    people: list[PersonSummary]
+    person: str
+    truth: list[str]
+    own_points: NotRequired[dict[str, str]]
+    """Bones by keypoints of the user's own."""
+    bridged_frames: NotRequired[list[list[int]]]
+    marker_names: NotRequired[LabelsSummary]
+
+
+class CaptureResult(CaptureSummary):
+    """Of ``convert``: a capture file was written."""
+
+    capture: str
+    source: NotRequired[str]
+    """A session's trial."""
+
+
+class CapturesResult(TypedDict):
+    """Of ``convert`` of a session."""
+
+    captures: list[CaptureResult]
+
+
+class CameraChange(TypedDict):
+    """What ``refine-cameras`` did to a camera."""
+
+    name: str
+    before_px: float | None
+    after_px: float | None
+    moved_mm: float | None
+    turned_degrees: float | None
+
+
+class RefineResult(CaptureResult):
+    """Of ``refine-cameras``."""
+
+    refined: list[CameraChange]
+
+
+class CheckResult(TypedDict):
+    """Of ``check-cameras``."""
+
+    verdict: str
+    stature_m: float
+    tilt_deg: float
+    tilt_sigma_deg: float
+    findings: list[str]
+    diagnostics: NotRequired[list[DiagnosticValues]]
+
+
+class MotionSummary(TypedDict):
+    """How long a solved motion is, its residuals and the frames that deserve a look."""
+
+    frames: int
+    fps: float
+    solve_s: float
+    reprojection_median_px: float | None
+    marker_median_mm: float | None
+    unseen_frames: int
+    unsure_frames: int
+    props: NotRequired[list[str]]
+
+
+class SolveResult(MotionSummary):
+    """Of ``solve``: one motion."""
+
+    motion: str
+    report: str | None
+    diagnostics: list[DiagnosticValues]
+    person: NotRequired[str]
+
+
+class TakeResult(SolveResult):
+    """One motion of several."""
+
+    capture: str
+    name: str
+
+
+class FailedTake(ErrorEvent):
+    """What could not be solved, of several."""
+
+    capture: str
+    name: str
+
+
+class TakesResult(TypedDict):
+    """Of ``solve`` of several captures or people."""
+
+    takes: list[TakeResult]
+    failed: list[FailedTake]
+
+
+class OffsetOfMarker(TypedDict):
+    """Where a marker sits on a calibrated person."""
+
+    place: str
+    offset_mm: float
+    sigma_mm: float
+
+
+class CalibratedPerson(TypedDict):
+    """Shape of a person, and where their markers sit."""
+
+    body: str
+    betas: list[float]
+    markers: dict[str, OffsetOfMarker]
+    diagnostics: list[DiagnosticValues]
+
+
+class PersonResult(CalibratedPerson):
+    """Of ``calibrate``."""
+
+    subject: str
+    problems: list[str]
+
+
+class MarkersResult(TypedDict):
+    """Of ``export-markers``."""
+
+    markers_file: str
+    frames: int
+    fps: float
+    markers: int
+    contents: str
+
+
+class ClipResult(Remarks):
+    """Of ``motion``: a clip of another program became a motion."""
+
+    motion: str
+    frames: int
+    fps: float
+    distance_mm: NotRequired[float]
+    """Of its limbs from the clip's, root mean square."""
+
+
+class GlovesOfMotion(TypedDict):
+    """A recording of gloves that a motion took over."""
+
+    file: str
+    sides: list[str]
+    offset_s: float
+
+
+class GlovesResult(Remarks):
+    """Of ``add-hands``."""
+
+    motion: str
+    frames: int
+    fps: float
+    gloves: list[GlovesOfMotion]
+
+
+class TakeOfVideos(TypedDict):
+    """A take that went through the steps from videos; it also holds a line of text a step."""
+
+    folder: str
+    source: str
+    read: CaptureResult | None
+    """None where its capture was not written."""
+
+
+class VideosResult(TypedDict):
+    """Of ``from-videos``: takes by their names, and those that failed."""
+
+    plan: list[str]
+    takes: dict[str, TakeOfVideos]
+    failed: NotRequired[dict[str, ErrorEvent]]
+
+
+class DetectorResult(TypedDict):
+    """Of the set-up of a detector."""
+
+    python: str
+    models: list[str]
+
+
+class OaksResult(TypedDict):
+    """Of ``oaks``."""
+
+    oaks: list[str]
+
+
+class SensorsResult(TypedDict):
+    """Of a calibration of sensors."""
+
+    calibration: str
+    findings: NotRequired[list[str]]
+    notes: NotRequired[list[str]]

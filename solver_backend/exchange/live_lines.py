@@ -1,0 +1,72 @@
+"""The lines of a live run (docs/reference/live-streams.md): what one frame shows, and events between frames."""
+
+from __future__ import annotations
+
+from typing import NotRequired, TypedDict
+
+
+class EventLine(TypedDict):
+    """Something that happened."""
+
+    event: str
+    t: float | None
+    """Seconds on the source's clock, None where it is not known."""
+    message: str
+    """For people."""
+    betas: NotRequired[list[float]]
+    """Of the event ``shape``."""
+
+
+class FrameDelays(TypedDict):
+    """How long a frame took since it arrived, and how far it is behind the source."""
+
+    latency_ms: float
+    lag_ms: float
+
+
+class PoseValues(TypedDict):
+    """One pose: rotation vectors of the root and of the other joints in radians, and metres."""
+
+    root: list[float]
+    pose: list[float]
+    trans: list[float]
+
+
+class FrameLine(TypedDict):
+    """What one frame shows: a pose where there is one, or why there is none."""
+
+    frame: int
+    t: float
+    state: str
+    why: NotRequired[str]
+    root: NotRequired[list[float]]
+    pose: NotRequired[list[float]]
+    trans: NotRequired[list[float]]
+    points: NotRequired[int]
+    markers: NotRequired[int]
+    """Points that are taken for markers."""
+    views: NotRequired[int]
+    """Cameras that a pose is made of."""
+    off_mm: NotRequired[float]
+    """Of the points from the body, median."""
+    latency_ms: NotRequired[float]
+    lag_ms: NotRequired[float]
+    face: NotRequired[dict[str, float]]
+    """Channels by name."""
+    coverage: NotRequired[dict[str, float]]
+    """Share of each camera's picture that a wand visited."""
+    cloud: NotRequired[list[list[float]]]
+    cloud_off_mm: NotRequired[list[float | None]]
+    sigma_mm: NotRequired[list[float | None]]
+    """Of each joint."""
+    dropped: NotRequired[int]
+    views_left_out: NotRequired[int]
+    rate_hz: NotRequired[float]
+
+
+LiveLine = EventLine | FrameLine
+
+
+def event_line(event: str, message: str, t: float | None = None) -> EventLine:
+    """Return an event."""
+    return {"event": event, "t": t, "message": message}
