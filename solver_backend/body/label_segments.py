@@ -13,7 +13,7 @@ _LIMBS = {
 """The joint where the bone of each word begins, without its side."""
 _MIDLINE = {"HEAD": "head", "PELVIS": "pelvis", "SACRUM": "pelvis"}
 _PLACES = frozenset({"KNEE", "ANKLE", "MALLEOLUS", "ELBOW", "WRIST", "EPICONDYLE", "STYLOID", "ACROMION", "SHOULDER"})
-"""Words of joints, beside which a bone's word says nothing of the side of the joint."""
+"""Words of joints, beside which a bone's word shows nothing of the side of the joint."""
 
 
 def named_bone(label: str) -> str | None:

@@ -36,7 +36,7 @@ def hands_of_skeleton(motion: SkeletonMotion, side: str = "") -> dict[str, str]:
 
     Args:
         motion: of the skeleton.
-        side: ``left`` or ``right`` of a single hand whose names do not say it.
+        side: ``left`` or ``right`` of a single hand whose names do not show it.
     """
     parents = {n: motion.names[p] for n, p in zip(motion.names, motion.parents, strict=True) if p >= 0}
     skeleton = Skeleton(dict(zip(motion.names, motion.rest, strict=True)), parents)

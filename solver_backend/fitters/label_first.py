@@ -123,7 +123,7 @@ def labelled_capture(
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:
-    """Return diagnostics of a reading without those that say how few labels are known, which naming settles."""
+    """Return diagnostics of a reading without those that report how few labels are known, which naming settles."""
     return tuple(item for item in found if item.code not in ("few_markers_known", "labels_left_to_network"))
 
 

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import itertools
 
-import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.geometry.arrays import Array, constant
-from solver_backend.geometry.interpolation import Jacobian, Jacobians, Keys, Times, slerp, slerp_with_jacobian
+from solver_backend.geometry.interpolation import Keys, Times, slerp
 from solver_backend.geometry.sphere import Vectors, sphere_exp, sphere_log
 
 
@@ -37,26 +36,6 @@ def squad(a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Tim
     """
     t = constant(t, a)
     return slerp(slerp(a, b, t), slerp(control_a, control_b, t), 2.0 * t * (1.0 - t))
-
-
-def squad_with_jacobian(
-    a: Vectors, b: Vectors, control_a: Vectors, control_b: Vectors, t: Times
-) -> tuple[Vectors, tuple[Jacobian, Jacobian, Jacobian, Jacobian]]:
-    """Return ``squad(a, b, control_a, control_b, t)`` and its derivatives by the four points, (..., d, d) each.
-
-    The product of SLERP's own derivatives. Those of ``lerp``, ``bezier`` and ``bspline`` are their weights times the
-    identity.
-    """
-    xp, t = array_namespace(a), constant(t, a)
-    outer, (by_a, by_b) = slerp_with_jacobian(a, b, t)
-    inner, (by_control_a, by_control_b) = slerp_with_jacobian(control_a, control_b, t)
-    x, (by_outer, by_inner) = slerp_with_jacobian(outer, inner, 2.0 * t * (1.0 - t))
-    return x, (
-        xp.matmul(by_outer, by_a),
-        xp.matmul(by_outer, by_b),
-        xp.matmul(by_inner, by_control_a),
-        xp.matmul(by_inner, by_control_b),
-    )
 
 
 def squad_controls(keys: Keys) -> Keys:
@@ -127,11 +106,6 @@ def spherical_bezier(controls: Keys, t: Times) -> Vectors:
     return _pyramid(controls, _bezier_times(controls, t))
 
 
-def spherical_bezier_with_jacobian(controls: Keys, t: Times) -> tuple[Vectors, Jacobians]:
-    """Return ``spherical_bezier(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
-    return _pyramid_with_jacobian(controls, _bezier_times(controls, t))
-
-
 def spherical_bspline(controls: Keys, t: Times) -> Vectors:
     """Return one span of the uniform B-spline on the sphere: de Boor's recursion with SLERP; spans join C1.
 
@@ -145,11 +119,6 @@ def spherical_bspline(controls: Keys, t: Times) -> Vectors:
     Reference: de Boor 1978, with geodesics for straight lines.
     """
     return _pyramid(controls, _bspline_times(controls, t))
-
-
-def spherical_bspline_with_jacobian(controls: Keys, t: Times) -> tuple[Vectors, Jacobians]:
-    """Return ``spherical_bspline(controls, t)`` and its derivatives by every control, (..., n + 1, d, d)."""
-    return _pyramid_with_jacobian(controls, _bspline_times(controls, t))
 
 
 _Times = list[list[Array]]
@@ -170,17 +139,4 @@ def _pyramid(controls: Array, times: _Times) -> Array:
     points = [controls[..., i, :] for i in range(controls.shape[-2])]
     for level in times:
         points = [slerp(p, q, at) for (p, q), at in zip(itertools.pairwise(points), level, strict=True)]
-    return points[0]
-
-
-def _pyramid_with_jacobian(controls: Array, times: _Times) -> tuple[Array, Array]:
-    xp, (count, width) = array_namespace(controls), controls.shape[-2:]
-    eye = constant(np.eye(count)[:, :, None, None] * np.eye(width), controls)
-    points = [(controls[..., i, :], eye[i]) for i in range(count)]
-    for level in times:
-        joined = []
-        for ((p, by_p), (q, by_q)), at in zip(itertools.pairwise(points), level, strict=True):
-            x, (along_p, along_q) = slerp_with_jacobian(p, q, at)
-            joined.append((x, xp.matmul(along_p[..., None, :, :], by_p) + xp.matmul(along_q[..., None, :, :], by_q)))
-        points = joined
     return points[0]

@@ -94,49 +94,6 @@ def test_spherical_bspline_is_c1_and_flattens_to_bspline():
     np.testing.assert_allclose(curves.spherical_bspline(near, t), curves.bspline(*near, t), atol=2e-8)
 
 
-@pytest.mark.parametrize("t", [0.0, 0.3, 1.0])
-@pytest.mark.parametrize("curve", ["spherical_bezier", "spherical_bspline"])
-@pytest.mark.parametrize("count", [2, 4, 5])
-def test_jacobians_on_the_sphere_equal_central_differences(curve, count, t):
-    p, step = path(count, 6), 1e-5
-    value, with_jacobian = getattr(curves, curve), getattr(curves, f"{curve}_with_jacobian")
-    x, jacobians = with_jacobian(p, t)
-    np.testing.assert_allclose(x, value(p, t), atol=1e-14)
-    for key in range(count):
-        for direction in np.linalg.svd(p[key][None])[2][1:]:
-
-            def moved(angle, key=key, direction=direction):
-                points = p.copy()
-                points[key] = np.cos(angle) * p[key] + np.sin(angle) * direction
-                return value(points, t)
-
-            numeric = (8 * (moved(step) - moved(-step)) - (moved(2 * step) - moved(-2 * step))) / (12 * step)
-            np.testing.assert_allclose(jacobians[key] @ direction, numeric, atol=1e-9)
-    batch = np.stack([p, p[::-1]])
-    both, by_both = with_jacobian(batch, np.array([t, 1 - t]))
-    np.testing.assert_allclose(both[0], x, atol=1e-14)
-    np.testing.assert_allclose(by_both[0], jacobians, atol=1e-13)
-    tensors = with_jacobian(torch.as_tensor(batch), torch.as_tensor([t, 1 - t], dtype=torch.float64))
-    np.testing.assert_allclose(tensors[1].numpy(), by_both, atol=1e-12)
-
-
-@pytest.mark.parametrize("t", [0.0, 0.3, 0.5, 1.0])
-def test_jacobian_of_squad_equals_central_differences(t):
-    p, step = path(4, 6), 1e-5
-    x, jacobians = curves.squad_with_jacobian(*p, t)
-    np.testing.assert_allclose(x, curves.squad(*p, t), atol=1e-14)
-    for key, jacobian in enumerate(jacobians):
-        for direction in np.linalg.svd(p[key][None])[2][1:]:
-
-            def moved(angle, key=key, direction=direction):
-                points = list(p)
-                points[key] = np.cos(angle) * p[key] + np.sin(angle) * direction
-                return curves.squad(*points, t)
-
-            numeric = (8 * (moved(step) - moved(-step)) - (moved(2 * step) - moved(-2 * step))) / (12 * step)
-            np.testing.assert_allclose(jacobian @ direction, numeric, atol=1e-9)
-
-
 def test_torch_equals_numpy():
     p, t = path(4, 6), np.linspace(0, 1, 5)
     tensors, times = [torch.as_tensor(k) for k in p], torch.as_tensor(t)

@@ -83,7 +83,7 @@ _READ: dict[str, DiagnosticEntry] = {
         "Strays and reflections were recorded, or some markers were not named.",
     ),
 }
-"""What labels of a file say."""
+"""What labels of a file mean."""
 
 _NAMED: dict[str, DiagnosticEntry] = {
     "points_named": note(

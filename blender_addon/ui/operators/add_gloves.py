@@ -14,7 +14,7 @@ from ...conventions.numbered import next_path
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import chosen_python
 from .foreign_motion import THROUGH_BLENDER, remarks
-from .solver_operator import SolverOperator
+from .solver_operator import OfTake
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import GlovesResult
@@ -25,7 +25,7 @@ READ = (".bvh", ".csv", ".npz", *THROUGH_BLENDER)
 """Files that hands are read from."""
 
 
-class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, ImportHelper):
+class MOCAP_OT_add_gloves(OfTake, bpy.types.Operator, ImportHelper):
     """Adds the fingers of glove recordings to the current take, as a take of its own."""
 
     bl_idname = "mocap.add_gloves"
@@ -54,14 +54,6 @@ class MOCAP_OT_add_gloves(SolverOperator, bpy.types.Operator, ImportHelper):
     armature: bpy.props.StringProperty(
         name="Armature", description="Which armature of an FBX, glTF or Blender file, where several move"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        if context.scene.mocap.review.take is None:
-            cls.poll_message_set("Solve the capture first")
-            return False
-        return super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the verb on the take's motion file."""

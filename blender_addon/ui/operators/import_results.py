@@ -229,7 +229,7 @@ def show_looks(scene: bpy.types.Scene) -> None:
 
 
 def error_text(result: SolveResult) -> str:
-    """Return how far a solve is from what was measured, for people; "" where it does not say."""
+    """Return how far a solve is from what was measured, for people; "" where it is not known."""
     for key, unit in (("marker_median_mm", "mm"), ("reprojection_median_px", "px")):
         if result.get(key) is not None:
             return f"{result[key]:.1f} {unit}"

@@ -9,7 +9,7 @@ import bpy
 
 from ..._exchange.errors import MocapError
 from ...conventions.counting import counted
-from .solver_operator import SolverOperator, current
+from .solver_operator import OfTake, SolverOperator, current
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult
@@ -72,7 +72,7 @@ class MOCAP_OT_solve(_Solves, bpy.types.Operator):
         return self.solve(context, None)
 
 
-class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
+class MOCAP_OT_resolve_range(_Solves, OfTake, bpy.types.Operator):
     """Solves a frame range of the current take again."""
 
     bl_idname = "mocap.resolve_range"
@@ -95,14 +95,6 @@ class MOCAP_OT_resolve_range(_Solves, bpy.types.Operator):
         options={"SKIP_SAVE"},
     )
     edited: bpy.props.StringProperty(options={"HIDDEN", "SKIP_SAVE"})
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a solved take."""
-        if context.scene.mocap.review.take is None:
-            cls.poll_message_set("Solve the capture first")
-            return False
-        return super().poll(context)
 
     def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
         """Ask what becomes of edits inside the range, where there are any."""

@@ -212,6 +212,18 @@ class SolverOperator(MocapOperator):
             self._timer = None
 
 
+class OfTake(SolverOperator):
+    """Mixin of operators that work on the solved take."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a solved take."""
+        if context.scene.mocap.review.take is None:
+            cls.poll_message_set("Solve the capture first")
+            return False
+        return super().poll(context)
+
+
 class MOCAP_OT_cancel(bpy.types.Operator):
     """Ends the run under way."""
 

@@ -1,4 +1,4 @@
-"""Markers of a hand whose labels say no place: each attached to the segment that it moves with."""
+"""Markers of a hand whose labels name no place: each attached to the segment that it moves with."""
 
 from __future__ import annotations
 

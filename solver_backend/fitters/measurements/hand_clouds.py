@@ -28,7 +28,7 @@ class HandClouds:
     positions: Mapping[int, np.ndarray]
     """(F, L, 3) metres by side, NaN where missing."""
     extra_labels: Mapping[int, tuple[str, ...]] = field(default_factory=dict)
-    """Labels of markers that are near and say no place, by side."""
+    """Labels of markers that are near and name no place, by side."""
     extra: Mapping[int, np.ndarray] = field(default_factory=dict)
     """(F, N, 3) metres of these by side."""
 
@@ -38,7 +38,7 @@ def split_hands(
 ) -> tuple[MarkerCloud, HandClouds | None]:
     """Return a body's markers without those of hands, and these: ``L_FT2``, ``RPP3``, ``left_CMC2``.
 
-    Markers whose labels say no place go with a hand that they stay near to.
+    Markers whose labels name no place go with a hand that they stay near to.
 
     Args:
         cloud: everybody's markers; the same object comes back where it has none of hands.

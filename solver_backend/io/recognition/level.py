@@ -162,7 +162,7 @@ def roll_gain(R: Float[np.ndarray, "cameras 3 3"], up: Float[np.ndarray, " 3"]) 
     """Return how much better ``up`` explains the roll of cameras than the world's Z, in squared standard deviations.
 
     People stand upright in pictures, portrait ones too, so x lies across. A camera that rolls under both, as one does
-    whose pictures are turned, has no say: each counts up to 3 standard deviations.
+    whose pictures are turned, does not decide: each counts up to 3 standard deviations.
 
     Args:
         R: (C, 3, 3) world to camera.

@@ -15,7 +15,7 @@ _SOURCE_FOLDERS = ("inputmedia", "")
 """Where a camera's own footage lies in its folder: OpenCap's, or directly."""
 _SYNCHRONISED = re.compile(r"[_\-. ]sync(ed|d|hronised|hronized)?$", re.IGNORECASE)
 _MOST_PICTURE_NAMES = 64
-"""Names that are looked at to tell whether a folder holds pictures."""
+"""Names that are looked at to see whether a folder holds pictures."""
 
 
 def recordings_beside(folder: Path) -> dict[str, Path]:

@@ -6,6 +6,6 @@ from solver_backend.exchange.errors import MocapError
 
 
 class SyncUnknown(MocapError):
-    """Nothing in the recording tells how the cameras' clocks differ."""
+    """Nothing in the recording shows how the cameras' clocks differ."""
 
     code = "sync_unknown"

@@ -25,7 +25,7 @@ LAG_FRAMES = 120
 MOST_FRAMES = 4000
 """Frames on which delays are refined, at most."""
 PATH_FRAMES = 2
-"""Standard deviation of the smoothing of the points whose movement tells the time."""
+"""Standard deviation of the smoothing of the points whose movement shows the time."""
 WHITENED_FRAMES, LOCAL_FRAMES, BLOCK_FRAMES = 4, 45, 150
 """Frames after which errors are taken as new, over which their spread is known, and of a block that errs alone."""
 OUTLIER_SIGMAS = 8.0
@@ -191,7 +191,7 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
 
     A detector's errors last: of ``e(t) = x - π(X)`` and the velocity v only what is new after ``WHITENED_FRAMES`` m
     counts, ``e(t) - ρ e(t - m)`` and ``v(t) - ρ v(t - m)`` with ρ the residuals' own correlation. Slow errors, those of
-    a calibration too, vanish, and fast movement, which tells the time, remains.
+    a calibration too, vanish, and fast movement, which shows the time, remains.
 
     Reference: Cochrane and Orcutt 1949 (regression with errors that last).
     """

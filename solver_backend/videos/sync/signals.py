@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 LEAST_CORRELATION = 0.25
-"""Pieces, and wholes, that agree less tell nothing."""
+"""Pieces, and wholes, that agree less show nothing."""
 LEAST_OVERLAP = 0.3
 """Lags at which less than this share of the shorter signal overlaps are not looked at."""
 RATE_SIGMA = 25e-6
@@ -110,7 +110,7 @@ def line_fit(
         spread = max(1.4826 * float(np.median(np.abs(residual))), 1e-4)
         robust = weight**2 / np.maximum(1.0, np.abs(residual) / (HUBER_SIGMAS * spread))
         robust = robust / np.maximum(robust.max(), 1e-12) / spread**2
-        # Pieces overlap by half: each tells half as much.
+        # Pieces overlap by half: each shows half as much.
         information = 0.5 * (basis.T * robust) @ basis + prior
         step = np.linalg.solve(information, 0.5 * (basis.T * robust) @ lag_s)
     covariance = np.linalg.inv(information)

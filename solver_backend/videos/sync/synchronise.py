@@ -1,4 +1,4 @@
-"""The clocks of a take's cameras, by whatever tells them."""
+"""The clocks of a take's cameras, by whatever shows them."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ REACH_S = 6.5
 """Largest offset that is looked for."""
 IN_STEP_FRAMES, IN_STEP_SIGMAS = 1.0, 3.0
 """Cameras none of which is off by more than this, or by more than so many deviations, are in step: nobody starts four
-by hand within a frame; what is left is the solve's own check to tell."""
+by hand within a frame; what is left is the solve's own check to find."""
 ROLLING_SHUTTER = diagnostic("rolling_shutter")
 
 
@@ -51,7 +51,7 @@ def synchronise(
 
     Raises:
         CommandLineInvalid: the way is unknown.
-        SyncUnknown: nothing tells the clocks that way.
+        SyncUnknown: nothing shows the clocks by it.
         VideoWithoutSound: by sound, and a video has none.
     """
     names = tuple(item.name for item in found)
@@ -75,7 +75,7 @@ def synchronise(
 
 
 def _by_what_tells(found: Sequence[VideoDetections], cameras: Cameras | None) -> Clocks:
-    """Return the clocks by keypoints; by sound where they tell nothing; as filmed, with a word, where neither does."""
+    """Return the clocks by keypoints; by sound where they show nothing; as filmed, with a word, where neither does."""
     try:
         return by_keypoints(found, cameras)
     except SyncUnknown as why:

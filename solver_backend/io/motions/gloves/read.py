@@ -28,7 +28,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
 
     Args:
         path: CSV of MANUS or Rokoko, BVH, or a skeleton file from Blender.
-        side: ``left`` or ``right`` of a single hand whose names do not say it.
+        side: ``left`` or ``right`` of a single hand whose names do not show it.
 
     Raises:
         FileMissing, FileDamaged, NonFiniteData: the file is not there, or is none of its kind.
@@ -62,7 +62,7 @@ def gloves_of_skeleton(motion: SkeletonMotion, side: str, where: str) -> GloveTa
 
     Args:
         motion: of a person or of hands, in any unit.
-        side: ``left`` or ``right`` of a single hand whose names do not say it.
+        side: ``left`` or ``right`` of a single hand whose names do not show it.
         where: for the error.
 
     Raises:

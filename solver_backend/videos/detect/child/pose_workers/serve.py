@@ -1,6 +1,6 @@
 """The protocol between us and a detector's process: a line of JSON, then the bytes of the arrays it announces.
 
-The process first says ``{"ready": {...}}`` with what it is, or ``{"error": {"code", "message", "hint"}}``. For every
+The process first writes ``{"ready": {...}}`` with what it is, or ``{"error": {"code", "message", "hint"}}``. For every
 picture it is sent ``{"shape": [h, w, 3], "time_s": t}`` and h·w·3 bytes; it answers ``{"arrays": {name: shape}}`` and
 the arrays' float32 in that order. The end of its input ends it.
 """
