@@ -15,6 +15,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.hands import FIRST_FINGER
 from solver_backend.exchange.body_layout import SMPL_HANDS
+from solver_backend.exchange.live_lines import EventLine
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
@@ -23,7 +24,7 @@ from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
 from solver_backend.live.motion_replay import rest_joints
 from solver_backend.live.sending import PoseSender
 from solver_backend.live.vmc_frames import MOST_CHANNELS, BoneFrame, FrameAssembly
-from solver_backend.live.vmc_source import BonesOnBody, Event, _received, listen, pose_lines
+from solver_backend.live.vmc_source import BonesOnBody, _received, listen, pose_lines
 from solver_backend.types import Motion
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver, messages_of
@@ -286,7 +287,7 @@ def test_a_hundred_thousand_hostile_packets_change_nothing_and_take_no_memory(pa
     }  # fmt: skip
 
 
-def kinds(found: Iterator[BoneFrame | Event], count: int) -> list[str]:
+def kinds(found: Iterator[BoneFrame | EventLine], count: int) -> list[str]:
     """Return what comes next, by kind."""
     return [item["event"] if isinstance(item, dict) else "frame" for item in (next(found) for _ in range(count))]
 

@@ -105,10 +105,12 @@ def _solve(request: BatchRequest, shared: dict[str, Any], capture: Path, place: 
     )
     solved.pop("event", None)
     takes: list[SolveResult] = solved.get("takes", [solved])
-    several = [Path(path).name for take in takes for path in (take["motion"], take["report"]) if path]
+    files = [motion.name, page.name]
+    if "takes" in solved:
+        files = [Path(path).name for take in takes for path in (take["motion"], take["report"]) if path]
     worst = max(takes, key=lambda take: take.get("reprojection_median_px") or take.get("marker_median_mm") or 0.0)
     made: StepMade = {
-        "outputs": [copy.name, job_file.name, *(several if "takes" in solved else (motion.name, page.name))],
+        "outputs": [copy.name, job_file.name, *files],
         "notes": [sentence(item) for take in takes for item in warnings_in(read_diagnostics(take["diagnostics"]))],
         "figures": worst,
     }
@@ -160,7 +162,7 @@ def _export_markers(request: BatchRequest, motion: Path, place: Place) -> list[s
     """Write the cleaned markers of a take that was solved from markers, and return the files."""
     record = read_record(place.folder)
     paths = [motion.parent / "export" / f"{motion.stem}.{name}" for name in request.marker_formats]
-    if record is None or "solve" not in record or record["solve"]["marker_median_mm"] is None:
+    if record is None or "solve" not in record or record["solve"].get("marker_median_mm") is None:
         return []
     for path in paths:
         options = [str(motion), "--out", str(path), "--overwrite"]
