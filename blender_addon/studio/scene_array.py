@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 import numpy as np
 
@@ -10,7 +12,7 @@ from .._exchange.errors import CalibrationMissing
 _FLIP_YZ = np.diag([1.0, -1.0, -1.0])
 
 
-def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, object]:
+def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """Return the cameras that are shown in a scene, in the order of their names; they film as they stand now.
 
     Raises:
@@ -30,7 +32,7 @@ def array_of_scene(scene: bpy.types.Scene, depsgraph: bpy.types.Depsgraph) -> di
     return {"layout": "cameras", "cameras": [_camera(scene, obj, depsgraph) for obj in found]}
 
 
-def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> dict[str, object]:
+def _camera(scene: bpy.types.Scene, obj: bpy.types.Object, depsgraph: bpy.types.Depsgraph) -> dict[str, Any]:
     """Return one camera; Blender's projection gives K, whichever way its sensor fits.
 
     With normalised device coordinates ``x = P00 X/z - P02`` and ``y = -P11 Y/z - P12`` of OpenCV's camera frame, and

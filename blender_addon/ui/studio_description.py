@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import bpy
 
@@ -24,7 +25,7 @@ _BENCHMARK_WIDTH = 400
 """Pixels of the widest picture of a benchmark; faults are millimetres at the person and do not know of it."""
 
 
-def data_set_description(context: bpy.types.Context) -> dict[str, object]:
+def data_set_description(context: bpy.types.Context) -> dict[str, Any]:
     """Return what the panel's settings describe.
 
     Raises:
@@ -46,7 +47,7 @@ def data_set_description(context: bpy.types.Context) -> dict[str, object]:
     }  # fmt: skip
 
 
-def benchmark_description(context: bpy.types.Context) -> dict[str, object]:
+def benchmark_description(context: bpy.types.Context) -> dict[str, Any]:
     """Return what a benchmark films: one person, three seconds, the array and those it is compared with.
 
     Raises:
@@ -73,7 +74,7 @@ def benchmark_description(context: bpy.types.Context) -> dict[str, object]:
     }  # fmt: skip
 
 
-def write_description(description: dict[str, object], path: Path) -> Path:
+def write_description(description: dict[str, Any], path: Path) -> Path:
     """Write a description beside its data set and return its path.
 
     Raises:
@@ -105,7 +106,7 @@ def _motion(context: bpy.types.Context) -> str:
     return str(take_file(take, "motion_file"))
 
 
-def _array(context: bpy.types.Context) -> dict[str, object]:
+def _array(context: bpy.types.Context) -> dict[str, Any]:
     """Return the array of the settings, as a description has it."""
     settings, capture = context.scene.mocap.studio, context.scene.mocap.capture
     if settings.array == OWN and capture.file and len(capture.cameras):

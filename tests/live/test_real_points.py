@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import io
 import json
+from typing import Any
 
 import numpy as np
 import pytest
@@ -29,7 +30,7 @@ def test_a_walk_is_followed_in_any_unit_and_axes(walk, unit, factor, axis):
     points = factor * walk @ rotation_to_z_up(axis)
     text = "".join(json.dumps({"t": i / 120, "points": frame.tolist()}) + "\n" for i, frame in enumerate(points))
     session = LiveSession(load_network(), LiveFit(load_body()))
-    lines = list(session.run(from_lines(io.BytesIO(text.encode()))))
+    lines: list[Any] = list(session.run(from_lines(io.BytesIO(text.encode()))))
     world = next(line for line in lines if line.get("event") == "world")
     assert world["message"].startswith(f"Points are in {unit}, {axis} is up")
     poses = [line for line in lines if "pose" in line]

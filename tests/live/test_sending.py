@@ -122,7 +122,8 @@ def test_a_receiver_that_is_away_is_named_once_and_the_run_goes_on():
         lines = list(sender.watched(replayed_poses(motion, paced=False)))
     events = [line for line in lines if "event" in line]
     assert [line["event"] for line in events] == ["receiver_away"] and len(lines) == 41
-    assert sender.summary()["refused"] > 0
+    refused = sender.summary()["refused"]
+    assert isinstance(refused, int) and refused > 0
 
 
 def test_the_receivers_clock_never_runs_back(receiver):

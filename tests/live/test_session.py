@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import json
 import time
+from typing import Any
 
 import numpy as np
 import pytest
@@ -205,7 +206,7 @@ def test_statistics_count_states_and_latency():
     for number in range(100):
         statistics.add({"state": "tracking", "pose": [], "latency_ms": float(number)})
     statistics.add({"event": "restarted"})
-    found = statistics.summary()
+    found: dict[str, Any] = statistics.summary()
     assert found["frames"] == 100 and found["events"] == {"restarted": 1}
     assert found["latency_ms"] == 49.5 and 98 <= found["latency_p99_ms"] <= 99
 

@@ -8,6 +8,7 @@ import socket
 import struct
 import tracemalloc
 from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
 import pytest
@@ -129,7 +130,7 @@ def test_fingers_that_begin_later_are_taken_from_then_on_and_sent_on(packets):
     onto, receiver = BonesOnBody(load_body()), Receiver()
     address = VmcAddress("127.0.0.1", receiver.port)
     with PoseSender(address, onto.proportions) as sender:
-        lines = list(sender.watched(pose_lines(found, onto)))
+        lines: list[Any] = list(sender.watched(pose_lines(found, onto)))
     bones = [len(Avatar().receive(packet).local) for packet in receiver.close()]
     assert [line["event"] for line in lines if "event" in line] == ["shape", "fingers"]
     sizes = [len(line["pose"]) // 3 for line in lines if "pose" in line]
@@ -308,7 +309,7 @@ def test_a_port_that_is_taken_is_named_once_and_waited_for(monkeypatch, packets)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sender:
         for packet in packets[:3]:
             sender.sendto(packet, ("127.0.0.1", address.port))
-        lines = pose_lines(found, BonesOnBody(load_body()))
+        lines: Iterator[Any] = pose_lines(found, BonesOnBody(load_body()))
         assert next(lines)["event"] == "shape"
         assert [next(lines)["frame"] for _ in range(3)] == [0, 1, 2]
 

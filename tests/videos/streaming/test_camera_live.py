@@ -11,6 +11,7 @@ import time
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -127,6 +128,7 @@ def test_a_person_who_is_lost_leaves_the_next_start_its_second_try(filmed, monke
     monkeypatch.setattr("solver_backend.live.views_session.BAD_M", 0.0)
     monkeypatch.setattr("solver_backend.live.views_session.LOST_S", 0.0)
     monkeypatch.setattr("solver_backend.live.views_session.doubts_of", lambda *_: "the left arm is 900 mm off")
+    line: Any
     [line] = session.run(moments[40:41])
     assert "pose" in line and session.fit.pose is None
     [line] = session.run(moments[41:42])
@@ -137,7 +139,7 @@ def test_a_person_who_is_lost_leaves_the_next_start_its_second_try(filmed, monke
 def test_the_world_is_made_to_fit_and_named_once(filmed):
     c = filmed.cameras
     lower = replace(filmed, cameras=replace(c, t=c.t + 0.5 * c.R[..., 2]))
-    lines = list(session_of(lower).run(moments_of(lower, 6)))
+    lines: list[Any] = list(session_of(lower).run(moments_of(lower, 6)))
     [event] = [line for line in lines if line.get("event") == "world"]
     assert "floor" in event["message"]
     posed = [line for line in lines if "pose" in line]

@@ -123,7 +123,7 @@ def test_a_cluster_makes_the_same_bytes_though_a_worker_dies(plain: Path, tmp_pa
     killer = threading.Thread(target=kill, daemon=True)
     killer.start()
     try:
-        result = run_studio(StudioRequest(spec, out, spread=Spread(cluster.address)), silent)
+        result: Any = run_studio(StudioRequest(spec, out, spread=Spread(cluster.address)), silent)
     finally:
         cluster.close()
     killer.join()
