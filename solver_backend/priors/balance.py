@@ -77,6 +77,11 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
     return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is above 3
 
 
+def tail_anchors(codes: np.ndarray, relevance: np.ndarray, threshold: float) -> np.ndarray:
+    """Return the (A, d) codes whose relevance exceeds the threshold (thesis eq. 4.6)."""
+    return codes[relevance > threshold]
+
+
 def sample_tail(
     anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
 ) -> np.ndarray:
