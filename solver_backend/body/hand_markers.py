@@ -77,6 +77,12 @@ def hand_columns(labels: Sequence[str]) -> dict[int, dict[str, int]]:
     return {side: columns for side, columns in found.items() if len(columns) >= LEAST}
 
 
+def hand_labels(labels: Sequence[str]) -> dict[str, str]:
+    """Return the place of each label that names one of a hand, such as ``L_FT2``; see ``hand_columns``."""
+    found = hand_columns(labels)
+    return {labels[c]: f"{'LR'[side]}_{place}" for side, columns in found.items() for place, c in columns.items()}
+
+
 def hand_markers(skeleton: HandSkeleton, labels: tuple[str, ...]) -> HandMarkers:
     """Return the markers of a hand among some labels, in their order; labels of no hand are left out.
 

@@ -6,7 +6,7 @@ import json
 from collections.abc import Sequence
 from pathlib import Path
 
-from solver_backend.body.hand_markers import hand_place
+from solver_backend.body.hand_markers import hand_labels, hand_place
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.body.markers import ON_BONE
@@ -26,10 +26,10 @@ def write_label_places(path: Path, labels: Sequence[str], *, overwrite: bool = F
     Raises:
         OutputExists, OutputNotWritable: see ``write_text``.
     """
-    named = [label for label in labels if not is_unnamed(label)]
-    names = name_markers(named)
-    left_out = {*names.virtual, *names.doubled}
-    places = {label: "" if label in left_out else names.known.get(label) for label in named}
+    named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
+    names = name_markers([label for label in named if label not in hands])
+    left_out, known = {*names.virtual, *names.doubled}, {**names.known, **hands}
+    places = {label: "" if label in left_out else known.get(label) for label in named}
     values = {"format": FORMAT, "version": VERSION, "places": places}
     return write_text(path, json.dumps(values, indent=1, ensure_ascii=False) + "\n", overwrite=overwrite)
 

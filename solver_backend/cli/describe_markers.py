@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from solver_backend.body.body import load_body
+from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
@@ -28,13 +29,14 @@ MOST_LISTED = 8
 def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
     """Return lines and JSON values: subjects, which labels are known, and gaps."""
     labels = cloud.labels or ()
-    named = [label for label in labels if not is_unnamed(label)]
-    names = name_markers(named, places_by_side(cloud))
+    named, hands = [label for label in labels if not is_unnamed(label)], hand_labels(labels)
+    names = name_markers([label for label in named if label not in hands], places_by_side(cloud))
     count = cloud.positions.shape[1]
     gaps, faults = _gaps(cloud), _faults(cloud)
     data: LabelsSummary = {
         "subjects": list(subjects_of(labels)),
         "known": list(names.known),
+        "of_hands": list(hands),
         "unknown": list(names.unknown),
         "computed": list(names.virtual),
         "doubled": list(names.doubled),
@@ -45,6 +47,7 @@ def describe_markers(cloud: MarkerCloud) -> tuple[list[str], LabelsSummary]:
     }
     counts = {
         "known": len(names.known),
+        "of hands": len(hands),
         "unknown": len(names.unknown),
         "computed": len(names.virtual),
         "doubled": len(names.doubled),

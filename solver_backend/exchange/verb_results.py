@@ -59,6 +59,7 @@ class LabelsSummary(TypedDict):
 
     subjects: list[str]
     known: list[str]
+    of_hands: list[str]
     unknown: list[str]
     computed: list[str]
     doubled: list[str]

@@ -58,3 +58,10 @@ def test_nothing_is_overwritten_or_made_up(tmp_path):
         write_label_places(path, LABELS)
     with pytest.raises(FileMissing):
         read_label_places(tmp_path / "none.json")
+
+
+def test_labels_of_hands_are_written_with_their_places(tmp_path):
+    hands = ("LFT1", "LFT2", "left_MP5")
+    path = write_label_places(tmp_path / "hands.json", (*LABELS, *hands, "RFT1"))
+    found = read_label_places(path)
+    assert [found[label] for label in hands] == ["L_FT1", "L_FT2", "L_MP5"] and "RFT1" not in found

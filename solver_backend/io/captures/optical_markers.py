@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from solver_backend.body.hand_markers import hand_columns
+from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
@@ -48,11 +48,10 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     except JobInvalid as error:
         raise JobInvalid(error.message, where=str(path), hint=error.hint) from error
     labels, report = take.cloud.labels, take.report
-    hands = hand_columns(labels or ())
-    of_hands = {column for columns in hands.values() for column in columns.values()}
-    of_body = [label for c, label in enumerate(labels or ()) if c not in of_hands and not is_unnamed(label)]
+    hands = hand_labels(labels or ())
+    of_body = [label for label in labels or () if label not in hands and not is_unnamed(label)]
     names = None if labels is None else name_markers(of_body, places_by_side(take.cloud))
-    of_sides = {name: len(hands.get(side, ())) for side, name in enumerate(SIDES)}
+    of_sides = {side: sum(place.startswith(side[0].upper()) for place in hands.values()) for side in SIDES}
     found = [diagnostic("labels_of_hands", **of_sides)] if hands else []
     return Capture(
         name=path.stem,
