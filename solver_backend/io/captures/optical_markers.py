@@ -17,7 +17,6 @@ from solver_backend.body.marker_names import (
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
-from solver_backend.exchange.hand_points import SIDES
 from solver_backend.io.markers.read import MARKERS
 from solver_backend.io.markers.subjects import of_subject
 from solver_backend.io.markers.take import MarkerTake
@@ -51,8 +50,8 @@ def _capture(path: Path, take: MarkerTake, options: ReadOptions) -> Capture:
     hands = hand_labels(labels or ())
     of_body = [label for label in labels or () if label not in hands and not is_unnamed(label)]
     names = None if labels is None else name_markers(of_body, places_by_side(take.cloud))
-    of_sides = {side: sum(place.startswith(side[0].upper()) for place in hands.values()) for side in SIDES}
-    found = [diagnostic("labels_of_hands", **of_sides)] if hands else []
+    left = sum(place.startswith("L") for place in hands.values())
+    found = [diagnostic("labels_of_hands", left=left, right=len(hands) - left)] if hands else []
     return Capture(
         name=path.stem,
         markers=take.cloud,
