@@ -68,7 +68,7 @@ def cameras_in_stacks(node: Mapping[str, Any]) -> list[dict[str, Any]]:
     """
     try:
         K = np.array(_find(node, "K"), dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         return []
     if K.ndim != 3 or len(K) < 2 or np.array_equal(K, np.broadcast_to(K[0], K.shape)):
         return []

@@ -84,7 +84,7 @@ def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
         return _stacked(tree) or [(stem, tree)]
     nodes: list[tuple[str, Any]]
     if isinstance(tree, Mapping):
-        nodes = [(str(key), {"projection": node} if is_projection(node) else node) for key, node in tree.items()]
+        nodes = [(str(key), {"projection": node} if _is_projection(node) else node) for key, node in tree.items()]
     elif isinstance(tree, list):
         nodes = [(f"cam_{i}", node) for i, node in enumerate(tree)]
     else:
@@ -96,6 +96,11 @@ def _camera_nodes(stem: str, tree: Any) -> list[tuple[str, Mapping[str, Any]]]:
         inner = next((node for key, node in tree.items() if str(key).lower() in _ALL), None)
         return _camera_nodes(stem, inner) if inner is not None else []
     return found
+
+
+def _is_projection(node: Any) -> bool:
+    """Whether a value is a list of three rows of four; long lists are not looked through."""
+    return isinstance(node, list) and len(node) == 3 and is_projection(node)
 
 
 def _stacked(node: Mapping[str, Any]) -> list[tuple[str, Mapping[str, Any]]]:
