@@ -104,7 +104,8 @@ def follow_people(cameras: Cameras, detections: Detections, fps: float, progress
         raise NoDetections(
             f"No two views agree on anybody: no detections of two cameras meet within {TOLERANCE_M} m.",
             where=", ".join(cameras.names),
-            hint="Check that calibration and recording belong together, its unit, and that cameras are synchronised.",
+            hint="Check that calibration and recording belong together, which camera has which name, its unit, "
+            "and that cameras are synchronised.",
         )
     return FollowedPeople(seen, tracks, people, found)
 

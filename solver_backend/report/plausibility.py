@@ -31,7 +31,8 @@ LEAST_VIEWS_PERCENT = 75.0
 """Of the views that should see the person and see somebody. Real captures and the demo reach 100 %."""
 USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
 """Share and number of agreeing views below which, both, a result is useless: two of four can meet by chance (cameras
-started seconds apart: 56 %, 2.2 views), two of three or three of five hardly."""
+started seconds apart: 56 %, 2.2 views), two of three or three of five hardly. Of two cameras, less than three quarters
+leave half of the frames to one of them (the demo with one mirrored: 65 %, 201 mm off)."""
 AGREES_SHARE = 0.06
 """A view agrees with the body up to this median distance over the person's extent in the picture; detectors are off by
 0.8 to 1.5 %."""
@@ -143,7 +144,8 @@ def _views(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> It
     agreement = view_agreement(capture, motion, residuals)
     if agreement.percent < LEAST_VIEWS_PERCENT:
         assert capture.cameras is not None
-        useless = agreement.percent < USELESS_VIEWS_PERCENT and agreement.views < USELESS_VIEWS
+        few = agreement.percent < USELESS_VIEWS_PERCENT and agreement.views < USELESS_VIEWS
+        useless = few or len(capture.cameras) == 2
         counted = np.maximum(agreement.counted.sum(1), 1)
         poor = agreement.agrees.sum(1) / counted < LEAST_VIEWS_PERCENT / 100
         names = [name for name, bad in zip(capture.cameras.names, poor, strict=True) if bad]

@@ -51,6 +51,15 @@ def test_views_that_see_the_person_elsewhere_are_counted(views: int, wrong: int,
         assert len(items[code].where.cameras) == wrong
 
 
+@pytest.mark.parametrize(("share", "code"), [(0.3, ""), (0.7, "views_contradict")])
+def test_of_two_views_one_that_mostly_sees_something_else_leaves_nothing(share: float, code: str) -> None:
+    capture, motion = solved(faults=False, views=2)
+    error = motion.reprojection_px.copy()
+    error[0, : round(share * motion.num_frames)] = 300.0
+    items = found(capture, replace(motion, reprojection_px=error))
+    assert {c for c in items if c in ("views_apart", "views_contradict")} == ({code} if code else set())
+
+
 def test_a_view_that_was_left_out_contradicts_nobody() -> None:
     capture, motion = disagreeing(4, 2)
     names = capture.cameras.names
