@@ -125,10 +125,18 @@ def _corrections() -> list[ViewReading]:
 def _clearly_best(
     options: Sequence[list[ViewReading]], strength: Callable[[list[ViewReading]], float]
 ) -> list[ViewReading] | None:
-    """Return the option that is strongest, None if it is weak or another of a different kind is nearly as strong."""
+    """Return the option that is strongest, None if it is weak or a rival is nearly as strong.
+
+    Rivals are options of a different kind, and cameras as they are: 24 frames a second for 25 hardly differ in a short
+    take, where a lens that is calibrated otherwise gains by the one as by the other.
+    """
     found = np.array([strength(option) for option in options])
     best = options[int(found.argmax())]
-    rivals = [s for option, s in zip(options, found, strict=True) if _differ(option, best)]
+    plain = ViewReading()
+    rivals = [
+        s for option, s in zip(options, found, strict=True)
+        if _differ(option, best) or any(b != plain and o == plain for b, o in zip(best, option, strict=True))
+    ]  # fmt: skip
     return best if found.max() >= LEAST_READING and max(rivals) < RIVAL_SHARE * found.max() else None
 
 

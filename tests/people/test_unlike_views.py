@@ -76,6 +76,19 @@ def test_matching_views_stay_as_they_are() -> None:
         assert explain_unlike(CAMERAS, recorded(starts, [1, 1, 1, 1])) is None
 
 
+def test_a_lens_calibrated_too_long_is_no_other_frame_rate() -> None:
+    """Over two seconds 57.6 frames a second gain hardly more than the 60 that all have."""
+    rows = slice(60, 180)
+    seen = Detections(
+        CAMERAS.names[:3], KEYPOINTS.xy[:3, rows, None], KEYPOINTS.confidence[:3, rows, None], KEYPOINTS.joint_set
+    )
+    three = CAMERAS.subset([0, 1, 2])
+    K = three.K.copy()
+    K[1, [0, 1], [0, 1]] *= 1.15
+    found = explain_unlike(replace(three, K=K), seen)
+    assert found is None or all(reading.rate == 1.0 for reading in found)
+
+
 @pytest.mark.slow
 def test_what_nothing_explains_stays() -> None:
     seen = recorded([0, 0, 0, 0], [1, 1, 1, 1])
