@@ -20,6 +20,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import NUM_BETAS, Cameras, Capture, Keypoints2D
 from solver_backend.videos.detect.choice import DetectorChoice
 from solver_backend.videos.detect.footage_shift import footage_shift, in_time
+from solver_backend.videos.detect.footage_size import footage_scale, from_footage, in_footage
 from solver_backend.videos.detect.process import DetectorProcess
 from solver_backend.videos.detect.search_hands import ArmsInViews, HandInCrop, search_hands
 from solver_backend.videos.files.probe import probe
@@ -60,6 +61,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
     if not any(capture.footage):
         raise CaptureInvalid("The capture names no footage.", where=capture.name, hint="Read it from its folder again.")
     arms, found = arms_of(capture)
+    scale = footage_scale(cameras, [None if path is None else probe(path).size for path in capture.footage])
+    filmed, arms = in_footage(cameras, arms, scale)
     hands = np.full((len(cameras), keypoints.num_frames, 2, NUM_HAND_POINTS, 3), np.nan)
     hands[..., 2] = 0.0
     with DetectorProcess(choice) as process:
@@ -73,7 +76,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
         for frame, pictures in pictures_of(capture):
             before = hands[:, frame - 1] if frame else None
             due = is_due(before, frame, round(capture.fps * AGAIN_S))
-            hands[:, frame] = search_hands(pictures, cameras, arms.of(frame), look, before, due)
+            hands[:, frame] = search_hands(pictures, filmed, arms.of(frame), look, before, due)
             if frame % _STEP == 0:
                 progress("Finding hands", frame, keypoints.num_frames)
     progress("Finding hands", keypoints.num_frames, keypoints.num_frames)
@@ -86,6 +89,7 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
         firsts = capture.footage_first or (0,) * len(capture.footage)
         hands, capture = in_time(hands, shift), replace(capture, footage_first=tuple(n + shift for n in firsts))
         found.append(diagnostic("footage_late", size=shift, remedy=Remedy.REPAIRED))
+    hands = from_footage(hands, scale)
     return replace(capture, keypoints=replace(keypoints, hands=hands), notes=(*capture.notes, *found))
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from types import TracebackType
+from types import SimpleNamespace, TracebackType
 from typing import Any
 
 import numpy as np
@@ -70,6 +70,7 @@ def test_what_is_found_in_late_footage_belongs_to_earlier_frames(
     monkeypatch.setattr(find_hands_module, "DetectorProcess", NoProcess)
     monkeypatch.setattr(find_hands_module, "pictures_of", lambda capture: ((f, {0: f}) for f in range(60)))
     monkeypatch.setattr(find_hands_module, "search_hands", search)
+    monkeypatch.setattr(find_hands_module, "probe", lambda path: SimpleNamespace(size=(1920, 1080)))
     seen = replace(capture, footage=(Path("a"), None, None, None), footage_first=(5, 0, 0, 0))
     found = find_hands(seen, DetectorChoice.__new__(DetectorChoice))
     assert found.keypoints is not None and found.keypoints.hands is not None
