@@ -98,7 +98,7 @@ def _child(target: Target, seconds: float, seed: int, counts: Path) -> None:
         tried.save(counts, seed, 0)
 
     def try_one(data: bytes) -> None:
-        if len(data) < 2:
+        if len(data) < 2 or time.monotonic() > end:  # libFuzzer looks at its clock only after the last seed
             return
         home, path = _chosen(target, homes, data)
         start = time.process_time()

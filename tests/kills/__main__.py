@@ -13,13 +13,15 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.outputs import write_text
 from tests.kills.moments import Moment, drawn
+from tests.kills.operation import Operation
 from tests.kills.operations import OPERATIONS
-from tests.kills.run import kill_once, measure, solved_folder
+from tests.kills.run import Measured, kill_once, measure, solved_folder
 
 
 @dataclass
@@ -30,6 +32,8 @@ class Kills:
     """By operation and kind of moment."""
     wrong: list[str] = field(default_factory=list)
     """A sentence for each kill after which something was wrong."""
+    known: dict[str, list[Any]] = field(default_factory=dict)
+    """Seconds, files and changes of each operation that was let end, by its name."""
 
     @property
     def total(self) -> int:
@@ -58,7 +62,16 @@ class Kills:
     def save(self, path: Path) -> None:
         """Write the counts."""
         counts = [[*key, n] for key, n in sorted(self.counts.items())]
-        write_text(path, json.dumps({"counts": counts, "wrong": self.wrong}, indent=1) + "\n", overwrite=True)
+        values = {"counts": counts, "wrong": self.wrong, "known": self.known}
+        write_text(path, json.dumps(values, indent=1) + "\n", overwrite=True)
+
+    def measured(self, operation: Operation, folder: Path, solved: Path) -> Measured:
+        """Return what an operation takes when it is let end, of this run or of an earlier one."""
+        if operation.name not in self.known:
+            found = measure(operation, folder, solved)
+            self.known[operation.name] = [found.seconds, sorted(found.files), found.changes]
+        seconds, files, changes = self.known[operation.name]
+        return Measured(operation, seconds, frozenset(files), changes)
 
     @classmethod
     def load(cls, path: Path | None) -> Kills:
@@ -66,7 +79,8 @@ class Kills:
         if path is None or not path.exists():
             return cls()
         values = json.loads(path.read_text(encoding="utf-8"))
-        return cls(Counter({(name, kind): n for name, kind, n in values["counts"]}), values["wrong"])
+        counts = Counter({(name, kind): n for name, kind, n in values["counts"]})
+        return cls(counts, values["wrong"], values.get("known", {}))
 
 
 def main() -> int:
@@ -84,12 +98,10 @@ def main() -> int:
     kills, begin = Kills.load(args.state), time.monotonic()
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        solved, measured = solved_folder(folder / "solved"), {}
+        solved = solved_folder(folder / "solved")
         while kills.total < args.count and time.monotonic() - begin < args.seconds:
             operation = min(operations, key=lambda one: kills.of(one.name))
-            if operation.name not in measured:
-                measured[operation.name] = measure(operation, folder / "work", solved)
-            one, number = measured[operation.name], kills.of(operation.name)
+            one, number = kills.measured(operation, folder / "work", solved), kills.of(operation.name)
             moment = drawn(np.random.default_rng([args.seed, kills.total]), number, one.changes)
             when, wrong = kill_once(one, folder / "work", solved, moment)
             kills.count(operation.name, moment, wrong)
