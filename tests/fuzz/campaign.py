@@ -68,7 +68,7 @@ def _one_child(count: int, seed: int, first: int, only: str, mutator: str) -> tu
             return count, Tried.load(folder / "tried")[0]
         if not (folder / "current").exists():
             raise RuntimeError(f"The child ended with {child.returncode} before its first input.")
-        number, _, reader = (folder / "current").read_text().partition(" ")
+        number, _, reader = (folder / "current").read_text().rstrip().partition(" ")
     before = int(number) - first
     part = _one_child(before, seed, first, only, mutator)[1] if before else Tried()
     part.count(reader, mutator, "hang" if hung else "crash")

@@ -31,6 +31,8 @@ MUTATORS = (CHANGES, GRAMMAR)
 """Changes of files that are read, documents by the grammar of their format; atheris' own loop changes bytes."""
 BATCH = 20_000
 """Inputs a child, which take values of one stock."""
+_LINE = 100
+"""Characters of the line that names the input being tried."""
 _MEMORY_FOLDER = Path("/dev/shm")
 
 
@@ -87,15 +89,18 @@ def fuzz(
     with scratch_folder() as folder, warnings.catch_warnings():
         warnings.simplefilter("ignore")
         homes = Homes(folder)
+        place = None if current is None else os.open(current, os.O_WRONLY | os.O_CREAT)
         for number in range(first, first + count):
             target = order[number % len(order)]
-            if current is not None:
-                current.write_text(f"{number} {target.name}")
+            if place is not None:
+                os.pwrite(place, f"{number} {target.name}".ljust(_LINE).encode(), 0)
             start = time.process_time()
             outcome, where = _outcome(target, homes, seed, number, mutator)
             tried.count(target.name, mutator, outcome, time.process_time() - start)
             if where:
                 tried.bad.setdefault(f"{target.name}: {where}", f"input {number} of seed {seed} by {mutator}")
+        if place is not None:
+            os.close(place)
     tried.processor_s = time.process_time() - begun
     tried.peak_mb = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
     return tried
