@@ -41,6 +41,8 @@ class Lie:
     spoil: Spoil
     fps: float = FPS
     """What its configuration says; the true rate is ``FPS``."""
+    of_time: bool = False
+    """Whether time is what is wrong, which poses laid over the truth frame by frame do not show."""
     held: int | None = None
     """Frame that the person holds, where the truth is that frame throughout."""
 
@@ -96,8 +98,8 @@ ROWS: dict[str, Lie] = {
     "lenses 10 % long": Lie(_known("lenses 10 % long")),
     "one lens 10 % long": Lie(_known("one lens 10 % long")),
     "sides exchanged": Lie(_known("sides exchanged")),
-    "rate doubled": Lie(_known(FULL), fps=2 * FPS),
-    "rate halved": Lie(_known(FULL), fps=FPS / 2),
+    "rate doubled": Lie(_known(FULL), fps=2 * FPS, of_time=True),
+    "rate halved": Lie(_known(FULL), fps=FPS / 2, of_time=True),
     "pictures dropped": Lie(_known("pictures dropped")),
     "person away": Lie(_known("person away")),
     "somebody crosses": Lie(_known("somebody crosses")),
