@@ -14,8 +14,8 @@ from tests.kills.operation import Operation
 from tests.kills.recordings import RECORDINGS
 from tests.support.short_solves import cut
 
-FRAMES = 16
-SETTINGS = {"window": 8, "iterations": 4}
+FRAMES = 8
+SETTINGS = {"iterations": 1, "learn_noise": False}
 _EARLIER = b"what the user had there before"
 
 
@@ -113,7 +113,7 @@ OPERATIONS: tuple[Operation, ...] = (
             "--settled",
             "0.5",
             "--idle",
-            "2",
+            "1",
         ),
         _OF_A_BATCH,
     ),
