@@ -15,6 +15,8 @@ from tests.fuzz.run import drawn_input, how_it_ends, scratch_folder
 from tests.fuzz.target import Target
 from tests.fuzz.tried import GOOD
 
+_LARGEST = 8_192
+"""Bytes of a new file: the corpus is a part of every clone."""
 BY_LINES = "lines"
 """How the number of a file begins that is kept for the lines it reaches; others broke a reader once, and stay."""
 Lines = frozenset[tuple[str, int]]
@@ -63,13 +65,14 @@ def _of_reader(target: Target, count: int, seed: int, mutator: str, corpus: Path
     with scratch_folder() as folder:
         sound = folder / "sound"
         sound.mkdir()
-        target.sound[0](sound)
+        target.dialects[0](sound)
         first = {p.suffix: p for p in sorted(sound.rglob("*"), reverse=True) if p.suffix in target.kinds}
         for number in range(count):
             rng = np.random.default_rng([seed, number])
             suffix = sorted(first)[int(rng.integers(len(first)))]
             content = drawn_input(mutator, first[suffix].read_bytes(), target.kinds[suffix], rng, number)
-            files[f"{begin}{BY_LINES}_{seed}_{number}{suffix}"] = content
+            if len(content) <= _LARGEST:
+                files[f"{begin}{BY_LINES}_{seed}_{number}{suffix}"] = content
         reached = _lines_of(target, sound)
         found = {name: _lines_of_file(target, name, content, folder) for name, content in files.items()}
     base = reached.union(*(found[name] for name in faults))

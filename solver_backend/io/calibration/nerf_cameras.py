@@ -59,7 +59,7 @@ def _node(tree: Mapping[str, Any], frame: Mapping[str, Any], name: str) -> dict[
     node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "fisheye": fisheye,
             "cx": _middle(found["cx"], width), "cy": _middle(found["cy"], found["h"]),
             "distortion": [found[key] or 0.0 for key in terms]}  # fmt: skip
-    if pose.shape == (4, 4) and abs(np.linalg.det(pose)) > 0:
+    if pose.shape == (4, 4) and np.isfinite(pose).all() and abs(np.linalg.det(pose)) > 0:
         node["extrinsics"] = np.linalg.inv(pose @ _TO_OPENCV)
     return {key: value for key, value in node.items() if value is not None}
 
