@@ -18,7 +18,9 @@ def _whole(value: Any) -> bool:
 
 
 def _number(value: Any) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+    if isinstance(value, int):
+        return not isinstance(value, bool) and abs(value) < 2**63  # a larger one may be none that a float holds
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def _texts(value: Any) -> bool:

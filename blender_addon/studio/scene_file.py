@@ -9,9 +9,11 @@ import numpy as np
 
 from .._exchange.errors import FileDamaged
 from .._exchange.npz import read_arrays
-from .._exchange.schema import Fields
+from .._exchange.schema import Fields, Shape
 
 FORMAT, VERSION = "manifold_mocap_studio_scene", 1
+_LARGEST = 2.0**31
+"""Of numbers of vertices and labels."""
 _ARRAYS = ("base", "offset_m", "faces", "label", "labels", "rest", "room", "walls", "furniture")
 
 
@@ -45,16 +47,21 @@ def read_scene(path: Path) -> SceneFile:
     """
     fields = Fields(path, read_arrays(path, required=("format", "version", *_ARRAYS)))
     fields.accept_format(FORMAT, VERSION)
-    base, faces = (
-        fields.shaped("base", ("vertices",), FileDamaged),
-        fields.shaped("faces", ("triangles", 3), FileDamaged),
-    )
+    base, faces = _numbers(fields, "base", ("vertices",)), _numbers(fields, "faces", ("triangles", 3))
     count = len(base)
     if len(faces) and (faces.min() < 0 or faces.max() >= count):
         raise FileDamaged(f"The triangles must name vertices 0 to {count - 1}.", where=str(path))
     return SceneFile(
-        base.astype(np.int64), fields.shaped("offset_m", (count,), FileDamaged), faces.astype(np.int64),
-        fields.shaped("label", (len(faces),), FileDamaged).astype(np.int64), fields.texts("labels"),
+        base, fields.shaped("offset_m", (count,), FileDamaged), faces,
+        _numbers(fields, "label", (len(faces),)), fields.texts("labels"),
         fields.shaped("rest", (count, 3), FileDamaged), fields.shaped("room", (2, 3), FileDamaged),
         bool(fields.shaped("walls", (), FileDamaged)), fields.shaped("furniture", ("pieces", 4, 3), FileDamaged),
     )  # fmt: skip
+
+
+def _numbers(fields: Fields, name: str, shape: Shape) -> np.ndarray:
+    """Return an array of numbers of vertices or labels; what no such number can be is damage."""
+    array = fields.shaped(name, shape, FileDamaged)
+    if not (np.abs(array.astype(np.float64)) < _LARGEST).all():
+        raise FileDamaged(f"{name} holds numbers beyond {_LARGEST:g}, or none.", where=str(fields.path))
+    return array.astype(np.int64)

@@ -10,6 +10,9 @@ from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import DISTORTION_MODELS
 from solver_backend.types.shapes import Float, Int
 
+_LARGEST_SIZE = 2.0**31
+"""Pixels along a side that no picture has: beyond it whole numbers of 32 bits end."""
+
 
 @dataclass(frozen=True)
 class Cameras:
@@ -44,12 +47,15 @@ class Cameras:
                 hint="Calibrate with the rational model or without thin-prism terms.",
             )
         distortion[:, : given.shape[1]] = given
+        sizes = np.asarray(self.image_size, dtype=np.float64)
+        if not (np.abs(sizes) < _LARGEST_SIZE).all():  # a number that is none is not, either
+            raise CalibrationInvalid("image_size holds a number that is no size in pixels.", where="cameras")
         arrays = {
             "K": (np.asarray(self.K, dtype=np.float64), (count, 3, 3)),
             "distortion": (distortion, (count, 8)),
             "R": (np.asarray(self.R, dtype=np.float64), (count, 3, 3)),
             "t": (np.asarray(self.t, dtype=np.float64), (count, 3)),
-            "image_size": (np.asarray(self.image_size, dtype=np.int64), (count, 2)),
+            "image_size": (sizes.astype(np.int64), (count, 2)),
         }
         for name, (value, shape) in arrays.items():
             if value.shape != shape:
