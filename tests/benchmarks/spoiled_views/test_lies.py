@@ -14,6 +14,7 @@ from solver_backend.exchange.diagnostics import read_diagnostics, sentence
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.spoiled_views.kinds import KINDS, Recording
+from tests.benchmarks.spoiled_views.lie_rows import ROWS, found_of
 from tests.benchmarks.spoiled_views.lies import LIES
 from tests.benchmarks.spoiled_views.more_lies import MORE_LIES
 from tests.benchmarks.spoiled_views.trial import error_mm
@@ -63,3 +64,13 @@ def test_keypoints_of_another_layout_are_refused(tmp_path: Path, capsys: pytest.
     code, event = solved("other layout", tmp_path, capsys)
     assert code == 3 and event["code"] == "result_refused" and "see the person" in event["message"]
     assert not (tmp_path / "motion.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("row", "code"),
+    [("lenses 10 % long", "focal_lengths_off"), ("pictures dropped", "rate_differs"), ("person away", "person_away"),
+     ("scaled by 1.25", "stature_odd")],
+)  # fmt: skip
+def test_what_cannot_be_corrected_is_named_everywhere_too(row: str, code: str, tmp_path: Path) -> None:
+    found = found_of(ROWS[row], tmp_path)
+    assert code in found.named and not found.missing and not found.refused
