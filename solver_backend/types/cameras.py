@@ -49,7 +49,7 @@ class Cameras:
         distortion[:, : given.shape[1]] = given
         sizes = np.asarray(self.image_size, dtype=np.float64)
         if not (np.abs(sizes) < _LARGEST_SIZE).all():  # a number that is none is not, either
-            raise CalibrationInvalid("image_size holds a number that is no size in pixels.", where="cameras")
+            raise CalibrationInvalid("image_size must hold whole numbers of pixels.", where="cameras")
         arrays = {
             "K": (np.asarray(self.K, dtype=np.float64), (count, 3, 3)),
             "distortion": (distortion, (count, 8)),
