@@ -2,40 +2,12 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plots import PlotCurve, time_plot
 from solver_backend.types import Capture
-
-ROWS = ("top", "centre", "bottom")
-COLUMNS = ("left", "middle", "right")
-
-
-@dataclass(frozen=True)
-class CameraFits:
-    """How C cameras fit one take; px unless stated."""
-
-    verdict: str
-    """One sentence."""
-    region_px: np.ndarray
-    """(C, 3, 3) median reprojection error by part of the picture, rows first; NaN where too little was seen."""
-    camera_px: np.ndarray
-    """(C,) the same of the whole picture."""
-    best_px: np.ndarray
-    """(C,) the same after the poses were adjusted to the take."""
-    epipolar_px: np.ndarray
-    """(C, W) median distance to the other cameras' epipolar lines in W equal stretches of the take."""
-    stature_m: float
-    """Of the person by the calibration's scale, metres."""
-    tilt_deg: float
-    """Between the world's up and the person's, degrees."""
-    tilt_sigma_deg: float
-    """Standard deviation of that angle as a person shows it, degrees."""
-    findings: tuple[str, ...]
-    """What is wrong, with what to do."""
+from solver_backend.types.camera_fits import COLUMNS, ROWS, CameraFits
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:

@@ -14,7 +14,7 @@ from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
-from solver_backend.report.calibration import CameraFits, calibration_section
+from solver_backend.report.calibration import calibration_section
 from solver_backend.report.diagnose import diagnose
 from solver_backend.report.hands import hands_section
 from solver_backend.report.markup import Tile, number, text, tiles
@@ -23,6 +23,7 @@ from solver_backend.report.props import props_section
 from solver_backend.report.rest_pose import rest_pose_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
+from solver_backend.types.camera_fits import CameraFits
 
 
 def write_report(
