@@ -20,6 +20,7 @@ from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
 from solver_backend.io.markers.take import gaps_of
 from solver_backend.io.recognition.marker_labels import subjects_of
+from solver_backend.io.recognition.motion_checks import odd_shape
 from solver_backend.types import MarkerCloud, MarkerSubject
 
 MOST_LISTED = 8
@@ -94,7 +95,7 @@ def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
     """Return text and JSON values of a calibrated person: shape, where markers sit, how far they stray."""
     away = 1000 * np.linalg.norm(person.offsets, axis=-1)
     sigma = 1000 * person.sigma_m
-    doubts = [*exchanged_in(person), *doubts_of(person)]
+    doubts = [*exchanged_in(person), *doubts_of(person), *odd_shape(person.betas)]
     data: CalibratedPerson = {
         "body": person.body,
         "betas": [round(float(value), 3) for value in person.betas],

@@ -96,7 +96,12 @@ def _too_fast(motion: _Numbers) -> Iterator[Diagnostic]:
 
 
 def _odd_shape(motion: _Numbers) -> Iterator[Diagnostic]:
-    if motion.betas.size and (worst := float(np.abs(motion.betas).max())) > LARGEST_BETA:
+    yield from odd_shape(motion.betas)
+
+
+def odd_shape(betas: np.ndarray) -> Iterator[Diagnostic]:
+    """Yield that a shape is no person's."""
+    if betas.size and (worst := float(np.abs(betas).max())) > LARGEST_BETA:
         yield diagnostic("shape_odd", size=worst, limit=LARGEST_BETA)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import marker_layout
+from solver_backend.cli.describe_markers import describe_person
 from solver_backend.fitters.marker_calibration.exchanged_wrists import exchanged_wrists, with_wrists_named
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.pipeline import calibrate_person, solve
@@ -73,7 +74,7 @@ def test_takes_of_a_person_are_named_each_by_itself_and_assigned_names_stay(walk
     assert with_wrists_named([swapped(walk, "L")], {"LWRA": "LWRA"}).changes == ()
 
 
-def test_what_a_calibration_exchanges_is_said():
+def test_what_a_calibration_exchanges_and_an_odd_shape_are_said():
     empty = np.zeros((0, 3))
     record = {"exchanged": [["LWRA", "LWRB"]], "names_over_takes": [[2, "C7", "T4", True], [3, "LSHO", "", False]]}
     person = MarkerSubject("neutral", np.zeros(10), (), (), empty, empty[:, 0], empty[:, 0], record)
@@ -81,6 +82,8 @@ def test_what_a_calibration_exchanges_is_said():
     said = [*exchanged_in(person), *doubts_of(person)]
     assert [item.code for item in said] == codes
     assert "C7 and T4 in take 2" in words(said)[1] and "LSHO in take 3" in words(said)[2]
+    _, data = describe_person(replace(person, betas=np.full(10, 5.0)))
+    assert [item["code"] for item in data["diagnostics"]] == [*codes, "shape_odd"]
 
 
 @pytest.mark.slow
