@@ -80,18 +80,32 @@ def _proposed(
     cloud: MarkerCloud, reference: MarkerCloud, progress: Progress, network: PointNetwork | None, *, persistent: bool
 ) -> np.ndarray | None:
     """Return (F, N) what the network names the points, in the reference's labels; None where it cannot."""
+    try:
+        network = network or load_network()
+        column = _columns(reference, network)
+        if (column >= 0).sum() < LEAST_MARKERS:
+            return None
+        take = label_take(replace(cloud, labels=None), network, fit_average_person, progress, persistent=persistent)
+    except (FileMissing, NoDetections):
+        return None
+    return np.where(take.labels >= 0, column[take.labels], -1)
+
+
+def _columns(reference: MarkerCloud, network: PointNetwork) -> np.ndarray:
+    """Return the reference's column by each marker that the network names, -1 where it has none.
+
+    Where the labels name few places, the network names the reference's points, too.
+    """
     labels = reference.labels or ()
     known = name_markers(labels).known
     column = np.full(GHOST + 1, -1)
     for i, label in enumerate(labels):
         if known.get(label) in MARKERS:
             column[MARKERS.index(known[label])] = i
-    if (column >= 0).sum() < LEAST_MARKERS:
-        return None
-    try:
-        take = label_take(
-            replace(cloud, labels=None), network or load_network(), fit_average_person, progress, persistent=persistent
-        )  # fmt: skip
-    except (FileMissing, NoDetections):
-        return None
-    return np.where(take.labels >= 0, column[take.labels], -1)
+    if (column >= 0).sum() >= LEAST_MARKERS:
+        return column
+    take = label_take(replace(reference, labels=None), network, fit_average_person, persistent=True)
+    for place, stretch in zip(*np.unique(take.tracklets.column, return_index=True), strict=True):
+        if 0 <= take.stretch_label[stretch] < GHOST:
+            column[take.stretch_label[stretch]] = place
+    return column

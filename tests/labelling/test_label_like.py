@@ -67,6 +67,20 @@ def test_recordings_of_other_layouts(shared_data: Path, like: str, take: str) ->
     assert right >= 99.0 and wrong <= 0.5
 
 
+def test_a_layout_of_strange_names_is_read_by_the_network_as_well(shared_data: Path) -> None:
+    """By distances alone a third of the points get their name, and half another one."""
+    clouds = []
+    for name in ("m10_s02_e02", "m01_s02_e02"):
+        with np.load(shared_data / "markers" / "ui_prmd" / f"{name}.npz", allow_pickle=False) as data:
+            points = 1e-4 * data["positions_01mm"][:600:6].astype(float)
+        points[(points == 0).all(-1)] = np.nan
+        clouds.append(MarkerCloud(points, 100.0 / 6, tuple(f"X{k}q" for k in range(points.shape[1]))))
+    bare, truth = pieces(clouds[1], 2)
+    _, named = labelled_like(Capture("take", markers=bare), Capture("like", markers=clouds[0]))
+    right, wrong = shares(named.point_labels, truth)
+    assert right >= 99.0 and wrong <= 0.5
+
+
 def test_the_verb_writes_the_names(tmp_path: Path) -> None:
     first, second = halves()
     like = write_c3d(tmp_path / "like.c3d", first)
