@@ -11,6 +11,7 @@ from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.body_check import BodyFit, body_evidence
 from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
+from solver_backend.labelling.head_turn import with_head_forward
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
@@ -114,6 +115,7 @@ def label_take(
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(user_labels or {}, tracklets)
     labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit)
+    labels = with_head_forward(positions, tracklets, labels, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
     by_point = np.where(stretch >= 0, labels[stretch], UNKNOWN)
