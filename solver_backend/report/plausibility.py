@@ -170,9 +170,9 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     joints = joints_of(motion, *names)
     if joints is None or motion.num_frames < 2 or rests(motion, *names):
         return
-    stands = (joints[:, 0:2].mean(1) - joints[:, -2:].mean(1)) @ np.array([0.0, 0.0, 1.0])
-    length = np.linalg.norm(joints[:, 0:2].mean(1) - joints[:, -2:].mean(1), axis=-1)
-    if (stands > np.sqrt(0.5) * length).mean() < STANDS_SHARE:
+    along = joints[:, 0:2].mean(1) - joints[:, -2:].mean(1)
+    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    if (along[:, 2] > np.sqrt(0.5)).mean() < STANDS_SHARE:
         return
     points = np.full((motion.num_frames, len(_STANCE.keypoints), 3), np.nan)
     points[:, [_STANCE.keypoints.index(name) for name in names]] = joints
@@ -182,5 +182,9 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
     except NoDetections:
         return
     tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)
+    if centres_of(motion):  # a suit that sinks has no floor to witness: the body has to lean, too
+        mean = along.mean(axis=0)
+        lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
+        tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
     if tilt > max(TILT_DEGREES, TILT_SIGMAS * sigma):
         yield diagnostic("person_tilted" + of_markers(motion), size=float(tilt), sigma=float(sigma))

@@ -15,6 +15,8 @@ from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
 
 UPRIGHT = 2.0
 """A body stands along an axis if its length along it is this many times that along every other."""
+LEANING = 1.2
+"""The same in the axes of a camera that looks down, where nothing is at the level 0: up to 40 degrees."""
 FLOOR_M = 0.3
 """Feet of somebody who stands are this near to the level 0."""
 LYING_M = 0.4
@@ -70,7 +72,11 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
         rotation_to_z_up(given)
         return _axis(given.lower().lstrip("+"), "marker_axis_given")
     expected = stated or default
-    body = _standing_along(positions, labels)
+    body = _standing_along(positions, labels, UPRIGHT)
+    # Who stands on the hands has them at 0.
+    afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
+    if body is None and not stated and afloat and raised_part(positions, labels)[0] is not None:
+        body = _standing_along(positions, labels, LEANING)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
             return _axis(stated, "marker_axis_stated")
@@ -81,7 +87,6 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
             return _axis(floor, "marker_axis_by_floor")
         return _axis(expected, "marker_axis_assumed")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
-    afloat = abs(_lowest(positions, expected)) > FLOOR_M  # who stands on the hands has them at 0
     if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
         return _axis(body, "marker_axis_by_body")
     against = partial(diagnostic, stated=expected.upper(), along=body.upper())
@@ -96,8 +101,8 @@ def _axis(name: str, code: str, problem: Diagnostic | None = None) -> UpAxis:
     return UpAxis(name, diagnostic(code, axis=name.upper()), problem)
 
 
-def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
-    """Return the axis along which the body is longest if it clearly is, with the sign of the end where the head is."""
+def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) -> str | None:
+    """Return the axis along which the body is so many times as long, with the sign of the end where the head is."""
     frames = positions[:: max(1, len(positions) // 500)]
     raised, _ = raised_part(positions, labels)
     if raised is not None:
@@ -107,7 +112,7 @@ def _standing_along(positions: np.ndarray, labels: Sequence[str]) -> str | None:
         length, sign = _extent(frames)
     length = np.nan_to_num(length)
     axis = int(np.argmax(length))
-    if sign[axis] == 0 or not length[axis] > UPRIGHT * np.delete(length, axis).max():
+    if sign[axis] == 0 or not length[axis] > ratio * np.delete(length, axis).max():
         return None
     return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
 

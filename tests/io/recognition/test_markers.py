@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.marker_labels import (
     is_model_output,
@@ -111,6 +112,8 @@ def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
     points[..., 2] += [1.6, 1.4, 0.9, 0.5, 0.1]
     camera = (points - [0.0, 0.0, 2.2]) @ rotation_to_z_up("-y")
     assert find_up_axis(camera, names, "", None, "y").name == "-y"
+    down = exp_so3(np.array([np.radians(30.0), 0.0, 0.0]))
+    assert find_up_axis(camera @ down.T, names, "", None, "y").name == "-y"
     handstand = points * [1.0, 1.0, -1.0] + [0.0, 0.0, 1.8]
     found = find_up_axis(handstand @ rotation_to_z_up("y"), names, "", None, "y")
     assert (found.name, found.problem and found.problem.code) == ("y", "body_across_usual_axis")
