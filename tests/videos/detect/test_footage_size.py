@@ -37,14 +37,15 @@ def test_hands_of_half_size_footage_are_in_the_calibrations_pixels(monkeypatch: 
     take = handed_take(FRAMES, seed=1)
     cameras, keypoints = take.capture.cameras, take.capture.keypoints
     assert cameras is not None and keypoints is not None
-    sizes = {"half": (960, 540), "whole": (1920, 1080)}
+    # Half as high, and cut to whole blocks in width.
+    sizes, by = {"half": (952, 540), "whole": (1920, 1080)}, np.array([952 / 1920, 0.5])
     whole = arms_of(take.capture)[0]
 
     def search(pictures: dict[int, int], filmed: Cameras, arms: Arms, look: Callable, *_: Any) -> np.ndarray:
         frame = pictures[0]
         px = project(filmed.K, filmed.distortion, filmed.R, filmed.t, take.hands.points, filmed.distortion_model)
         own = whole.detected[:, frame, ..., :2]
-        np.testing.assert_allclose(arms.detected[0, ..., :2], (own[0] + 0.5) / 2 - 0.5)
+        np.testing.assert_allclose(arms.detected[0, ..., :2], (own[0] + 0.5) * by - 0.5)
         np.testing.assert_array_equal(arms.detected[1:, ..., :2], own[1:])
         return np.concatenate([px[:, frame], np.ones((4, 2, 21, 1))], axis=-1)
 
@@ -63,4 +64,4 @@ def test_pictures_cut_to_blocks_and_of_another_shape_are_left_alone() -> None:
     cameras = handed_take(FRAMES, seed=1).capture.cameras
     assert cameras is not None
     scale = footage_scale(cameras, [(1904, 1080), (1080, 1920), None, (3840, 2160)])
-    np.testing.assert_allclose(scale, [1.0, 1.0, 1.0, 2.0])
+    np.testing.assert_allclose(scale, [[1.0, 1.0], [1.0, 1.0], [1.0, 1.0], [2.0, 2.0]])
