@@ -12,6 +12,9 @@ from typing import IO
 
 ROOT = Path(__file__).resolve().parents[1]
 VENV = Path(sys.prefix)
+COMPILED = VENV / "compiled"
+COMPILED_BEFORE = COMPILED.exists()
+"""Whether tests ran before here: if not, one worker imports everything before the other, which finds it compiled."""
 LINTERS_PYTHON = (3, 11)
 """Whose environment the linters look into; under another Python the tests run alone."""
 WORKERS = 2
@@ -79,7 +82,8 @@ def compile_once() -> dict[str, str]:
     Compiling is more than half of what collecting the tests takes, and every program that they start imports anew.
     """
     env = {name: value for name, value in os.environ.items() if name != "PYTHONDONTWRITEBYTECODE"}
-    return {"PYTHONPYCACHEPREFIX": str(VENV / "compiled"), **env}
+    in_turn = {} if COMPILED_BEFORE else {"MOCAP_COLLECT_IN_TURN": "1"}
+    return {"PYTHONPYCACHEPREFIX": str(COMPILED), **in_turn, **env}
 
 
 if __name__ == "__main__":

@@ -10,6 +10,7 @@ for _name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUM
 # The solver gives torch every core. Threads that wait by turning in circles keep the other worker's core busy.
 os.environ.setdefault("OMP_WAIT_POLICY", "PASSIVE")
 
+from collections.abc import Generator  # noqa: E402
 from importlib.util import find_spec  # noqa: E402
 from pathlib import Path  # noqa: E402
 
@@ -25,6 +26,7 @@ if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
 
     annotation_checks.install(CHECKED)  # before anything imports the solver
 
+from tests.support.collecting import in_turn  # noqa: E402
 from tests.support.recordings import recordings_folder  # noqa: E402
 from tests.support.slow_tests import is_left_out, left_out  # noqa: E402
 
@@ -42,6 +44,13 @@ hypothesis.settings.load_profile("mocap")
 def pytest_addoption(parser: pytest.Parser) -> None:
     """Add the option of the whole suite."""
     parser.addoption("--all", action="store_true", help="run what is marked slow, too; a named file runs whole")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """Let workers that have nothing compiled yet collect one after the other."""
+    with in_turn():
+        return (yield)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:

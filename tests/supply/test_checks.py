@@ -73,13 +73,32 @@ def test_another_python_runs_the_tests_alone(ran, monkeypatch):
 
 def test_modules_are_compiled_once_and_beside_no_source(monkeypatch, tmp_path):
     monkeypatch.setenv("PYTHONDONTWRITEBYTECODE", "1")
-    monkeypatch.setattr(checks, "VENV", tmp_path)
+    monkeypatch.setattr(checks, "COMPILED", tmp_path / "compiled")
     monkeypatch.setattr(checks, "ROOT", tmp_path)
     monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)
     (tmp_path / "some_module.py").write_text("x = 1\n")
     assert checks.call([sys.executable, "-c", "import some_module"], None) == 0
     assert len(list((tmp_path / "compiled").rglob("some_module*.pyc"))) == 1
     assert not (tmp_path / "__pycache__").exists()
+
+
+@pytest.mark.skipif(os.name == "nt", reason="workers collect at once there")
+def test_in_a_new_environment_one_worker_collects_after_the_other(monkeypatch, tmp_path):
+    monkeypatch.setattr(checks, "COMPILED", tmp_path / "compiled")
+    monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)
+    code = (
+        "import os, time; from tests.support.collecting import in_turn\n"
+        "with in_turn(): print(os.getpid(), flush=True); time.sleep(0.3); print(os.getpid(), flush=True)"
+    )
+    for before in (False, True):
+        monkeypatch.setattr(checks, "COMPILED_BEFORE", before)
+        command, env = [sys.executable, "-c", code], checks.compile_once()
+        with (tmp_path / "shown").open("w+") as shown:
+            workers = [subprocess.Popen(command, cwd=checks.ROOT, env=env, stdout=shown) for _ in range(2)]
+            assert [worker.wait(timeout=60) for worker in workers] == [0, 0]
+        first, second, third, fourth = (tmp_path / "shown").read_text().split()
+        assert before or (first == second and third == fourth)
+        assert env.get("MOCAP_COLLECT_IN_TURN") == (None if before else "1")
 
 
 def test_what_a_linter_prints_goes_to_the_file_that_is_given(tmp_path):
