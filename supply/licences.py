@@ -61,7 +61,14 @@ def licence_of(package: Distribution) -> str:
     classifiers = [c.split(" :: ")[-1] for c in metadata.get_all("Classifier") or () if c[:7] == "License"]
     files = [package.read_text(f"licenses/{name}") or "" for name in metadata.get_all("License-File") or ()]
     text = "\n".join([metadata.get("License") or "", *files]).strip().splitlines()
-    return stated or ", ".join(classifiers) or (text[0][:60] if text else "not stated")
+    found = stated or ", ".join(classifiers) or (text[0][:60] if text else "")
+    return found or ("none: holds no files" if _is_empty(package) else "not stated")
+
+
+def _is_empty(package: Distribution) -> bool:
+    """Return whether a package is a list of others alone, as CUDA's is: it holds nothing that a licence covers."""
+    files = package.files
+    return files is not None and all(file.parts[0].endswith(".dist-info") for file in files)
 
 
 def _applies(requirement: Requirement, extras: set[str]) -> bool:

@@ -21,6 +21,7 @@ def test_a_package_that_fails_is_told(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     asked: list[list[str]] = []
+    monkeypatch.setattr(detectors, "NEWEST", sys.version_info[:2])
     monkeypatch.setattr(detectors.venv, "create", lambda folder, **options: None)
     monkeypatch.setattr(subprocess, "call", lambda command: asked.append(command) or 1)
     assert detectors.main(tmp_path / "environment") == 1

@@ -7,7 +7,10 @@ import json
 import re
 import tomllib
 import zipfile
+from importlib.metadata import PathDistribution
 from pathlib import Path
+
+import pytest
 
 from supply.bill_of_materials import bill_of_materials
 from supply.licences import ROOT, installed, licence_of, licence_table
@@ -54,6 +57,16 @@ def test_what_the_project_names_is_locked() -> None:
 
 def test_every_package_states_a_licence() -> None:
     assert "not stated" not in licence_table()
+
+
+@pytest.mark.parametrize(("held", "licence"), [("", "none: holds no files"), ("code.py,,\n", "not stated")])
+def test_a_package_without_files_needs_no_licence(tmp_path: Path, held: str, licence: str) -> None:
+    folder = tmp_path / "lists-1.0.dist-info"
+    folder.mkdir()
+    (tmp_path / "code.py").touch()
+    (folder / "METADATA").write_text("Metadata-Version: 2.1\nName: lists\nVersion: 1.0\n")
+    (folder / "RECORD").write_text(f"{folder.name}/METADATA,,\n{held}")
+    assert licence_of(PathDistribution(folder)) == licence
 
 
 def test_licences_of_packages_are_told_with_the_terms_of_the_data() -> None:
