@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
@@ -28,8 +29,9 @@ class HandedTake:
     """(C, F, 2, 21) whether something stands before a point."""
 
 
+@lru_cache(maxsize=4)
 def handed_take(frames: int = 90, fps: float = 30.0, seed: int = 0, faults: HandFaults | None = None) -> HandedTake:
-    """Return the demo's person, cameras and detections of the body, with hands that a detector finds."""
+    """Return the demo's person, cameras and detections of the body, with hands that a detector finds; shared."""
     body = load_body()
     motion = author_motion(body, DEMO_BETAS, frames, fps)
     orient, local = exp_so3(motion.global_orient), exp_so3(motion.body_pose)
