@@ -207,7 +207,7 @@ def take_motion(
     if whom:
         action[PERSON] = whom
     if result is not None:
-        found = read_diagnostics(result["diagnostics"])
+        found = read_diagnostics(result.get("diagnostics"))
         action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_in(found)))
         action[DIAGNOSTICS] = findings_text(found)
     review.armature = armature

@@ -59,9 +59,8 @@ class VIEW3D_PT_mocap_result_notes(StagePanel, bpy.types.Panel):
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the notes, and the button of the log."""
         result = _solved(context)
-        assert result is not None
-        for take in result.get("takes", [result]):
-            for note in notes_in(read_diagnostics(take["diagnostics"])):
+        for take in () if result is None else result.get("takes", [result]):
+            for note in notes_in(read_diagnostics(take.get("diagnostics"))):
                 draw_finding(self.layout, context, note, f"{take['name']}: " if "name" in take else "")
         self.layout.operator(MOCAP_OT_show_log.bl_idname, icon="TEXT")
 
