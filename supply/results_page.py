@@ -78,7 +78,7 @@ TABLES: dict[str, tuple[tuple[str, str, str, str], ...]] = {
         ("The same, Plug-in Gait", "markers", "plug-in_gait_39_mean_share", "times its error"),
         ("True joints inside the 50 % ellipsoids", "markers", "held50", "%"),
         ("True joints inside the 95 % ellipsoids", "markers", "held95", "%"),
-        ("Known person, 42 markers, on one core", "markers", "known_person_a_core", "frames per second"),
+        ("Known person, 42 markers, on one core", "marker_speed", "known_person_a_core", "frames per second"),
         ("UI-PRMD, 474 takes: failed", "markers_ui_prmd", "failed_takes", "takes"),
     ),
     "Hands": (

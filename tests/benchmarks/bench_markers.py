@@ -1,4 +1,4 @@
-"""Optical markers: hidden samples filled in, a spoiled take, joints beside a recording's own skeleton, and speed.
+"""Optical markers: hidden samples filled in, a spoiled take, and joints beside a recording's own skeleton.
 
 Hidden samples: 15 % of the real samples in bursts of half a second, filled by a rigid cluster of neighbours (as it is
 the trade) and by the body. Spoiled: 4 mm of noise, 10 % missing, 3 ghosts and 6 exchanges of labels. The skeleton's
@@ -19,7 +19,7 @@ from solver_backend.fitters import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud, Motion
 from tests.benchmarks.kept_parts import kept_metrics
-from tests.benchmarks.marker_takes import coverage, joint_angles, speed
+from tests.benchmarks.marker_takes import coverage, joint_angles
 from tests.benchmarks.marker_takes.held_out import held_out, pooled, report
 from tests.benchmarks.marker_takes.rigid_bones import HINGES, flexion_in_bones, motion_in_bones
 from tests.benchmarks.marker_takes.spoiled import moved_mm
@@ -35,7 +35,6 @@ def run() -> list[Metric]:
     folder()
     parts = {
         "held out": _held_out, "spoiled": _spoiled, "skeleton": _skeleton, "angles": _angles, "coverage": _coverage,
-        "speed": _speed,
     }  # fmt: skip
     found = (kept_metrics("tests.benchmarks.bench_markers", name, measure) for name, measure in parts.items())
     return [metric for metrics in found for metric in metrics]
@@ -108,14 +107,3 @@ def _angles() -> list[Metric]:
 
 def _coverage() -> list[Metric]:
     return [Metric(key, value, "%", "higher", abs_tol=4.0) for key, value in coverage.held().items()]
-
-
-def _speed() -> list[Metric]:
-    found = speed.measured().items()
-    return [
-        *(
-            Metric(key.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
-            for key, value in found
-        ),
-        *(Metric(f"live_{steps}_steps_ms", speed.live_ms(steps), "ms", rel_tol=0.5) for steps in (1, 2)),
-    ]

@@ -1,0 +1,21 @@
+"""Speed of optical markers: frames a second of a known person by the bundle, with calibration, and live on a core.
+
+A benchmark of its own, since it needs a quiet machine, on which accuracy does not depend. It needs no recordings.
+"""
+
+from __future__ import annotations
+
+from tests.benchmarks.marker_takes import speed
+from tests.benchmarks.metric import Metric
+
+
+def run() -> list[Metric]:
+    """Measure by wall-clock time and by CPU time (all threads together)."""
+    throughput = [
+        Metric(key.replace(" ", "_").replace(",", ""), value, "frames/s", "higher", rel_tol=0.4)
+        for key, value in speed.measured().items()
+    ]
+    return [
+        *throughput,
+        *(Metric(f"live_{steps}_steps_ms", speed.live_ms(steps), "ms", rel_tol=0.5) for steps in (1, 2)),
+    ]
