@@ -165,16 +165,21 @@ def real(folder: Path) -> list[Metric]:
     capture = load_capture(folder)
     cameras, keypoints = capture.require_multiview()
     half = keypoints.num_frames // 2
-    first, second = keypoints.frames(0, half), keypoints.frames(half, keypoints.num_frames)
+    first, rest = keypoints.frames(0, half), second_half(capture)
     known = [lens_of(cameras, c) for c in range(len(cameras))]
     rigs = {
         "own": cameras,
         "refined": refine_by_person(cameras, first).cameras,
         "person": calibrate_by_person(cameras.names, known, first, PersonOptions(1.72)).cameras,
     }
-    rest = replace(capture, keypoints=second)
     held = {name: leave_one_camera_out(replace(rest, cameras=rig)).pooled_px[0] for name, rig in rigs.items()}
     return [Metric(f"real_{name}_held_out_px", value, "px") for name, value in held.items()]
+
+
+def second_half(capture: Capture) -> Capture:
+    """Return the second half of a capture with the person who is solved alone."""
+    _, keypoints = capture.require_multiview()
+    return replace(capture, keypoints=keypoints.frames(keypoints.num_frames // 2, keypoints.num_frames), people=())
 
 
 def apart(found: Cameras, R: np.ndarray, t: np.ndarray, *, with_scale: bool) -> tuple[np.ndarray, np.ndarray]:
