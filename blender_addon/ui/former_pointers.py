@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from typing import Any
 
 import bpy
 
@@ -29,6 +30,21 @@ def release_pointers(scene: bpy.types.Scene) -> None:
             del kept[name]
             if _is_in(scene, pointed) and name not in _CHOSEN_AT:
                 setattr(group, name, pointed)
+    if hasattr(scene, "bl_system_properties_get"):
+        _let_go(scene.get("mocap"))
+
+
+def _let_go(kept: Any) -> None:
+    """Remove pointers from the copy that Blender 5 leaves among custom properties: what is deleted would stay."""
+    if isinstance(kept, list):
+        for part in kept:
+            _let_go(part)
+    elif hasattr(kept, "keys"):
+        for name in list(kept.keys()):
+            if isinstance(kept[name], bpy.types.ID):
+                del kept[name]
+            else:
+                _let_go(kept[name])
 
 
 def _groups(scene: bpy.types.Scene) -> Iterator[tuple[bpy.types.PropertyGroup, tuple[str, ...]]]:
