@@ -50,7 +50,7 @@ def test_origins_are_joint_centres(tmp_path: Path) -> None:
     seen[2, 1] = False
     path = tmp_path / "theia.c3d"
     path.write_bytes(file_of(origins, seen))
-    take = read_c3d(path)
+    take = read_c3d(path, up_axis="z")
     assert take.cloud.labels == ("pelvis", "left_thigh", "right_upper_arm") and take.cloud.fps == 85.0
     expected = np.where(seen[:, 1:, None], 0.001 * origins[:, 1:], np.nan)
     np.testing.assert_allclose(take.cloud.positions, expected, atol=1e-6)
