@@ -35,9 +35,10 @@ class Recorder:
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
+        # First: a run that was killed as it finished has left both, and the file that is there is refused.
+        self.recovered = recover(path, finish)
         self.path = check_output(path, overwrite=overwrite)
         self.unfinished = recording_of(self.path)
-        self.recovered = recover(self.path, finish)
         self._finish, self._pieces, self._overwrite = finish, pieces, overwrite
         self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
         lock(self._file.handle)

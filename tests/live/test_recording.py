@@ -112,6 +112,18 @@ def test_the_next_run_finishes_what_a_killed_one_left(tmp_path: Path) -> None:
     assert recover(path, finish_points) is None
 
 
+def test_what_was_killed_between_its_file_and_its_end_is_kept_though_the_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "walk.c3d"
+    killed = recorder(path)
+    list(killed.watched(frames(7)))
+    os.close(killed._file.handle)
+    path.write_bytes(b"finished")
+    with pytest.raises(OutputExists):
+        recorder(path)
+    assert sorted(os.listdir(tmp_path)) == ["walk.c3d", "walk_recovered_1.c3d"]
+    assert read_markers(tmp_path / "walk_recovered_1.c3d").report.frames == 7
+
+
 def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
     def peak(count: int) -> int:
         path = tmp_path / f"{count}.c3d"

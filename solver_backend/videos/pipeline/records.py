@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from contextlib import suppress
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,8 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.io.files import read_json
 
 NAME = "steps.json"
+_BEGUN = ""
+"""Key of an output that is being made: made of nothing."""
 
 
 class Records:
@@ -34,9 +37,25 @@ class Records:
         """Return whether we made an output, of whatever it was, so that it may be replaced."""
         return output.name in self._keys
 
+    @contextmanager
+    def making(self, output: Path) -> Iterator[None]:
+        """Remember that an output is ours before it is written: however this process ends, the next replaces it."""
+        self._keys[output.name] = _BEGUN
+        self._write()
+        try:
+            yield
+        except BaseException:
+            if not output.exists():
+                del self._keys[output.name]
+                self._write()
+            raise
+
     def made(self, output: Path, made_of: Any) -> None:
         """Remember what an output was made of."""
         self._keys[output.name] = key_of(made_of)
+        self._write()
+
+    def _write(self) -> None:
         write_text(self._path, json.dumps(self._keys, indent=2, sort_keys=True) + "\n", overwrite=True)
 
 

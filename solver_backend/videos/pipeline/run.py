@@ -110,7 +110,8 @@ class _Road:
         request = CalibrationRequest(
             self._found, plan.take, self._detections, self._clocks, plan.made_calibration, drawn[0]
         )
-        made = calibrate_take(request, settings.cameras, self._progress)
+        with self._records.making(plan.made_calibration):
+            made = calibrate_take(request, settings.cameras, self._progress)
         self._calibration = _of_take(plan.made_calibration, plan)
         self._records.made(plan.made_calibration, self._calibrated_from(made.method))
         self._report_clocks()
@@ -136,7 +137,8 @@ class _Road:
                 replace(capture, notes=(*capture.notes, *notes), problems=(*capture.problems, *problems))
             )
             self._capture = with_hands(self._capture, self._settings.hands, self._progress)
-            write_capture(plan.capture, self._capture, overwrite=True)
+            with self._records.making(plan.capture):
+                write_capture(plan.capture, self._capture, overwrite=True)
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
         drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
@@ -177,7 +179,8 @@ class _Road:
         write_report(
             plan.folder / "report.html", self._capture, motion, self._check and self._check.fit, overwrite=True
         )
-        write_motion(plan.motion, motion, overwrite=True)
+        with self._records.making(plan.motion):
+            write_motion(plan.motion, motion, overwrite=True)
         self._records.made(plan.motion, made_of)
         self.steps.report("solve", "made", [written, *found])
 
@@ -213,7 +216,8 @@ class _Road:
             self._clocks = read_clocks(plan.clocks)
         else:
             self._clocks = synchronise(self._detections, cameras, settings.sync, self._progress)
-            write_text(plan.clocks, json.dumps(self._clocks.as_dict(), indent=2) + "\n", overwrite=True)
+            with self._records.making(plan.clocks):
+                write_text(plan.clocks, json.dumps(self._clocks.as_dict(), indent=2) + "\n", overwrite=True)
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
@@ -86,6 +87,19 @@ def test_records_know_what_was_made_of_what(tmp_path: Path) -> None:
     assert again.is_made(out, [1, {"a": None}]) and again.is_ours(out) and not again.is_made(out, [2])
     out.unlink()
     assert not again.is_made(out, [1, {"a": None}])
+
+
+def test_what_a_killed_run_was_making_is_ours_and_what_failed_is_not(tmp_path: Path) -> None:
+    out, records = tmp_path / "sync.json", Records(tmp_path)
+    with suppress(ZeroDivisionError), records.making(out):
+        raise ZeroDivisionError
+    assert not Records(tmp_path).is_ours(out)
+    with records.making(out):
+        out.touch()
+        killed = Records(tmp_path)  # as the next run finds it
+        assert killed.is_ours(out) and not killed.is_made(out, "")
+    records.made(out, [1])
+    assert Records(tmp_path).is_made(out, [1])
 
 
 @pytest.fixture
