@@ -20,7 +20,7 @@ VIDEOS: dict[str, DiagnosticEntry] = {
         "It is hidden or gloved, it holds something, or it is smaller than about 15 pixels.",
     ),
     "footage_late": note(
-        "The footage is {size:+d} pictures late of the detections",
+        "The footage is {size:+.0f} pictures late of the detections",
         "The videos were cut or converted after the detections were made: hands in them are where the detections have "
         "the wrists so many frames before. The hands and the footage are moved in time.",
     ),
