@@ -6,11 +6,10 @@ import json
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import bpy
 
-from .._exchange.diagnostics import Diagnostic, read_diagnostics, warnings_in
+from .._exchange.diagnostics import Diagnostic, DiagnosticValues, read_diagnostics, warnings_in
 from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import set_betas
 from ..body.sliders import body_mesh
@@ -85,7 +84,7 @@ def person_of(provenance: str) -> str:
     return person if isinstance(person, str) else ""
 
 
-def found_in(provenance: str) -> list[dict[str, Any]]:
+def found_in(provenance: str) -> list[DiagnosticValues]:
     """Return what was found while a motion was solved, by its provenance, JSON text; plain JSON values."""
     try:
         record = json.loads(provenance)

@@ -85,7 +85,8 @@ def test_modules_are_compiled_once_and_beside_no_source(monkeypatch, tmp_path):
 @pytest.mark.skipif(os.name == "nt", reason="workers collect at once there")
 def test_in_a_new_environment_one_worker_collects_after_the_other(monkeypatch, tmp_path):
     monkeypatch.setattr(checks, "COMPILED", tmp_path / "compiled")
-    monkeypatch.delenv("PYTHONPYCACHEPREFIX", raising=False)
+    for name in ("PYTHONPYCACHEPREFIX", "MOCAP_COLLECT_IN_TURN"):
+        monkeypatch.delenv(name, raising=False)
     code = (
         "import os, time; from tests.support.collecting import in_turn\n"
         "with in_turn(): print(os.getpid(), flush=True); time.sleep(0.3); print(os.getpid(), flush=True)"

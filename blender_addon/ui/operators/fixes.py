@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic
+from ..._exchange.errors import ErrorEvent
 from .base import MocapOperator
 from .cameras import MOCAP_OT_refine_cameras
 from .clean_up import MOCAP_OT_feet_to_floor
@@ -131,7 +132,7 @@ def fix_of(found: Diagnostic) -> Fix | None:
         return None
 
 
-def reading_fixes(error: dict[str, str]) -> tuple[Fix, ...]:
+def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
     """Return the remedies of a failed reading that are buttons."""
     if error.get("code") != "frame_count_mismatch":
         return ()

@@ -6,6 +6,7 @@ from .diagnostic import (
     EARLIER,
     EARLIER_NOTE,
     Diagnostic,
+    DiagnosticValues,
     Remedy,
     Where,
     diagnostic,
@@ -21,7 +22,7 @@ from .table import TABLE
 from .wording import frames_text, sentence, word
 
 __all__ = [
-    "EARLIER", "EARLIER_NOTE", "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "Remedy", "Severity", "Where",
-    "diagnostic", "frames_text", "merge", "notes_in", "read_diagnostics", "refuse_errors", "sentence", "summarise",
-    "warnings_in", "word",
+    "EARLIER", "EARLIER_NOTE", "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "DiagnosticValues", "Remedy",
+    "Severity", "Where", "diagnostic", "frames_text", "merge", "notes_in", "read_diagnostics", "refuse_errors",
+    "sentence", "summarise", "warnings_in", "word",
 ]  # fmt: skip

@@ -43,16 +43,21 @@ def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: s
     Raises:
         ResultRefused: an error is not accepted; the message has every one, the hint what to do.
     """
-    found, accepted = tuple(found), set(accepted)
-    refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]
+    found, accepted = tuple(found), {_fault(code) for code in accepted}
+    refused = [item for item in found if item.severity is Severity.ERROR and _fault(item.code) not in accepted]
     if refused:
         words = [word(item) for item in refused]
         advices = dict.fromkeys(advice for _, advice in words)
         doubts = [word(item).what for item in found if item.code in READING and item.severity is Severity.WARNING]
         reasons = [f"What was found before may explain it: {' '.join(doubts[:MOST_DOUBTS])}"] if doubts else []
-        options = " ".join(f"--accept {code}" for code in dict.fromkeys(item.code for item in refused))
+        options = " ".join(f"--accept {code}" for code in dict.fromkeys(_fault(item.code) for item in refused))
         raise ResultRefused(
             " ".join(what for what, _ in words), where=where,
             hint=" ".join([*reasons, *advices, f"To take the result even so: {options}."]),
         )  # fmt: skip
     return tuple(replace(i, severity=Severity.WARNING) if i.severity is Severity.ERROR else i for i in found)
+
+
+def _fault(code: str) -> str:
+    """Return the fault of a code: of views and of markers it is the same one, with another remedy."""
+    return code.removesuffix("_markers")

@@ -182,7 +182,8 @@ def test_points_that_nobody_named_are_read_and_not_solved(tmp_path, cloud):
 def test_too_few_known_markers_say_how_many_are_needed(tmp_path, cloud):
     few = replace(cloud, positions=cloud.positions[:, :6], labels=("LASI", "RASI", "C7", "x1", "x2", "L_HJC"))
     capture = load_capture(write_c3d(tmp_path / "few.c3d", few))
-    assert words(capture.problems)[0].startswith("Only 3 markers are known, LASI, RASI, C7; a solve needs 8.")
+    few_known = "Only 3 markers are known, LASI, RASI, C7; a solve needs 8."
+    assert any(problem.startswith(few_known) for problem in words(capture.problems))
     message = "at least 8 markers.*3 of the 6 labels are known: LASI, RASI, C7. Read were LASI, RASI, C7, x1, x2."
     with pytest.raises(MarkersUnknown, match=message):
         solve(capture)
