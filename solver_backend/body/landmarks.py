@@ -11,13 +11,13 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, forward_kinematics, pose_feature, with_resting_hands
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.tangents import rotation_jacobian
-from solver_backend.geometry.arrays import Array, constant, unset
+from solver_backend.geometry.arrays import Array, array_namespace, constant, unset
+from solver_backend.geometry.short_axis import dot
 from solver_backend.types.shapes import Float
 
 
@@ -81,7 +81,7 @@ def pose_landmarks(
         directions = constant(landmarks.posedirs[..., : feature.shape[1]], G)
         correction = xp.matmul(feature, xp.reshape(directions, (3 * count, -1)).T)
         correction = xp.reshape(correction, (frames, count, 3))
-        points = points + xp.permute_dims(xp.sum(blend * correction[:, :, None, :], axis=-1), (0, 2, 1))
+        points = points + xp.permute_dims(dot(blend, correction[:, :, None, :]), (0, 2, 1))
     points = xp.permute_dims(points, (0, 2, 1)) + skeleton.joints[:, :1]
     if not jacobian:
         return PosedLandmarks(points, None, None, None, skeleton)

@@ -7,12 +7,11 @@ from functools import lru_cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import PosedSkeleton, subtree_matrix
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.geometry.arrays import Array, constant, index, unset
+from solver_backend.geometry.arrays import Array, array_namespace, constant, index, unset
 from solver_backend.types.shapes import Float
 
 _CHUNK = 128

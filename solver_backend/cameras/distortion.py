@@ -14,10 +14,11 @@ import math
 from functools import lru_cache
 
 import numpy as np
-from array_api_compat import array_namespace, device
+from array_api_compat import device
 
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant, replaced
+from solver_backend.geometry.short_axis import squared_length
 from solver_backend.types.shapes import Float
 
 ImagePoints = Float[Array, "cameras *batch 2"]
@@ -137,8 +138,8 @@ def undistort_normalised(xy: ImagePoints, distortion: Distortion, model: str) ->
         return xy
     limit = _per_camera(largest_radius(distortion, model), xy[..., 0])
     found = _invert_fisheye(xy, distortion) if model == "fisheye" else _invert_opencv(xy, distortion, limit)
-    error = xp.sqrt(xp.sum((distort(found, distortion, model) - xy) ** 2, axis=-1))
-    radius = xp.sqrt(xp.sum(found * found, axis=-1))
+    error = xp.sqrt(squared_length(distort(found, distortion, model) - xy))
+    radius = xp.sqrt(squared_length(found))
     good = (error < 2e3 * xp.finfo(xy.dtype).eps * (1.0 + radius)) & (radius <= limit)
     return xp.where(good[..., None], found, xp.full_like(found, math.nan))
 
@@ -170,7 +171,7 @@ def _invert_opencv(xy: Array, distortion: Array, limit: Array) -> Array:
 def _pulled_inside(xy: Array, limit: Array) -> Array:
     """Return points moved along their radius to at most 99.9 % of the limit."""
     xp = array_namespace(xy)
-    radius = xp.sqrt(xp.sum(xy * xy, axis=-1))
+    radius = xp.sqrt(squared_length(xy))
     outside = radius > limit
     shrink = 0.999 * xp.where(outside, limit, xp.ones_like(limit)) / xp.where(outside, radius, xp.ones_like(radius))
     return xp.where(outside[..., None], xy * shrink[..., None], xy)
@@ -179,7 +180,7 @@ def _pulled_inside(xy: Array, limit: Array) -> Array:
 def _invert_fisheye(xy: Array, distortion: Array) -> Array:
     """Solve ``θ (1 + k1 θ² + …) = |xy|`` by Newton's method in the angle."""
     xp = array_namespace(xy)
-    bent = xp.sqrt(xp.sum(xy * xy, axis=-1))
+    bent = xp.sqrt(squared_length(xy))
     k1, k2, k3, k4 = _coefficients(distortion, bent)[:4]
     angle = xp.where(bent < 1.55, bent, xp.full_like(bent, 1.55))
     for _ in range(NEWTON_STEPS):
@@ -198,10 +199,13 @@ def _radial(u: Array, k: list[Array], model: str) -> tuple[Array, Array]:
     xp = array_namespace(u)
     if model == "opencv":
         k1, k2, _, _, k3, k4, k5, k6 = k
-        top, bottom = 1.0 + u * (k1 + u * (k2 + u * k3)), 1.0 + u * (k4 + u * (k5 + u * k6))
-        bottom = xp.where(bottom == 0, xp.full_like(bottom, 1e-30), bottom)
+        top, top_slope = 1.0 + u * (k1 + u * (k2 + u * k3)), k1 + u * (2.0 * k2 + u * 3.0 * k3)
+        if not any(bool(xp.any(divisor != 0)) for divisor in (k4, k5, k6)):
+            return top, top_slope
+        bottom = 1.0 + u * (k4 + u * (k5 + u * k6))
+        bottom = replaced(bottom, bottom == 0, 1e-30)
         scale = top / bottom
-        top_slope, bottom_slope = k1 + u * (2.0 * k2 + u * 3.0 * k3), k4 + u * (2.0 * k5 + u * 3.0 * k6)
+        bottom_slope = k4 + u * (2.0 * k5 + u * 3.0 * k6)
         return scale, (top_slope - scale * bottom_slope) / bottom
     if model == "fisheye":
         k1, k2, k3, k4 = k[:4]

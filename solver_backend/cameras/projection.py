@@ -8,8 +8,6 @@ from __future__ import annotations
 
 import math
 
-from array_api_compat import array_namespace
-
 from solver_backend.cameras.distortion import (
     Coordinate,
     Distortion,
@@ -19,7 +17,8 @@ from solver_backend.cameras.distortion import (
     undistort_normalised,
 )
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant, replaced
+from solver_backend.geometry.short_axis import squared_length
 from solver_backend.types import Cameras
 from solver_backend.types.cameras import DISTORTION_MODELS
 from solver_backend.types.shapes import Float
@@ -75,7 +74,7 @@ def project_with_jacobian(
     _check_model(model)
     xp = array_namespace(K, points)
     x, y, z, valid = _normalised(distortion, R, t, points, model)
-    inverse_z = 1.0 / xp.where(valid, z, xp.full_like(z, math.nan))
+    inverse_z = 1.0 / replaced(z, ~valid, math.nan)
     xx, cross, yy = xp.ones_like(z), xp.zeros_like(z), xp.ones_like(z)
     bent_x, bent_y = x, y
     if _is_distorted(distortion, model):
@@ -129,7 +128,7 @@ def rays(cameras: Cameras, xy: ImagePoints) -> tuple[Translations, Float[Array, 
     xp = array_namespace(xy)
     K, distortion, R, t = (constant(a, xy) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
     n = xp.reshape(undistort(K, distortion, xy, cameras.distortion_model), (xy.shape[0], -1, 2))
-    inverse_length = 1.0 / xp.sqrt(1.0 + xp.sum(n * n, axis=-1, keepdims=True))
+    inverse_length = 1.0 / xp.sqrt(1.0 + squared_length(n)[..., None])
     direction = xp.matmul(xp.concat((n, xp.ones_like(n[..., :1])), axis=-1) * inverse_length, R)
     origin = -xp.matmul(xp.matrix_transpose(R), t[..., None])[..., 0]
     return origin, xp.reshape(direction, (*xy.shape[:-1], 3))
@@ -141,20 +140,20 @@ def _normalised(distortion: Array, R: Array, t: Array, points: Array, model: str
     camera = xp.matmul(R, xp.reshape(points, (-1, 3)).T) + t[:, :, None]
     z = camera[:, 2]
     valid = z > NEAR_M
-    inverse = 1.0 / xp.where(valid, z, xp.ones_like(z))
+    inverse = 1.0 / replaced(z, ~valid, 1.0)
     x, y = camera[:, 0] * inverse, camera[:, 1] * inverse
     if _is_distorted(distortion, model):
         valid = valid & (x * x + y * y <= largest_radius(distortion, model)[:, None] ** 2)
-    none = xp.zeros_like(z)
-    return xp.where(valid, x, none), xp.where(valid, y, none), z, valid
+    return replaced(x, ~valid, 0.0), replaced(y, ~valid, 0.0), z, valid
 
 
 def _to_pixels(K: Array, x: Array, y: Array, valid: Array) -> Array:
     """Return ``K (x, y, 1)`` (C, N, 2), NaN where not valid; K (C, 3, 3), the rest (C, N)."""
     xp = array_namespace(K, x)
     u, v = K[:, 0, 0, None] * x + K[:, 0, 1, None] * y + K[:, 0, 2, None], K[:, 1, 1, None] * y + K[:, 1, 2, None]
-    none = xp.full_like(u, math.nan)
-    return xp.stack((xp.where(valid, u, none), xp.where(valid, v, none)), axis=-1)
+    px = xp.stack((u, v), axis=-1)
+    px[~valid] = math.nan
+    return px
 
 
 def _is_distorted(distortion: Array, model: str) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.cli.describe_markers import describe_markers
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.verb_results import CameraSummary, CaptureSummary, MotionSummary, PersonSummary
 from solver_backend.geometry.runs import true_runs
@@ -28,6 +27,8 @@ def describe_capture(capture: Capture) -> tuple[str, CaptureSummary]:
         data["bridged_frames"] = frames_without_two_views(capture)
     marker_lines: list[str] = []
     if capture.markers is not None:
+        from solver_backend.cli.describe_markers import describe_markers
+
         data["markers"] = int(capture.markers.positions.shape[1])
         marker_lines, data["marker_names"] = describe_markers(capture.markers)
     return _capture_text(data, marker_lines), data

@@ -45,9 +45,11 @@ def loaded(args: argparse.Namespace, progress: Progress) -> Capture:
 
 def trials_of(path: Path) -> list[Path]:
     """Return the recordings of a session's folder; none for any other path."""
+    if not path.is_dir():
+        return []
     from solver_backend.io.captures.pose2sim import trials_below
     from solver_backend.io.detections.search import camera_sources
 
-    if not path.is_dir() or camera_sources(path):
+    if camera_sources(path):
         return []
     return [path / trial for trial in trials_below(path)]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -18,11 +19,12 @@ from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetections
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.recipes.live import fit_average_person
-from solver_backend.labelling.label_take import LabelledTake, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
-from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.types import Capture, MarkerCloud
+
+if TYPE_CHECKING:
+    from solver_backend.labelling.label_take import LabelledTake
+    from solver_backend.labelling.point_network import PointNetwork
 
 UserLabels = Mapping[tuple[int, int], str]
 """Marker's name by (column, frame), assigned by the user."""
@@ -94,6 +96,10 @@ def labelled_capture(
     cloud = capture.markers
     if cloud is None or capture.keypoints is not None or not (always or needs_labels(cloud)):
         return capture, None
+    from solver_backend.fitters.recipes.live import fit_average_person
+    from solver_backend.labelling.label_take import label_take
+    from solver_backend.labelling.point_network import load_network
+
     persistent = has_own_names(cloud)
     try:
         take = label_take(

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.hands.hand_range import solve_hands_again
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.splice_range import spliced
 from solver_backend.fitters.model.subject import Subject
@@ -33,6 +32,8 @@ def solve_again(
         JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
     """
+    from solver_backend.fitters.hands.hand_range import solve_hands_again
+
     body = without_fingers(motion)
     solved, frames = solve_range(problem, subject, body, frame_range, settings, progress)
     frames, hands = solve_hands_again(problem.measurements, frames, motion, frame_range, settings, progress)

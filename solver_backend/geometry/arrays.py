@@ -5,9 +5,17 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
+from array_api_compat import array_namespace as namespace_of_any
+from array_api_compat import numpy as numpy_namespace
 
 from solver_backend.types.shapes import Array as Array
+
+
+def array_namespace(*values: Any) -> Any:
+    """Return the namespace of arrays and numbers; that of NumPy's own arrays, asked for in every product, at once."""
+    if all(type(value) is np.ndarray for value in values):
+        return numpy_namespace
+    return namespace_of_any(*values)
 
 
 def device_of(like: Array) -> Any:
@@ -63,6 +71,13 @@ def unset(shape: tuple[int, ...], like: Array) -> Array:
     if device_of(like) is not None:
         return empty(shape, like)
     return array_namespace(like).asarray(np.empty(shape, dtype=str(like.dtype).removeprefix("torch.")))
+
+
+def replaced(values: Array, where: Array, by: float) -> Array:
+    """Return a copy of the values with a number where the mask is True."""
+    copy = array_namespace(values).asarray(values, copy=True)
+    copy[where] = by
+    return copy
 
 
 def to_numpy(value: Any) -> np.ndarray:

@@ -13,9 +13,8 @@ from functools import reduce
 from operator import add
 from typing import Any
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
+from solver_backend.geometry.short_axis import sum_of_rows
 from solver_backend.geometry.sphere import Vectors, geodesic_weights, is_antipodal, orthogonal_axis
 from solver_backend.types.shapes import Float
 
@@ -45,7 +44,7 @@ class KeyWeights:
         """Return (..., n, d), the cotangent (..., d) of the value carried to each of the keys."""
         xp = array_namespace(cotangent)
         along = xp.matmul(self.keys, cotangent[..., None])[..., 0]
-        mixed = xp.sum(self.mixing * along[..., None, :, None], axis=-2)
+        mixed = sum_of_rows(self.mixing * along[..., None, :, None])
         return self.weights[..., :, None] * cotangent[..., None, :] + xp.matmul(mixed, self.keys)
 
     def jacobian(self, key: int) -> Float[Array, "... d d"]:
@@ -216,7 +215,7 @@ def _product_by_keys(q: KeyWeights, r: KeyWeights, gram: Array) -> Array:
     """Return (..., n, n): row j holds the coefficients over the keys of ``rᵀ dq/dp_j``."""
     xp = array_namespace(gram)
     against = xp.matmul(gram, r.weights[..., None])[..., None, :, :]
-    return q.weights[..., :, None] * r.weights[..., None, :] + xp.sum(against * q.mixing, axis=-2)
+    return q.weights[..., :, None] * r.weights[..., None, :] + sum_of_rows(against * q.mixing)
 
 
 def _reflect(point: Array, centre: Array) -> Array:

@@ -6,9 +6,8 @@ from functools import cache
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace
 
 _FAST = ("openblas", "mkl", "accelerate", "blis", "armpl")
 """Libraries that block their products by cache, as their names begin or end in NumPy's record of its build."""

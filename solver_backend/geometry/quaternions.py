@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.short_axis import squared_length
 from solver_backend.types.shapes import Float
 
 _SMALL_SQUARE = 1e-8
@@ -58,7 +57,7 @@ def matrix_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3 3"]:
     Reference: Shoemake 1985, "Animating rotation with quaternion curves", appendix.
     """
     xp = array_namespace(q)
-    s = 2.0 / xp.sum(q * q, axis=-1)
+    s = 2.0 / squared_length(q)
     w, x, y, z = (q[..., i] for i in range(4))
     rows = (
         1.0 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y),
@@ -92,16 +91,15 @@ def quat_from_matrix(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 4"]:
     outer = xp.reshape(xp.stack(entries, axis=-1), (*R.shape[:-2], 4, 4))
     diagonal = xp.stack(entries[::5], axis=-1)
     best = xp.argmax(diagonal, axis=-1)
-    chosen = xp.stack([best == k for k in range(4)], axis=-1)
-    row = xp.sum(xp.where(chosen[..., None], outer, xp.zeros_like(outer)), axis=-2)
-    q = row / xp.sqrt(xp.sum(row * row, axis=-1))[..., None]
+    row = xp.take_along_axis(outer, best[..., None, None], axis=-2)[..., 0, :] + 0.0
+    q = row / xp.sqrt(squared_length(row))[..., None]
     return xp.where(q[..., :1] < 0, -q, q)
 
 
 def quat_from_rotvec(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 4"]:
     """Return ``(cos θ/2, sin(θ/2) v/θ)`` of rotation vectors; (..., 3) rad -> (..., 4) wxyz (Grassia 1998)."""
     xp = array_namespace(v)
-    square = xp.sum(v * v, axis=-1)
+    square = squared_length(v)
     small = square < _SMALL_SQUARE
     angle = xp.sqrt(xp.where(small, xp.ones_like(square), square))
     scale = xp.where(small, 0.5 - square / 48.0, xp.sin(0.5 * angle) / angle)
@@ -121,10 +119,10 @@ def rotvec_from_quat(q: Float[Array, "*batch 4"]) -> Float[Array, "*batch 3"]:
         (..., 3) rad.
     """
     xp = array_namespace(q)
-    q = q / xp.sqrt(xp.sum(q * q, axis=-1))[..., None]
+    q = q / xp.sqrt(squared_length(q))[..., None]
     q = xp.where(q[..., :1] < 0, -q, q)
     w, u = q[..., 0], q[..., 1:]
-    square = xp.sum(u * u, axis=-1)
+    square = squared_length(u)
     small = square < _SMALL_SQUARE
     length = xp.sqrt(xp.where(small, xp.ones_like(square), square))
     scale = xp.where(small, 2.0 + square / 3.0, 2.0 * xp.atan2(length, w) / length)

@@ -5,9 +5,7 @@ Tangent vectors act from the left throughout: ``R(x + dx) ≈ exp([J dx]x) R(x)`
 
 from __future__ import annotations
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.quaternions import (
     matrix_from_quat,
     quat_conjugate,
@@ -17,6 +15,7 @@ from solver_backend.geometry.quaternions import (
     quat_multiply,
     rotvec_from_quat,
 )
+from solver_backend.geometry.short_axis import dot, squared_length
 from solver_backend.types.shapes import Float
 
 __all__ = [
@@ -27,6 +26,13 @@ __all__ = [
 
 _SERIES_BELOW = 0.1
 """Squared angle below which the Taylor series of the coefficients are used (six terms: below 1e-17)."""
+_SERIES = (
+    (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800),
+    (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600),
+    (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800),
+    (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000),
+)
+"""Taylor coefficients, by the squared angle, of the four functions of ``_coefficients``."""
 _TINY = 1e-12
 """Shortest column a 6D representation is divided by."""
 
@@ -58,8 +64,7 @@ def exp_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
 
     Reference: Rodrigues 1840; series at small angles.
     """
-    sinc, versine, _, _ = _coefficients(v)
-    return _polynomial(v, sinc, versine)
+    return _polynomial(v, *_coefficients(v, 0, 1))
 
 
 def log_so3(R: Float[Array, "*batch 3 3"]) -> Float[Array, "*batch 3"]:
@@ -85,8 +90,7 @@ def left_jacobian_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]
 
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2", eq. 10.86.
     """
-    _, versine, third, _ = _coefficients(v)
-    return _polynomial(v, versine, third)
+    return _polynomial(v, *_coefficients(v, 1, 2))
 
 
 def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*batch 3 3"]:
@@ -100,7 +104,7 @@ def left_jacobian_inverse_so3(v: Float[Array, "*batch 3"]) -> Float[Array, "*bat
 
     Reference: Chirikjian 2012, "Stochastic Models, Information Theory, and Lie Groups 2".
     """
-    _, _, _, inverse = _coefficients(v)
+    (inverse,) = _coefficients(v, 3)
     return _polynomial(v, array_namespace(v).full_like(inverse, -0.5), inverse)
 
 
@@ -151,11 +155,10 @@ def matrix_from_6d_with_jacobian(
 
 def _gram_schmidt(x: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
     """Return b1, b2, b3 (..., 3), the two lengths divided by, and ``b1·a2`` (...)."""
-    xp = array_namespace(x)
     a1, a2 = x[..., :3], x[..., 3:]
     length1 = _length(a1)
     b1 = a1 / length1[..., None]
-    along = xp.sum(b1 * a2, axis=-1)
+    along = dot(b1, a2)
     rest = a2 - along[..., None] * b1
     length2 = _length(rest)
     b2 = rest / length2[..., None]
@@ -164,34 +167,27 @@ def _gram_schmidt(x: Array) -> tuple[Array, Array, Array, Array, Array, Array]:
 
 def _length(v: Array) -> Array:
     xp = array_namespace(v)
-    square = xp.sum(v * v, axis=-1)
+    square = squared_length(v)
     short = square < _TINY**2
     return xp.where(short, xp.full_like(square, _TINY), xp.sqrt(xp.where(short, xp.ones_like(square), square)))
 
 
-def _coefficients(v: Array) -> tuple[Array, Array, Array, Array]:
-    """Return ``sinθ/θ, (1 - cosθ)/θ², (θ - sinθ)/θ³, (1 - θ/2 cot θ/2)/θ²`` of (..., 3) vectors."""
+def _coefficients(v: Array, *wanted: int) -> list[Array]:
+    """Return those wanted of ``sinθ/θ, (1 - cosθ)/θ², (θ - sinθ)/θ³, (1 - θ/2 cot θ/2)/θ²`` of (..., 3) vectors."""
     xp = array_namespace(v)
-    square = xp.sum(v * v, axis=-1)
+    square = squared_length(v)
     small = square < _SERIES_BELOW
     t2 = xp.where(small, xp.ones_like(square), square)
     t = xp.sqrt(t2)
-    half_sine, half_cosine = xp.sin(0.5 * t), xp.cos(0.5 * t)
+    half = 0.5 * t
     exact = (
-        xp.sin(t) / t,
-        2.0 * half_sine * half_sine / t2,
-        (t - xp.sin(t)) / (t * t2),
-        (1.0 - 0.5 * t * half_cosine / half_sine) / t2,
+        lambda: xp.sin(t) / t,
+        lambda: 2.0 * xp.sin(half) ** 2 / t2,
+        lambda: (t - xp.sin(t)) / (t * t2),
+        lambda: (1.0 - half * xp.cos(half) / xp.sin(half)) / t2,
     )
     s = xp.where(small, square, xp.zeros_like(square))
-    series = (
-        _horner(s, (1.0, -1 / 6, 1 / 120, -1 / 5040, 1 / 362880, -1 / 39916800)),
-        _horner(s, (1 / 2, -1 / 24, 1 / 720, -1 / 40320, 1 / 3628800, -1 / 479001600)),
-        _horner(s, (1 / 6, -1 / 120, 1 / 5040, -1 / 362880, 1 / 39916800, -1 / 6227020800)),
-        _horner(s, (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600, 1 / 47900160, 691 / 1307674368000)),
-    )
-    first, second, third, fourth = (xp.where(small, a, b) for a, b in zip(series, exact, strict=True))
-    return first, second, third, fourth
+    return [xp.where(small, _horner(s, _SERIES[k]), exact[k]()) for k in wanted]
 
 
 def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
@@ -204,8 +200,7 @@ def _horner(x: Array, coefficients: tuple[float, ...]) -> Array:
 
 def _polynomial(v: Array, first: Array, second: Array) -> Array:
     """Return ``I + first [v]x + second [v]x²``, with ``[v]x² = v vᵀ - |v|² I``."""
-    xp = array_namespace(v)
     identity = constant(((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)), v)
     outer = v[..., :, None] * v[..., None, :]
-    square = xp.sum(v * v, axis=-1)[..., None, None]
+    square = squared_length(v)[..., None, None]
     return identity + first[..., None, None] * skew(v) + second[..., None, None] * (outer - square * identity)

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace
 from solver_backend.types.shapes import Float
 
 Vectors = Float[Array, "*#batch d"]
@@ -90,20 +88,34 @@ def geodesic_weights(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
     """
     xp = array_namespace(y, z, t)
     small = (1.0 + t * t) * y < _SERIES_BELOW
-    inner = xp.where(small, y, xp.zeros_like(y))
+    if not bool(xp.any(small)):
+        return _weights_by_angle(y, z, t)
+    value, slope = _weights_by_series(xp.where(small, y, xp.zeros_like(y)), t)
+    if bool(xp.all(small)):
+        return value, slope
+    far, far_slope = _weights_by_angle(y, z, t)
+    return xp.where(small, value, far), xp.where(small, slope, far_slope)
+
+
+def _weights_by_series(y: Array, t: Array) -> tuple[Array, Array]:
+    xp = array_namespace(y, t)
     term, total, slope = t * xp.ones_like(y), t * xp.ones_like(y), xp.zeros_like(y)
     for k in range(_SERIES_TERMS):
         factor = ((1.0 + k) ** 2 - t * t) / ((1.5 + k) * (1.0 + k))
         slope = slope + (k + 1.0) * factor * term
-        term = term * factor * inner
+        term = term * factor * y
         total = total + term
+    return total, -0.5 * slope
+
+
+def _weights_by_angle(y: Array, z: Array, t: Array) -> tuple[Array, Array]:
+    xp = array_namespace(y, z, t)
     half_sine = xp.sqrt(xp.where(y < _NO_ANGLE, xp.ones_like(y), y))
     half_cosine = xp.sqrt(xp.clip(z, xp.finfo(z.dtype).eps))
     sine, cosine = 2.0 * half_sine * half_cosine, 1.0 - 2.0 * half_sine**2
     angle = 2.0 * xp.atan2(half_sine, half_cosine)
     far = xp.sin(t * angle)
-    far_slope = (far * cosine - t * xp.cos(t * angle) * sine) / sine**3
-    return xp.where(small, total, far / sine), xp.where(small, -0.5 * slope, far_slope)
+    return far / sine, (far * cosine - t * xp.cos(t * angle) * sine) / sine**3
 
 
 def is_antipodal(z: Array) -> Array:

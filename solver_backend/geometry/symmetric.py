@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import math
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace, replaced
 from solver_backend.types.shapes import Float
 
 _PACKED = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
@@ -30,7 +28,7 @@ def inverse_symmetric_3x3(A: Float[Array, "*batch 3 3"], smallest: float = 1e-12
     bb, bc, cc = a * f - c * c, b * c - a * e, a * d - b * b
     det = a * aa + b * ab + c * ac
     mean = (a + d + f) / 3.0
-    scale = 1.0 / xp.where(det > smallest * mean**3, det, xp.full_like(det, math.nan))
+    scale = 1.0 / replaced(det, ~(det > smallest * mean**3), math.nan)
     entries = [scale * m for m in (aa, ab, ac, ab, bb, bc, ac, bc, cc)]
     return xp.reshape(xp.stack(entries, axis=-1), tuple(A.shape))
 

@@ -16,7 +16,6 @@ from solver_backend.io.recognition.marker_unit import find_unit, spread
 from solver_backend.io.recognition.marker_up_axis import find_up_axis
 from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_check import without_world
-from solver_backend.io.recognition.world_fit import fit_world, scale_world
 from solver_backend.types import Capture, MarkerCloud
 
 
@@ -53,6 +52,8 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     """Return a capture whose world is scaled and levelled as asked for; the truth of a synthetic one is left out."""
     if capture.cameras is None or capture.keypoints is None:
         return capture
+    from solver_backend.io.recognition.world_fit import fit_world, scale_world
+
     cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
     level = replace(options, level=ON if options.level == ON else OFF)
     world = fit_world(cameras, capture.keypoints, level, options.up_axis)

@@ -2,26 +2,46 @@
 
 from __future__ import annotations
 
-from solver_backend.io import own_files
-from solver_backend.io.captures import caliscope, detection_folders
-from solver_backend.io.captures.optical_markers import marker_readers
-from solver_backend.io.motions import amass, bvh
-from solver_backend.io.motions.amass import AmassClip
-from solver_backend.io.motions.bvh import BvhClip
-from solver_backend.io.reader import Reader
-from solver_backend.types import Capture, Motion
+import importlib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
-CAPTURES: tuple[Reader[Capture], ...] = (
-    own_files.CAPTURE,
-    detection_folders.READER,
-    caliscope.READER,
-    *marker_readers(),
+from solver_backend.io.reader import Reader
+from solver_backend.types import Capture
+
+if TYPE_CHECKING:
+    from solver_backend.io.motions.amass import AmassClip
+    from solver_backend.io.motions.bvh import BvhClip
+    from solver_backend.types import Motion
+
+Content = TypeVar("Content")
+
+
+@dataclass(frozen=True)
+class Readers(Iterable[Reader[Content]], Generic[Content]):
+    """Readers in the order in which they are asked; a module is imported when it is its turn."""
+
+    rows: tuple[tuple[str, str], ...]
+    """Module below this package, and what it calls its reader, or readers."""
+
+    def __iter__(self) -> Iterator[Reader[Content]]:
+        for module, name in self.rows:
+            found: Any = getattr(importlib.import_module(f"solver_backend.io.{module}"), name)
+            yield from found if isinstance(found, tuple) else (found,)
+
+
+CAPTURES: Readers[Capture] = Readers(
+    (
+        ("own_files", "CAPTURE"),
+        ("captures.detection_folders", "READER"),
+        ("captures.caliscope", "READER"),
+        ("captures.optical_markers", "READERS"),
+    )
 )
 """Asked in this order; the first that recognises a path reads it."""
 
-MOTIONS: tuple[Reader[Motion] | Reader[AmassClip] | Reader[BvhClip], ...] = (
-    bvh.READER,
-    amass.READER,
-    own_files.MOTION,
+MOTIONS: Readers[Motion | AmassClip | BvhClip] = Readers(
+    (("motions.bvh", "READER"), ("motions.amass", "READER"), ("own_files", "MOTION"))
 )
 """Asked in this order; a clip of another skeleton or body becomes a motion by what knows that body."""

@@ -6,9 +6,9 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, astype, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
+from solver_backend.geometry.short_axis import dot
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
@@ -61,7 +61,7 @@ class PositionTerm:
         xp = array_namespace(points)
         error = points - self.positions
         whitened = self._by_metric(error)
-        penalty, robust = geman_mcclure(self.weight * xp.sum(error * whitened, axis=-1), scale)
+        penalty, robust = geman_mcclure(self.weight * dot(error, whitened), scale)
         weight = (self.weight * robust)[..., None]
         metric = identity(3, points) if self.metric is None else self.metric
         return PointEvidence(0.5 * xp.sum(penalty, axis=-1), weight * whitened, weight[..., None] * metric)
@@ -72,7 +72,7 @@ class PositionTerm:
         error = points - self.positions
         measured = self.weight > 0
         error = xp.where(measured[..., None], error, xp.zeros_like(error))
-        squared = self.weight * xp.sum(error * self._by_metric(error), axis=-1)
+        squared = self.weight * dot(error, self._by_metric(error))
         return Residuals(error[None], squared[None], measured[None])
 
     def leverage(self, points: Array, used: Array) -> Array:

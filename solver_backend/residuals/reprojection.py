@@ -7,10 +7,10 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.cameras.projection import project, project_with_jacobian
-from solver_backend.geometry.arrays import Array, astype, constant, identity
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
+from solver_backend.geometry.short_axis import all_coordinates, squared_length
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.types import Cameras, Keypoints2D
@@ -77,14 +77,14 @@ class ReprojectionTerm:
         """Return the evidence at (F, L, 3) world positions."""
         xp = array_namespace(points)
         px, by_point, depth = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
-        usable = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1) & (depth > 0)
+        usable = (self.weight > 0) & all_coordinates(xp.isfinite(px)) & (depth > 0)
         rows = xp.concat([by_point, (px - self.xy)[..., None]], axis=-1)
         rows = xp.where(usable[..., None, None], rows, xp.zeros_like(rows))
         error = rows[..., 3]
         weight = xp.where(usable, self.weight, xp.zeros_like(self.weight))
         # The penalty sees the residual in standard deviations; the confidence scales the whole term.
         per_sigma = weight / xp.where(usable, self.confidence, xp.ones_like(weight))
-        penalty, robust = self.penalty(per_sigma * xp.sum(error * error, axis=-1), scale)
+        penalty, robust = self.penalty(per_sigma * squared_length(error), scale)
         # A point that leaves a camera's sight pays as an outlier does: hiding is no way to agree.
         hidden = xp.where(self.weight > 0, xp.full_like(penalty, scale * scale), xp.zeros_like(penalty))
         cost = 0.5 * xp.sum(xp.sum(self.confidence * xp.where(usable, penalty, hidden), axis=-1), axis=0)
@@ -122,7 +122,7 @@ class ReprojectionTerm:
         xp = array_namespace(points)
         px = project(self.K, self.distortion, self.R, self.t, points, self.model)
         error = px - self.xy
-        measured = (self.weight > 0) & xp.all(xp.isfinite(px), axis=-1)
+        measured = (self.weight > 0) & all_coordinates(xp.isfinite(px))
         error = xp.where(measured[..., None], error, xp.zeros_like(error))
         per_sigma = self.weight / xp.where(self.confidence > 0, self.confidence, xp.ones_like(self.weight))
-        return Residuals(error, per_sigma * xp.sum(error * error, axis=-1), measured)
+        return Residuals(error, per_sigma * squared_length(error), measured)

@@ -7,9 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, identity, index, solved
+from solver_backend.geometry.arrays import Array, array_namespace, empty, identity, index, solved
 from solver_backend.geometry.parallel import map_blocks
 
 BATCH = 16
@@ -90,8 +89,8 @@ class BlockTridiagonal:
                 upper[min(i, j)] = across if i < j else across.T
 
         map_blocks(fill, sweeps.outwards, self.g)
-        blocks, off = xp.stack(diagonal), xp.stack(upper) if upper else outer.upper
-        blocks, off = (xp.astype(part, self.diagonal.dtype) for part in (blocks, off))
+        blocks = _stacked(diagonal, self.diagonal)
+        off = _stacked(upper, self.diagonal) if upper else xp.astype(outer.upper, self.diagonal.dtype)
         if inner is None:
             return blocks, off
         parts = map_blocks(lambda some: inner.marginals(blocks, off, some), _batches(count), blocks)
@@ -248,6 +247,14 @@ class _Sweeps:
 def _by_block(damping: Array, g: Array) -> Array:
     """Return the damping (N,) of each of the blocks of a gradient (N, n), from (1,) or (N - 1,) or (N,) values."""
     return damping[index(np.minimum(np.arange(g.shape[0]), damping.shape[0] - 1), damping)]
+
+
+def _stacked(blocks: list[Array], like: Array) -> Array:
+    """Return matrices as one array, in the precision of another."""
+    whole = empty((len(blocks), *blocks[0].shape), like)
+    for i, block in enumerate(blocks):
+        whole[i] = block
+    return whole
 
 
 def _damped(blocks: Array, damping: Array) -> Array:

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 
 
 @dataclass(frozen=True)

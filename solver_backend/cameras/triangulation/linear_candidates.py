@@ -6,9 +6,8 @@ import math
 from dataclasses import dataclass
 from itertools import combinations
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace
+from solver_backend.geometry.short_axis import squared_length
 
 MOST_VIEWS = 6
 """Subsets are made of this many views of a point, its most confident ones."""
@@ -76,7 +75,7 @@ def _ray_equations(views: UndistortedViews) -> Array:
     xp = array_namespace(views.weight)
     w = xp.where(views.weight > 0, xp.ones_like(views.weight), xp.zeros_like(views.weight))
     n = views.normalised
-    length = xp.sqrt(1.0 + xp.sum(n * n, axis=-1, keepdims=True))
+    length = xp.sqrt(1.0 + squared_length(n)[..., None])
     d = xp.matmul(xp.concat((n, xp.ones_like(length)), axis=-1) / length, views.R)
     x, y, z = d[..., 0], d[..., 1], d[..., 2]
     o = -xp.matmul(xp.matrix_transpose(views.R), views.t[..., None])

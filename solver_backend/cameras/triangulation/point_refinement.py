@@ -5,11 +5,10 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-from array_api_compat import array_namespace
-
 from solver_backend.cameras.projection import project_with_jacobian, undistort
 from solver_backend.cameras.triangulation.linear_candidates import UndistortedViews, best_candidate
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.geometry.short_axis import all_coordinates, any_coordinate, squared_length
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.types import Cameras
 
@@ -73,7 +72,7 @@ def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> Undisto
     """Return (C, N, 2) detections as the linear triangulation takes them."""
     xp = array_namespace(px)
     normalised = undistort(arrays.K, arrays.distortion, px, arrays.model)
-    usable = (weight > 0) & xp.all(xp.isfinite(normalised), axis=-1)
+    usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
     focal = xp.stack((arrays.K[:, 0, 0], arrays.K[:, 1, 1]), axis=-1)
     return UndistortedViews(normalised, xp.where(usable, weight, xp.zeros_like(weight)), arrays.R, arrays.t, focal)
@@ -106,11 +105,11 @@ def _refine(
         error, J, seen = _errors(arrays, detections, wanted, start)
         w = xp.where(seen, wanted, xp.zeros_like(wanted))
         if scale_px is not None:
-            w = w / (1.0 + xp.sum(error * error, axis=-1) / scale_px[active] ** 2) ** 2
+            w = w / (1.0 + squared_length(error) / scale_px[active] ** 2) ** 2
         A, gradient = _normal_equations(J, w, error)
         step = _bounded(-xp.matmul(inverse_symmetric_3x3(A), gradient[..., None])[..., 0])
         points[active] = start + step
-        active = active[xp.any(xp.abs(step) > settled_m, axis=-1)]
+        active = active[any_coordinate(xp.abs(step) > settled_m)]
         if active.shape[0] == 0:
             break
     return points
@@ -120,7 +119,7 @@ def _bounded(step: Array) -> Array:
     """Return steps shortened to half a metre, zero where not finite."""
     xp = array_namespace(step)
     step = xp.where(xp.isfinite(step), step, xp.zeros_like(step))
-    length = xp.sqrt(xp.sum(step * step, axis=-1, keepdims=True))
+    length = xp.sqrt(squared_length(step))[..., None]
     long = length > _LONGEST_STEP_M
     return xp.where(long, step * (_LONGEST_STEP_M / xp.where(long, length, xp.ones_like(length))), step)
 
@@ -130,8 +129,9 @@ def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tu
     xp = array_namespace(px)
     projected, J, _ = project_with_jacobian(arrays.K, arrays.distortion, arrays.R, arrays.t, points, arrays.model)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
-    error = xp.where(seen[..., None], projected - px, xp.zeros_like(px))
-    return error, xp.where(seen[..., None, None], J, xp.zeros_like(J)), seen
+    error, unseen = projected - px, ~seen
+    error[unseen], J[unseen] = 0.0, 0.0
+    return error, J, seen
 
 
 def _normal_equations(J: Array, w: Array, error: Array) -> tuple[Array, Array]:
@@ -149,7 +149,7 @@ def _agreeing(arrays: CameraArrays, px: Array, weight: Array, points: Array, spr
     """Return the inliers (C, N) and the distance of every detection (C, N) px, NaN where there is none."""
     xp = array_namespace(px)
     error, _, seen = _errors(arrays, px, weight, points)
-    distance = xp.sqrt(xp.sum(error * error, axis=-1))
+    distance = xp.sqrt(squared_length(error))
     return seen & (distance < INLIER_SIGMAS * spread), xp.where(seen, distance, xp.full_like(distance, math.nan))
 
 

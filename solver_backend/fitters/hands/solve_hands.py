@@ -17,7 +17,6 @@ from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.hands.arms import follow_hand
-from solver_backend.fitters.hands.measured_hands import measure_hands
 from solver_backend.fitters.hands.solve_hand import THROUGH_M, SolvedHand, solve_hand
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.settings import SolveSettings
@@ -65,6 +64,8 @@ def solve_hands(
     except BodyInvalid:
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
     progress(STAGE, 0, 1)
+    from solver_backend.fitters.hands.measured_hands import measure_hands
+
     found = measure_hands(measured, body, solved, measurements.fps, settings)
     hands, doubts = dict[int, SolvedHand](), found.diagnostics
     for number, (side, hand) in enumerate(found.hands.items()):

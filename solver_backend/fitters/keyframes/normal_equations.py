@@ -8,7 +8,6 @@ from itertools import combinations_with_replacement
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_key
@@ -18,7 +17,7 @@ from solver_backend.fitters.model.keyframe_layout import WindowRows
 from solver_backend.fitters.model.keyframes import Keyframes
 from solver_backend.fitters.model.subject import Subject, frame_equations
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.geometry.arrays import Array, constant, empty, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, empty, identity, zeros
 from solver_backend.geometry.interpolation import sider_weights
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.priors.base import PosePrior

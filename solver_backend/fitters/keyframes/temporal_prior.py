@@ -5,13 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import CODE, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.model.codes import CODES
 from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import quat_left_tangent
 
 FADING_S = 0.15

@@ -4,10 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from array_api_compat import array_namespace
-
 from solver_backend.body.state_layout import CODE, ROOT, TRANSL, PoseLayout, StateLayout
-from solver_backend.geometry.arrays import Array, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, identity, zeros
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.manifold import ZeroMeanSphere

@@ -6,9 +6,7 @@ from functools import reduce
 from operator import mul
 from typing import Protocol
 
-from array_api_compat import array_namespace
-
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace
 
 
 class Interpolant(Protocol):

@@ -9,7 +9,6 @@ from operator import add
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
@@ -17,8 +16,9 @@ from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.state_layout import PoseLayout
 from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.geometry.arrays import Array, astype, constant, empty, index
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
+from solver_backend.geometry.short_axis import sum_of_rows
 from solver_backend.residuals.pose_term import PoseTerm
 from solver_backend.residuals.relative_positions import without_shift
 
@@ -108,7 +108,7 @@ def frame_equations(
     for term in poses:
         by_rotations[:, frames.layout.joints] += term.gradient
         cost = cost + term.cost
-    gradient = xp.concat([by_rotations, xp.sum(data.gradient, axis=1)], axis=-1)
+    gradient = xp.concat([by_rotations, sum_of_rows(data.gradient)], axis=-1)
     about = [evidence.information for evidence in shifted]
     parts = [J, data.information, *about, *(term.factors for term in poses)]
     if hessian_frames is not None:
@@ -131,7 +131,9 @@ def _hessian(
     )
     hessian[:, layout.transl, layout.rotations] = across
     hessian[:, layout.rotations, layout.transl] = xp.matrix_transpose(across)
-    hessian[:, layout.transl, layout.transl] = xp.sum(information, axis=1)
+    hessian[:, layout.transl, layout.transl] = xp.reshape(
+        sum_of_rows(xp.reshape(information, (count, num_landmarks, 9))), (count, 3, 3)
+    )
     for part in factors[:shifted]:
         total = xp.sum(part, axis=1)
         rows = xp.concat([xp.sum(xp.matmul(part, by_rotations), axis=1), total], axis=-1)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -14,13 +14,15 @@ from solver_backend.body.hands import with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
-from solver_backend.fitters.hands.hand_range import HandRange
 from solver_backend.fitters.hands.solve_hands import SolvedHands, statistics
 from solver_backend.fitters.keyframes.splice_range import SolvedRange
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.symmetric import mean_sigma, packed
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import FLAG_RESTING, Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.hands.hand_range import HandRange
 
 _UNSEEN_M = 0.04
 """Standard deviation per axis of the joints of a hand that nobody sees, metres."""

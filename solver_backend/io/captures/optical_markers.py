@@ -24,11 +24,6 @@ from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.types import Capture
 
 
-def marker_readers() -> tuple[Reader[Capture], ...]:
-    """Return a reader of captures for every kind of marker file."""
-    return tuple(_as_captures(reader) for reader in MARKERS)
-
-
 def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:
     def read(path: Path, options: ReadOptions) -> Capture:
         return _capture(path, reader.read(path, options), options)
@@ -97,3 +92,7 @@ def _few(names: MarkerNames) -> list[Diagnostic]:
     if len(known) >= least or left_to_network(names):
         return []
     return [diagnostic("few_markers_known", markers=known, count=len(known), least=least)]
+
+
+READERS = tuple(_as_captures(reader) for reader in MARKERS)
+"""One of captures for every kind of marker file."""

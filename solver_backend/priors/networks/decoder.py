@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from array_api_compat import array_namespace
-
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d, matrix_from_6d_with_jacobian
+from solver_backend.geometry.short_axis import sum_of_rows
 from solver_backend.priors.base import CodeJacobian, Codes, Energies, Poses
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.types.shapes import Float
@@ -29,7 +28,7 @@ def decoded_rotations_with_vjp(decoder: DenseStack, z: Codes) -> tuple[Poses, Ca
     R, by_6d = matrix_from_6d_with_jacobian(xp.reshape(flat, (z.shape[0], NUM_BODY_JOINTS, 6)))
 
     def vjp(cotangent: Array) -> Array:
-        return flat_vjp(xp.reshape(xp.sum(by_6d * cotangent[..., None], axis=-2), flat.shape))
+        return flat_vjp(xp.reshape(sum_of_rows(by_6d * cotangent[..., None]), flat.shape))
 
     return R, vjp
 

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import Array, array_namespace, constant
 from solver_backend.geometry.products import times_transposed
 
 ACTIVATIONS = ("silu", "elu", "leaky_relu")
