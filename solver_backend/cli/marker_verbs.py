@@ -34,6 +34,10 @@ def label_arguments(verb: argparse.ArgumentParser) -> None:
     verb.add_argument("--report", type=Path, metavar="PAGE.html", help="also write a page about the labels")
     add_labels(verb)
     verb.add_argument(
+        "--subject", type=Path, metavar="SUBJECT.npz", help="person of the markers, see calibrate: their labels are "
+        "used, those of markers outside the network's places too",
+    )  # fmt: skip
+    verb.add_argument(
         "--like", type=Path, metavar="LABELLED.c3d", help="name the points after a labelled take of the same person "
         "and marker layout",
     )  # fmt: skip
@@ -72,7 +76,9 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
             check_output(path, overwrite=overwrite)
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
-    from solver_backend.fitters.label_first import labelled_capture, named_in
+    from solver_backend.fitters.label_first import labelled_capture, named_in, named_points
+    from solver_backend.fitters.label_of_person import labelled_as_person
+    from solver_backend.io.native.subject_file import read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.labelling import labelling_html
 
@@ -83,19 +89,26 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
         return _label_like(args, capture, progress)
     user_labels = {} if args.labels is None else read_user_labels(args.labels, capture.markers)
     labelled, take = labelled_capture(capture, progress, user_labels=user_labels, always=True)
-    assert take is not None and labelled.markers is not None
+    assert take is not None
+    if args.subject is not None:
+        kept = {*named_points(capture.markers).values(), *user_labels.values()}
+        labelled = labelled_as_person(labelled, read_subject(args.subject), progress=progress, kept=kept)
+    assert labelled.markers is not None
     if args.report is not None:
         write_text(args.report, labelling_html(capture.name, take, labelled.markers.fps), overwrite=overwrite)
     _write(args.out, labelled, overwrite=overwrite)
     data = {"labelled": str(args.out), "report": None if args.report is None else str(args.report), **summary(take)}
     problems = [sentence(item) for item in labelled.problems if item not in capture.problems]
-    return Outcome(f"{sentence(named_in(take))}\n  written     {args.out}", {**data, "problems": problems})
+    of_person = [sentence(item) for item in labelled.notes if item.code == "points_named_of_person"]
+    warned = [f"  warning     {problem}" for problem in problems]
+    text = "\n".join([sentence(named_in(take)), *of_person, *warned, f"  written     {args.out}"])
+    return Outcome(text, {**data, "of_person": of_person, "problems": problems})
 
 
 def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) -> Outcome:
     """Name the points of a take after another take, and write them."""
-    if args.labels is not None or args.report is not None:
-        raise CommandLineInvalid("--like cannot be combined with --labels or --report.", where="--like")
+    if args.labels is not None or args.report is not None or args.subject is not None:
+        raise CommandLineInvalid("--like cannot be combined with --labels, --report or --subject.", where="--like")
     from solver_backend.fitters.label_like import labelled_like
     from solver_backend.io.load import load_capture
 

@@ -106,7 +106,8 @@ def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
 
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
-    from solver_backend.fitters.label_first import labelled_capture
+    from solver_backend.fitters.label_first import labelled_capture, named_points
+    from solver_backend.fitters.label_of_person import labelled_as_person
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion
@@ -118,12 +119,17 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
         raise CommandLineInvalid(
             "User-assigned labels cannot be combined with a network's landmarks.", where=str(job.labels)
         )
+    take, own = None, capture.markers
+    given = {} if job.labels is None else _labels_given(job.labels, capture)
     if job.labels is not None:
-        capture, _ = labelled_capture(capture, progress, user_labels=_labels_given(job.labels, capture), always=True)
+        capture, take = labelled_capture(capture, progress, user_labels=given, always=True)
     elif not (job.settings.layout or job.settings.is_direct):
-        capture, _ = labelled_capture(capture, progress)
+        capture, take = labelled_capture(capture, progress)
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
+        if person is not None and take is not None:
+            kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
+            capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
         begun = None if job.start is None else read_motion(job.start)
         motion = solve_capture(capture, job.settings, progress, person=person, start=begun, each=each).motion
     else:

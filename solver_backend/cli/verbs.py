@@ -39,13 +39,18 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     check_output(args.out, overwrite=overwrite)
     captures = [load(path, reading(args), progress) for path in args.captures]
     from solver_backend.fitters.label_first import labelled_capture
+    from solver_backend.fitters.label_of_person import person_of_nameless
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.subject_file import write_subject
 
     settings = SolveSettings.from_dict(given_settings(args))
+    nameless = list[Capture]()
     if args.layout is None:
-        captures = [labelled_capture(capture, progress)[0] for capture in captures]
+        labelled = [labelled_capture(capture, progress) for capture in captures]
+        captures = [capture for capture, _ in labelled]
+        nameless = [capture for capture, take in labelled if take is not None]
     person = calibrate_person(captures, settings, progress)
+    person = person_of_nameless(person, nameless, settings, progress)
     write_subject(args.out, person, overwrite=overwrite)
     text, data = describe_person(person)
     problems = [sentence(item) for capture in captures for item in capture.problems]

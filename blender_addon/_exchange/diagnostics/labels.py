@@ -100,6 +100,15 @@ _NAMED: dict[str, DiagnosticEntry] = {
         "Named after {take}: {named:.1f} % of the points, as {count} markers",
         "The take was named after another of the same person and layout.",
     ),
+    "points_named_of_person": note(
+        "Points are named by where they ride on the person's bones ({count}): {markers}",
+        "The person was calibrated with these markers.",
+    ),
+    "points_doubted_of_person": warning(
+        "Points near markers of the person, though not clearly at one of them, stay without names ({count} tracks)",
+        "Two of the person's markers are as near, another track is nearer, or the marker was moved.",
+        "Name them with --labels, or calibrate the person from this take.",
+    ),
     "layout_unknown_to_network": warning(
         "The labels name too few places, and the labelling network, which knows whole bodies, names only "
         "{percent:.0f} % of the markers: its names are not used",

@@ -16,7 +16,7 @@ BENT = 0.35
 """Sine of the elbow's bend from which on it shows: straight arms look bent by 0.3 where the elbow's marker is."""
 EXCHANGED = -0.3
 """Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
-more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_files.md)."""
+more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_names.md)."""
 LEAST_FRAMES = 20
 """Frames in which the elbow has to be bent."""
 _SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")

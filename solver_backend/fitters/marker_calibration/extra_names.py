@@ -1,0 +1,297 @@
+"""Points that the labelling network leaves without a name of the person's: named by where they ride on their bones."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.body.markers import ON_BONE
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.fitters.marker_calibration.attach_unknown import (
+    LEAST_FRAMES,
+    REACH_M,
+    RESIDUAL_M,
+    Attachment,
+    bone_offsets,
+)
+from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M
+from solver_backend.fitters.marker_calibration.nameless_points import (
+    in_words_of,
+    missing_markers,
+    nameless_columns,
+    with_names,
+)
+from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
+from solver_backend.fitters.marker_calibration.subject_record import matched, subject_of
+from solver_backend.fitters.measurements.markers import measured_at
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups
+from solver_backend.fitters.single_frame.fit import posed
+from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.labelling.outputs import MARKERS
+from solver_backend.labelling.tracklets import tracklets_of
+from solver_backend.priors.base import PosePrior
+from solver_backend.types import SMPL_JOINTS, MarkerCloud, MarkerSubject
+
+MARGIN_M = 0.03
+"""Farthest that a point's median is from where the body has the marker: a bone's marker strays as far (``attach``)."""
+CLEAR = 0.7
+"""The marker is nearer than any other of the person's by this factor, and the point nearer to it than any other."""
+LEAST_SHARE = 0.25
+"""Of a take that shows a marker not known before: strays are seen for moments."""
+APART_M = 0.02
+"""Least distance of a new marker from those known on its bone: nearer is the same one, or doubtful."""
+TURN = 0.05
+"""Radians that a rough pose's bone may be turned off, by three degrees: a marker far from a joint strays by more."""
+
+_SIDED = {
+    "hip": "THI", "knee": "SHN", "ankle": "FOOT", "foot": "TOES", "collar": "COL", "shoulder": "UPA", "elbow": "FRM",
+    "wrist": "HAND", "hand": "FINGERS",
+}  # fmt: skip
+"""What the bone that begins at a joint is called in names."""
+
+
+@dataclass(frozen=True)
+class ExtraNames:
+    """A take whose points outside the network's places have names where they ride at a known marker's place."""
+
+    cloud: MarkerCloud
+    named: tuple[str, ...]
+    """Labels that points took."""
+    doubtful: int
+    """Chains of points that are near a known marker, though not clearly, and stay without a name."""
+
+
+@dataclass(frozen=True)
+class _ChainPoints:
+    """K points of a chain."""
+
+    frames: np.ndarray
+    """(K,)"""
+    points: np.ndarray
+    """(K, 3) metres."""
+
+    def part(self, frames: np.ndarray) -> _ChainPoints:
+        """Return the points in these frames alone."""
+        inside = np.isin(self.frames, frames)
+        return _ChainPoints(self.frames[inside], self.points[inside])
+
+
+@dataclass(frozen=True)
+class _Take:
+    """A take without labels of its own, and the person in it."""
+
+    expected: np.ndarray
+    """(F, L, 3) metres, where the body has the person's markers."""
+    frames: np.ndarray
+    """(K,) frames whose poses are known."""
+    bones: BonePoses
+    """In these."""
+    columns: np.ndarray
+    """(N,) columns of the points without names."""
+    chain: np.ndarray
+    """(F, N) chain of each point, -1 where there is none."""
+    tracks: list[_ChainPoints]
+    """Points of each chain."""
+
+
+def named_extras(
+    cloud: MarkerCloud, person: MarkerSubject, body: Body, prior: PosePrior, like: Array, progress: Progress = silent,
+    kept: Collection[str] = (),
+) -> ExtraNames:  # fmt: skip
+    """Return a take under the person's labels; points without get the name of the marker where they ride.
+
+    Args:
+        cloud: labelled by the network.
+        person: from a calibration, with markers attached to bones.
+        body: that the person was calibrated on.
+        prior: decoder of poses.
+        like: array that sets kind, type and device.
+        progress: called as stages advance.
+        kept: names that the user assigned, which stay though the person has no such marker.
+
+    Raises:
+        SubjectInvalid: the person is of another body or wears other markers.
+    """
+    cloud = in_words_of(person, cloud)
+    kept = {*kept, *(label for label, place in zip(person.labels, person.places, strict=True) if place in kept)}
+    nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels, *kept})
+    if not nameless.size:
+        return ExtraNames(cloud, (), 0)
+    take = _take(cloud, nameless, person, body, prior, like, progress)
+    elsewhere = _elsewhere(cloud, person, take) - {*kept}
+    # Where half of them are, it is the person who is another one, which the solve reports.
+    elsewhere = elsewhere if 2 * len(elsewhere) < len(set(person.labels) & set(cloud.labels or ())) else set[str]()
+    if elsewhere:
+        nameless = nameless_columns(cloud, {*MARKERS, *elsewhere} - ({*person.labels, *kept} - elsewhere))
+        take = _take(cloud, nameless, person, body, prior, like, progress)
+    missing = missing_markers(cloud, person)
+    missing[:, [m for m, label in enumerate(person.labels) if label in elsewhere]] = True
+    found, doubtful = _matched(take, missing)
+    which = np.where(take.chain >= 0, found[take.chain], -1)
+    renamed = with_names(cloud, take.columns, which, person.labels)
+    return ExtraNames(renamed, _labels(found, person), int(doubtful.sum()))
+
+
+def with_extras(
+    person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, prior: PosePrior, like: Array,
+    progress: Progress = silent,
+) -> MarkerSubject:  # fmt: skip
+    """Return the person with the markers that takes without labels show on bones, outside the network's places.
+
+    A marker has a name by its bone and a number (``LTHI_X1``). One that an earlier take showed is the same.
+
+    Args:
+        person: calibrated on the markers that have names in these takes.
+        clouds: the takes; points without names are looked at.
+        body: that the person was calibrated on.
+        prior: decoder of poses.
+        like: array that sets kind, type and device.
+        progress: called as stages advance.
+    """
+    for cloud in clouds:
+        nameless = nameless_columns(cloud, {*MARKERS} - {*person.labels})
+        if not nameless.size:
+            continue
+        take = _take(cloud, nameless, person, body, prior, like, progress)
+        found, doubtful = _matched(take, missing_markers(cloud, person))
+        person = _with_new(person, take, np.flatnonzero((found < 0) & ~doubtful), cloud.fps)
+    return person
+
+
+def _extras(person: MarkerSubject) -> list[int]:
+    return [m for m, place in enumerate(person.places) if place.startswith(ON_BONE)]
+
+
+def _take(
+    cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, prior: PosePrior, like: Array,
+    progress: Progress,
+) -> _Take:  # fmt: skip
+    """Return where the person's bones and markers are in a take, by the markers that have names."""
+    others = [i for i in range(len(cloud.labels or ())) if i not in nameless]
+    named = cloud.columns(others, tuple((cloud.labels or ())[i] for i in others))
+    part, columns = matched(person, named.labels or ())
+    worn, subject = named.columns(columns, part.labels), subject_of(part, body, like)
+    measured = measured_at(worn, subject.landmarks, like, part.sigma_m)
+    problem = Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=part.sigma_m))
+    progress("Naming the other points", 0, 1)
+    rough = rough_motion(problem, subject)
+    poses = posed(problem.prior, rough.states)
+    skeleton = forward_kinematics(body, subject.betas, poses.root, poses.local, poses.transl)
+    expected = rough_markers(problem, subject_of(person, body, like), rough)
+    points = cloud.positions[:, nameless]
+    tracklets = tracklets_of(points, cloud.fps)
+    chain = np.where(tracklets.number >= 0, tracklets.chain[tracklets.number], -1)
+    f, n = np.nonzero(chain >= 0)
+    order = np.argsort(chain[f, n], kind="stable")
+    f, n = f[order], n[order]
+    edges = np.searchsorted(chain[f, n], np.arange(1, tracklets.num_chains))
+    parts = zip(np.split(f, edges), np.split(points[f, n], edges), strict=True)
+    tracks = [_ChainPoints(*part) for part in parts] if len(f) else []
+    progress("Naming the other points", 1, 1)
+    bones = BonePoses(to_numpy(skeleton.joints), to_numpy(skeleton.G))
+    return _Take(expected, rough.frames, bones, nameless, chain, tracks)
+
+
+def _elsewhere(cloud: MarkerCloud, person: MarkerSubject, take: _Take) -> set[str]:
+    """Return labels of the person that points have which lie farther than ``MARGIN_M`` from where the body has them."""
+    found = set[str]()
+    for m, label in enumerate(person.labels):
+        if label in (cloud.labels or ()):
+            points = cloud.positions[take.frames, (cloud.labels or ()).index(label)]
+            away = np.linalg.norm(points - take.expected[take.frames, m], axis=-1)
+            away = away[np.isfinite(away)]
+            found |= {label} if away.size and np.median(away) > MARGIN_M else set()
+    return found
+
+
+def _matched(take: _Take, missing: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C,) the person's marker that each chain of points is, -1 where none; and which are doubtful.
+
+    Args:
+        take: C chains.
+        missing: (F, L) where the person's markers are not seen under their names.
+    """
+    tracks, taken = take.tracks, ~missing
+    away, found = np.full((len(tracks), missing.shape[1]), np.inf), np.full(len(tracks), -1)
+    first, last = (np.array([track.frames[k] for track in tracks], dtype=int) for k in (0, -1))
+    for c, track in enumerate(tracks):
+        # Between the frames that were fitted the body is farther off.
+        fitted = track.part(take.frames)
+        fitted = fitted if len(fitted.frames) >= LEAST_FRAMES else track
+        if len(fitted.frames) >= LEAST_FRAMES:
+            off = np.linalg.norm(fitted.points[:, None] - take.expected[fitted.frames], axis=-1)
+            away[c] = np.where(missing[track.frames].mean(0) > 0.5, np.median(off, axis=0), np.inf)
+    nearest = away.min(1, initial=np.inf)
+    near = nearest < MARGIN_M
+    # Nearest first: what is left over then finds its place taken.
+    for c in np.argsort(nearest, kind="stable")[: near.sum()]:
+        best = int(np.argmin(away[c]))
+        beside = (first <= last[c]) & (last >= first[c]) & (found < 0)
+        beside[c] = False
+        rivals = np.append(np.delete(away[c], best), away[beside, best])
+        if away[c, best] < CLEAR * rivals.min(initial=np.inf) and not taken[tracks[c].frames, best].any():
+            found[c] = best
+            taken[tracks[c].frames, best] = True
+    return found, near & (found < 0)
+
+
+def _with_new(person: MarkerSubject, take: _Take, chains: np.ndarray, fps: float) -> MarkerSubject:
+    """Return the person with the chains that ride on a bone, and on no prop, as further markers."""
+    count = np.array([len(take.tracks[c].frames) for c in chains])
+    order = np.argsort(-count, kind="stable")
+    chains = chains[order][count[order] >= LEAST_SHARE * len(take.expected)]
+    if not len(chains):
+        return person
+    points = np.full((len(take.frames), len(chains), 3), np.nan)
+    for m, c in enumerate(chains):
+        track = take.tracks[c].part(take.frames)
+        points[np.searchsorted(take.frames, track.frames), m] = track.points
+    some = MarkerCloud(points, fps, tuple(f"*{c}" for c in chains))
+    props = {m for group in loose_groups(some, take.bones) for m in group.columns}
+    for m in range(len(chains)):
+        found = _attached(points[:, m], take.bones)
+        if m in props or found is None:
+            continue
+        beside = [person.offsets[i] for i in _extras(person) if person.places[i] == found.place]
+        if beside and np.linalg.norm(found.offset - np.array(beside), axis=-1).min() < APART_M:
+            continue
+        person = replace(
+            person,
+            labels=(*person.labels, _new_name(found.place, person.labels)),
+            places=(*person.places, found.place),
+            offsets=np.concatenate([person.offsets, [found.offset]]),
+            sigma_m=np.append(person.sigma_m, np.clip(found.sigma_m, *SIGMA_RANGE_M)),
+            skin_m=np.append(person.skin_m, np.nan),
+        )
+    return person
+
+
+def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
+    """Return the bone whose marker (K, 3) points are, None where none or too few show it.
+
+    It is the one about whose offset they stay closest, with what its turn may be off between takes: ``s + TURN |o|``.
+    """
+    if np.isfinite(points).all(-1).sum() < LEAST_FRAMES:
+        return None
+    offset, spread, reach = bone_offsets(points, bones.joints, bones.rotations)
+    bone = int(np.argmin(np.where(reach < REACH_M, spread + TURN * reach, np.inf)))
+    if reach[bone] > REACH_M or spread[bone] > RESIDUAL_M:
+        return None
+    return Attachment(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / 1.54))
+
+
+def _new_name(place: str, taken: Sequence[str]) -> str:
+    """Return the bone's name and the first free number."""
+    joint = place[len(ON_BONE) :]
+    side, _, part = joint.partition("_")
+    bone = side[0].upper() + _SIDED[part] if part else joint.upper()
+    return next(name for k in range(1, len(taken) + 2) if (name := f"{bone}_X{k}") not in taken)
+
+
+def _labels(found: np.ndarray, person: MarkerSubject) -> tuple[str, ...]:
+    return tuple(person.labels[m] for m in sorted(set(found[found >= 0].tolist())))
