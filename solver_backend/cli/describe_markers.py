@@ -10,7 +10,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed, least_markers, name_markers
-from solver_backend.body.markers import marker_landmarks
+from solver_backend.body.markers import ON_BONE, marker_landmarks
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary, MarkerGaps
@@ -106,7 +106,9 @@ def describe_person(person: MarkerSubject) -> tuple[str, CalibratedPerson]:
         "diagnostics": [item.as_dict() for item in doubts],
     }
     free = [" (free along the limb)" if _is_free(place) else "" for place in person.places]
-    far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm{free[m]}" for m in np.argsort(-away, kind="stable")[:5])
+    # A marker on a bone has no place of its name to be far from.
+    named = [m for m in np.argsort(-away, kind="stable") if not person.places[m].startswith(ON_BONE)]
+    far = ", ".join(f"{person.labels[m]} {away[m]:.0f} mm{free[m]}" for m in named[:5])
     loose = ", ".join(f"{person.labels[m]} {sigma[m]:.1f} mm" for m in np.argsort(-sigma, kind="stable")[:5])
     lines = [
         f"Calibrated {len(person.labels)} markers on the body {person.body}",

@@ -11,6 +11,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
 from solver_backend.body.markers import ON_BONE, marker_layout
+from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.fitters.label_first import labelled_capture
@@ -146,6 +147,8 @@ def test_what_was_named_and_what_is_doubtful_is_reported(worn: tuple[MarkerSubje
     person, cloud = worn
     first, _ = take(cloud, slice(0, 40), 1)
     learned = with_extras(person, [first], load_body(), load_sposer(), np.zeros(1))
+    farthest = describe_person(learned)[0].split("farthest")[1].split("from the places")[0]
+    assert "_X" not in farthest, "a marker on a bone has no place of its name"
     unsure = diagnostic("points_not_named", percent=15.0)
     named = labelled_as_person(Capture("take", markers=first, problems=(unsure,)), learned)
     assert codes(named.notes) == ("points_named_of_person",)
