@@ -34,7 +34,7 @@ from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
-from solver_backend.priors.base import PosePrior
+from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.types import SMPL_JOINTS, MarkerCloud, MarkerSubject
 
 MARGIN_M = 0.03
@@ -100,8 +100,8 @@ class _Take:
 
 
 def named_extras(
-    cloud: MarkerCloud, person: MarkerSubject, body: Body, prior: PosePrior, like: Array, progress: Progress = silent,
-    kept: Collection[str] = (),
+    cloud: MarkerCloud, person: MarkerSubject, body: Body, prior: AutoencodingPrior, like: Array,
+    progress: Progress = silent, kept: Collection[str] = (),
 ) -> ExtraNames:  # fmt: skip
     """Return a take under the person's labels; points without get the name of the marker where they ride.
 
@@ -138,7 +138,7 @@ def named_extras(
 
 
 def with_extras(
-    person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, prior: PosePrior, like: Array,
+    person: MarkerSubject, clouds: Sequence[MarkerCloud], body: Body, prior: AutoencodingPrior, like: Array,
     progress: Progress = silent,
 ) -> MarkerSubject:  # fmt: skip
     """Return the person with the markers that takes without labels show on bones, outside the network's places.
@@ -168,7 +168,7 @@ def _extras(person: MarkerSubject) -> list[int]:
 
 
 def _take(
-    cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, prior: PosePrior, like: Array,
+    cloud: MarkerCloud, nameless: np.ndarray, person: MarkerSubject, body: Body, prior: AutoencodingPrior, like: Array,
     progress: Progress,
 ) -> _Take:  # fmt: skip
     """Return where the person's bones and markers are in a take, by the markers that have names."""

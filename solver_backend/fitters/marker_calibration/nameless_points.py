@@ -49,11 +49,11 @@ def with_names(cloud: MarkerCloud, columns: np.ndarray, which: np.ndarray, label
         parts.append(cloud.residual[..., None])
     if cloud.covariance is not None:
         parts.append(cloud.covariance.reshape(*cloud.positions.shape[:2], 9))
-    given, names = np.concatenate(parts, axis=-1), [*(cloud.labels or ())]
+    given, names = np.concatenate(parts, axis=-1), list(cloud.labels or ())
     values = given.copy()
     f, n = np.nonzero(which >= 0)
     values[f, columns[n]] = np.nan
-    for marker in sorted(set(which[which >= 0].tolist())):
+    for marker in map(int, np.unique(which[which >= 0])):
         f, n = np.nonzero(which == marker)
         column = names.index(labels[marker]) if labels[marker] in names else len(names)
         before = values[f, column] if column < len(names) else np.zeros((0, 3))
