@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 import unicodedata
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 from solver_backend.body.label_sides import ENGLISH, Letters, Sides, sides_of_file
@@ -33,6 +34,8 @@ _IN_WORDS = tuple(
         rf"(?P<number>1?\d|{'|'.join(_ORDINALS)})(?:ST|ND|RD|TH|\.)?[ ._-]*(?:{word})",
     )
 )
+LONGEST_LABEL = 256
+"""Letters of a label that names a place, at most: formats that bound labels allow 127 and 255."""
 ARTICLE = 2
 """Letters of words without meaning that count only where they stand apart, at most."""
 _SPELT = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "Ä": "AE", "Ö": "OE", "Ü": "UE", "ß": "ss"})
@@ -58,7 +61,7 @@ class LabelWords:
             label: without its prefix.
             letters: the side that each single letter stands for.
         """
-        for pattern in _TOKENS:
+        for pattern in _TOKENS if len(label) <= LONGEST_LABEL else ():
             side, words = self._of_tokens([token.upper() for token in pattern.findall(spelt(label))], letters)
             if words:
                 return side, words
@@ -137,12 +140,20 @@ class LabelWords:
         return self._parts(token)
 
     def _parts(self, token: str) -> list[str] | None:
-        if self._is_part(token):
-            return [token]
-        for end in range(len(token) - 2, 1, -1):
-            if self._is_part(token[:end]) and (rest := self._parts(token[end:])) is not None:
-                return [token[:end], *rest]
-        return None
+        """Return the words that follow each other in a token, from its end: those that begin at each letter."""
+        whole = len(token)
+        found: list[list[str] | None] = [None] * whole + [[]]
+        for start in reversed(range(whole)):
+            for end in (whole, *range(min(whole - 2, start + self._longest), start + 1, -1)):
+                rest = found[end]
+                if rest is not None and end - start <= self._longest and self._is_part(token[start:end]):
+                    found[start] = [token[start:end], *rest]
+                    break
+        return found[0]
+
+    @cached_property
+    def _longest(self) -> int:
+        return max(map(len, (*self.vocabulary, *self.sides.words)))
 
     def _is_part(self, text: str) -> bool:
         """Return whether letters within a token are a word: ``HANDLE`` is no hand with a French article."""

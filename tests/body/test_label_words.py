@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import time
+
 import pytest
 
 from solver_backend.body.marker_layouts import load_layouts
@@ -215,3 +217,10 @@ def test_points_that_a_program_numbered_are_unnamed(label):
 def test_listed_names_go_before_words():
     names = name_markers(["front iliac spine L", "LASI"])
     assert names.known == {"LASI": "LFWT"} and names.doubled == ("front iliac spine L",)
+
+
+@pytest.mark.parametrize("label", ["C7" + 100_000 * "9", 30_000 * "ANT" + "X", 83 * "ANT" + "X", 40 * "HANDLE"])
+def test_a_label_of_many_letters_is_read_at_once(label):
+    began = time.process_time()
+    assert label not in known("LASI", label)
+    assert time.process_time() - began < 1.0
