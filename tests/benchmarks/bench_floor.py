@@ -75,7 +75,7 @@ class Floor:
         """Return the figures of a solve."""
         capture, begin = self.capture(), time.process_time()
         motion = solve(capture).motion
-        return judged(capture, motion) | {"cpu_s": time.process_time() - begin}
+        return measured(capture, motion) | {"cpu_s": time.process_time() - begin}
 
 
 def detector(level: float) -> DetectorFaults:
@@ -87,7 +87,7 @@ def detector(level: float) -> DetectorFaults:
     return replace(model, **{name: level * value for name, value in asdict(model).items() if name in scaled})
 
 
-def judged(capture: Capture, motion: Motion) -> dict[str, float]:
+def measured(capture: Capture, motion: Motion) -> dict[str, float]:
     """Return the figures of a motion."""
     meant, fps, found = capture.truth["meant3d"], capture.fps, motion.keypoints3d
     assert found is not None and motion.joint_sigma is not None and motion.keyframes is not None

@@ -41,7 +41,7 @@ def run() -> list[Metric]:
                 clouds = stream.draw(part)
                 found.append(network(clouds.points.numpy().astype(np.float64), clouds.seen.numpy()).positions)
                 truth.append(clouds.targets.numpy().astype(np.float64))
-            metrics += _judged(f"{kind}_{name}", np.concatenate(found), np.concatenate(truth))
+            metrics += _measured(f"{kind}_{name}", np.concatenate(found), np.concatenate(truth))
     return metrics
 
 
@@ -58,7 +58,7 @@ def judged_poses() -> dict[str, np.ndarray]:
     }
 
 
-def _judged(name: str, found: np.ndarray, truth: np.ndarray) -> list[Metric]:
+def _measured(name: str, found: np.ndarray, truth: np.ndarray) -> list[Metric]:
     joints = slice(len(MARKERS), None)
     shares = [
         Metric(f"{name}_pck{cm}_percent", pck_percent(found, truth, 0.01 * cm), "%", "higher", abs_tol=1.0)

@@ -83,7 +83,7 @@ def _searched() -> tuple[float, list[tuple[float, float]]]:
 
 def _row(takes: list[LandmarkTake], noise: str, joints: bool, solver: Solver) -> Row:
     rows = [
-        mean_row([judged(take, noise, joints, solver, _seed(seed, n)) for n, take in enumerate(takes)])
+        mean_row([row_of(take, noise, joints, solver, _seed(seed, n)) for n, take in enumerate(takes)])
         for seed in SEEDS
     ]
     return median_row(rows)
@@ -125,7 +125,7 @@ def cloud_solvers() -> dict[str, Callable[[Capture], Motion]]:
     }
 
 
-def judged(take: LandmarkTake, noise: str, joints: bool, solver: Solver, seed: int) -> Row:
+def row_of(take: LandmarkTake, noise: str, joints: bool, solver: Solver, seed: int) -> Row:
     """Return the figures of a method on one take."""
     measured = take.measured(noise, joints=joints, seed=seed)
     return _figures(take, solver(Problem.of(take.body, load_sposer(), measured)))
@@ -160,7 +160,7 @@ def best_alpha() -> tuple[float, dict[float, float]]:
     tried: dict[float, float] = {}
 
     def attempt(alpha: float) -> None:
-        tried[alpha] = judged(take, "data", False, solvers(alpha)[BARRON], 9)["rmse_mm"]
+        tried[alpha] = row_of(take, "data", False, solvers(alpha)[BARRON], 9)["rmse_mm"]
 
     for alpha in ALPHAS:
         attempt(alpha)

@@ -1,4 +1,4 @@
-"""How well a doubled or halved frame rate could be told from the true joints of recorded people at best.
+"""How well a doubled or halved frame rate could be recognised from the true joints of recorded people at best.
 
 Speeds, accelerations and jerks of the limbs of CMU's clips at their rate and at twice or half of it; a logistic
 regression is fitted to all subjects but one and evaluated on that one. ``python -m tests.benchmarks.rate_oracle``.

@@ -75,7 +75,7 @@ def _long_run(args: argparse.Namespace) -> int:
     if args.state is not None and args.state.exists():
         tried, seed, first = Tried.load(args.state)
 
-    def told(whole: Tried, following: int) -> None:
+    def after(whole: Tried, following: int) -> None:
         sys.stdout.write(whole.table() + "\n\n")
         sys.stdout.flush()
         if args.state is not None:
@@ -83,7 +83,7 @@ def _long_run(args: argparse.Namespace) -> int:
 
     until = time.monotonic() + args.seconds
     tried = campaign(
-        tried, args.first + args.count - first, seed, first, args.only, told, mutator=args.mutator,
+        tried, args.first + args.count - first, seed, first, args.only, after, mutator=args.mutator,
         until=lambda: time.monotonic() > until, batch=args.batch,
     )  # fmt: skip
     return int(tried.broke)

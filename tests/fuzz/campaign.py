@@ -31,7 +31,7 @@ def run_child(
 
 
 def campaign(
-    whole: Tried, count: int, seed: int, first: int, only: str, told: Callable[[Tried, int], None], batch: int = BATCH,
+    whole: Tried, count: int, seed: int, first: int, only: str, after: Callable[[Tried, int], None], batch: int = BATCH,
     mutator: str = CHANGES, until: Callable[[], bool] = lambda: False,
 ) -> Tried:  # fmt: skip
     """Try inputs in children and return their counts, those of ``whole`` with them.
@@ -42,7 +42,7 @@ def campaign(
         seed: of the mutations.
         first: number of the first input.
         only: readers whose name begins so.
-        told: called with the counts and the next input after every child.
+        after: called with the counts and the next input after every child.
         batch: inputs a child.
         mutator: what makes the inputs.
         until: whether to stop before the next child.
@@ -52,7 +52,7 @@ def campaign(
         done, part = _one_child(min(batch, first + count - at), seed, at, only, mutator)
         whole.add(part)
         at += done
-        told(whole, at)
+        after(whole, at)
     return whole
 
 

@@ -1,4 +1,4 @@
-"""Several people in one file whose labels do not say ``Subject:LASI``: told apart by what stands before or after."""
+"""Several people in one file whose labels are not ``Subject:LASI``: kept apart by what stands before or after."""
 
 from __future__ import annotations
 
