@@ -15,6 +15,8 @@ RESIDUAL_M = 0.03
 """A marker that stays no closer to any bone's frame is worn by nobody (a wand, another person, a ghost)."""
 REACH_M = 0.45
 """Nor is one that is so far from its bone's joint."""
+_MEDIAN_LENGTH = 1.54
+"""Standard deviations per axis that are the median length of a three-dimensional Gaussian."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,11 @@ class Attachment:
     """(3,) metres from the joint, in the bone's rest frame."""
     sigma_m: float
     """Standard deviation around it per axis, metres."""
+
+    @classmethod
+    def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
+        """Return what ``bone_offsets`` has of one bone: its offset (22, 3), and its median distance (22,) from that."""
+        return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
 
 
 def attach(
@@ -54,8 +61,7 @@ def attach(
     best = int(near[np.argmin(reach[near])])
     if not spread[best] < RESIDUAL_M:
         return None
-    # The median length of a three-dimensional Gaussian is 1.54 standard deviations.
-    return Attachment(ON_BONE + SMPL_JOINTS[best], offset[best], float(spread[best] / 1.54))
+    return Attachment.on_bone(best, offset, spread)
 
 
 def bone_offsets(

@@ -35,7 +35,7 @@ from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
 from solver_backend.priors.base import AutoencodingPrior
-from solver_backend.types import SMPL_JOINTS, MarkerCloud, MarkerSubject
+from solver_backend.types import MarkerCloud, MarkerSubject
 
 MARGIN_M = 0.03
 """Farthest that a point's median is from where the body has the marker: a bone's marker strays as far (``attach``)."""
@@ -282,7 +282,7 @@ def _attached(points: np.ndarray, bones: BonePoses) -> Attachment | None:
     bone = int(np.argmin(np.where(reach < REACH_M, spread + TURN * reach, np.inf)))
     if reach[bone] > REACH_M or spread[bone] > RESIDUAL_M:
         return None
-    return Attachment(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / 1.54))
+    return Attachment.on_bone(bone, offset, spread)
 
 
 def _new_name(place: str, taken: Sequence[str]) -> str:
