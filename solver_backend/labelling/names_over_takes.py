@@ -60,8 +60,8 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
     """Return takes of one person in which the same marker has the same name.
 
     Two takes contradict each other about a pair of labels where exchanging it makes their distances and sides agree.
-    A take that all others contradict, while they agree among themselves, is mended; where as many takes say one as
-    the other, the layout's places decide; where these do not either, all is left and reported.
+    A take that all others contradict, while they agree among themselves, is mended; where as many takes are for
+    one as for the other, the layout's places decide; where these do not either, all is left and reported.
 
     Args:
         clouds: the takes, whose columns are each one marker throughout.
@@ -77,7 +77,7 @@ def names_over_takes(clouds: Sequence[MarkerCloud], kept: Collection[str] = ()) 
         # One at a time in each take: with one pair exchanged, what stands around it seems to be the other way round.
         first = {change.take: change for change in reversed(found) if change.mended and change not in mended}
         for change in first.values():
-            takes[change.take] = _exchanged(takes[change.take], change.first, change.second)
+            takes[change.take] = with_exchanged(takes[change.take], change.first, change.second)
         mended += first.values()
         if not first:
             return NamesOverTakes(tuple(takes), (*mended, *(change for change in found if not change.mended)))
@@ -239,7 +239,7 @@ def _places(labels: Sequence[str]) -> TakeShape:
     return shape_of(points, _PLACED_M)
 
 
-def _exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
+def with_exchanged(cloud: MarkerCloud, first: str, second: str) -> MarkerCloud:
     """Return a take with two labels exchanged."""
     swapped = {first: second, second: first}
     return replace(cloud, labels=tuple(swapped.get(label, label) for label in cloud.labels or ()))

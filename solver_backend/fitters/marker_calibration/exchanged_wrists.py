@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 
 import numpy as np
 
 from solver_backend.body.marker_names import is_unnamed, name_markers
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes
+from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes, with_exchanged
 from solver_backend.types import MarkerCloud
 
 BENT = 0.35
@@ -61,10 +60,7 @@ def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> 
         for a, b in exchanged_wrists(cloud.positions, [known.get(label, "") for label in labels]):
             if {labels[a], labels[b]} & set(own):
                 continue
-            swapped = {labels[a]: labels[b], labels[b]: labels[a]}
-            takes[number] = replace(
-                takes[number], labels=tuple(swapped.get(label, label) for label in takes[number].labels or ())
-            )
+            takes[number] = with_exchanged(takes[number], labels[a], labels[b])
             changes.append(NameChange(number, labels[a], labels[b], mended=True))
     return NamesOverTakes(tuple(takes), tuple(changes))
 
