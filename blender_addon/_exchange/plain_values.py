@@ -5,14 +5,12 @@ from __future__ import annotations
 import math
 from typing import Any
 
-import numpy as np
-
 
 def as_plain(value: Any) -> Any:
     """Return the value in JSON's types: arrays as lists, numbers that are not finite as null, the rest as text."""
     if isinstance(value, dict):
         return {str(key): as_plain(item) for key, item in value.items()}
-    if isinstance(value, np.ndarray | np.generic):
+    if hasattr(value, "tolist"):  # of NumPy or PyTorch, without importing either
         return as_plain(value.tolist())
     if isinstance(value, list | tuple):
         return [as_plain(item) for item in value]

@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import settle_memory
-from solver_backend.cli.live_verb import SEND_HELP, open_sender, recorded, report_recovered, run_lines
+from solver_backend.cli.live_verb import open_sender, recorded, report_recovered, run_lines
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.setting_options import WORLD_ROWS, add_settings, given_world
+from solver_backend.cli.setting_options import given_world
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import LiveLine
 from solver_backend.exchange.outputs import check_output
@@ -33,32 +33,6 @@ MOST_CAMERAS = 4
 """More are no help to one person, and a load."""
 _SWITCH_S = 5e-4
 """Seconds after which one thread lets another one on."""
-_SOURCE_HELP = (
-    "two to four of: a video to replay, webcam:NUMBER, oak:ID; NAME=SOURCE gives the camera's name in the calibration"
-)
-
-
-def camera_live_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of camera-live."""
-    verb.add_argument("sources", nargs="+", metavar="[NAME=]SOURCE", help=_SOURCE_HELP)
-    verb.add_argument("--calibration", type=Path, required=True, metavar="FILE", help="calibration of the cameras")
-    verb.add_argument("--up-axis", metavar="AXIS", help="axis of the calibration that points up, if not z")
-    verb.add_argument(
-        "--rate", type=float, default=30.0, metavar="HZ", help="largest number of poses per second (default 30)"
-    )
-    verb.add_argument("--repeat", action="store_true", help="replay the videos in a loop")
-    verb.add_argument("--seconds", type=float, help="stop after this many seconds")
-    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    verb.add_argument(
-        "--lines", type=Path, metavar="LINES.jsonl", help="write the lines to this file, not to standard output"
-    )
-    verb.add_argument("--with-points", action="store_true", help="each line also holds points and doubt, for a display")
-    verb.add_argument(
-        "--record", type=Path, metavar="TAKE.npz",
-        help="also record keypoints and times as a capture, and the poses as TAKE_live.npz, for solve --start",
-    )  # fmt: skip
-    add_settings(verb, WORLD_ROWS)
 
 
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable, Iterable
 from contextlib import ExitStack
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solver_backend.cli.cancel import cancelling_until_held
@@ -22,30 +21,6 @@ if TYPE_CHECKING:
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import PoseSender, Proportions
     from solver_backend.live.statistics import LiveStatistics
-
-SEND_HELP = "also send every pose by the VMC protocol; vmc:// alone is this machine, port 39539"
-
-
-def live_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of live."""
-    verb.add_argument(
-        "source",
-        metavar="SOURCE",
-        help="take or motion to replay at its own rate, - for lines on stdin, vmc://:PORT for poses that come there, "
-        "livelink:// or ifacialmocap://PHONE for a face",
-    )
-    verb.add_argument("--fast", action="store_true", help="run as fast as possible, and drop no frame")
-    verb.add_argument("--repeat", action="store_true", help="replay the file in a loop")
-    verb.add_argument(
-        "--lines", type=Path, metavar="POSES.jsonl", help="write the lines to this file, not to standard output"
-    )
-    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=SEND_HELP)
-    verb.add_argument(
-        "--record", type=Path, metavar="TAKE.c3d|MOTION.npz|FACE.csv",
-        help="also record the points, to be solved afterwards, the poses that come by vmc://, or the face",
-    )  # fmt: skip
-    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    verb.add_argument("--with-points", action="store_true", help="each line also holds the points, for a display")
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:

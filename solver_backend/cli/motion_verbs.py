@@ -5,7 +5,6 @@ from __future__ import annotations
 import argparse
 from pathlib import Path
 
-from solver_backend.cli.foreign_motion import read_foreign_motion
 from solver_backend.cli.outcome import Outcome, found_data, found_lines
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.outputs import check_output
@@ -36,6 +35,8 @@ def motion(args: argparse.Namespace, progress: Progress) -> Outcome:
 
     if is_amass(args.clip):
         return _amass(args, progress)
+    from solver_backend.cli.foreign_motion import read_foreign_motion
+
     brought = read_foreign_motion(
         args.clip, args.body, progress, unit=args.unit, up_axis=args.up_axis, keep_height=bool(args.keep_height)
     )  # fmt: skip

@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING, Any
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
 from solver_backend.cli.live_sources import make_ready, proportions_of
-from solver_backend.cli.live_verb import SEND_HELP, open_sender, run_lines
-from solver_backend.cli.oak_verbs import add_oak_options, oak_devices
+from solver_backend.cli.live_verb import open_sender, run_lines
+from solver_backend.cli.oak_verbs import oak_devices
 from solver_backend.cli.outcome import Outcome
-from solver_backend.cli.sensor_verbs import add_chain_options, chain_of, chain_summary, folder_of, mask_of
+from solver_backend.cli.sensor_verbs import chain_of, chain_summary, folder_of, mask_of
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.exchange.outputs import check_output
@@ -31,26 +31,6 @@ if TYPE_CHECKING:
 
 COVERAGE_INTERVAL_S = 0.5
 """Time from one report of the wand's coverage to the next."""
-
-
-def sensors_live_arguments(verb: argparse.ArgumentParser) -> None:
-    """Add the arguments of sensors-live."""
-    verb.add_argument("source", nargs="?", type=Path, metavar="FOLDER", help="a recording, or a shot of the studio")
-    verb.add_argument("--oak", action="append", metavar="ID[=NAME]", help="a camera, instead of FOLDER")
-    add_oak_options(verb)
-    verb.add_argument("--poses", action="store_true", help="fit a body to the points, and write lines as live does")
-    verb.add_argument("--send", metavar="vmc://HOST:PORT", help=f"with --poses: {SEND_HELP}")
-    verb.add_argument("--wand", action="store_true", help="report the wand's coverage, and where to wave it next")
-    verb.add_argument("--with-points", action="store_true", help="each line of a pose also holds the points")
-    verb.add_argument("--subject", type=Path, metavar="SUBJECT.npz", help="calibrated person, see calibrate")
-    verb.add_argument(
-        "--lines", type=Path, metavar="LINES.jsonl", help="write the lines to this file, not to standard output"
-    )
-    verb.add_argument("--record", type=Path, metavar="FOLDER", help="also record the sensors' frames")
-    verb.add_argument("--solve", type=Path, metavar="MOTION.npz", help="solve the recording with the bundle afterwards")
-    verb.add_argument("--repeat", action="store_true", help="replay the folder in a loop")
-    verb.add_argument("--seconds", type=float, help="stop after this many seconds")
-    add_chain_options(verb)
 
 
 def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:

@@ -107,7 +107,6 @@ def _labels_given(path: Path, capture: Capture) -> dict[tuple[int, int], str]:
 
 def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) -> Outcome[SolveResult]:
     from solver_backend.fitters.label_first import labelled_capture, named_points
-    from solver_backend.fitters.label_of_person import labelled_as_person
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion
@@ -128,6 +127,8 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
         if person is not None and take is not None:
+            from solver_backend.fitters.label_of_person import labelled_as_person
+
             kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)
         begun = None if job.start is None else read_motion(job.start)

@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from typing import Literal
 
 from solver_backend.cli import (
-    camera_live_verb,
     camera_verbs,
     capture_arguments,
     glove_verbs,
-    live_verb,
+    live_arguments,
     marker_verbs,
     motion_verbs,
     network_verbs,
@@ -20,7 +19,6 @@ from solver_backend.cli import (
     pose_arguments,
     prop_verbs,
     sensor_verbs,
-    sensors_live_verb,
     studio_verbs,
     video_arguments,
     wand_verbs,
@@ -130,15 +128,15 @@ TASKS: dict[str, tuple[Verb, ...]] = {
         Verb("sensors-record", "copy a sensor recording to a folder", "sensors-record take --out copy",
              "sensor_verbs", sensor_verbs.sensors_record_arguments, ("writing",)),
         Verb("sensors-live", "stream points or poses from sensors, one line a frame", "sensors-live take --poses",
-             "sensors_live_verb", sensors_live_verb.sensors_live_arguments, ("writing",)),
+             "sensors_live_verb", live_arguments.sensors_live_arguments, ("writing",)),
     ),
     "Live": (
         Verb("live", "stream poses from marker points or a motion, one line a frame",
              "live take.c3d --lines poses.jsonl --send vmc://",
-             "live_verb", live_verb.live_arguments, ("reading", "writing")),
+             "live_verb", live_arguments.live_arguments, ("reading", "writing")),
         Verb("camera-live", "stream poses from two to four cameras or videos, one line a moment",
              "camera-live cam01=webcam:0 cam02=webcam:1 --calibration calibration.toml --record take.npz",
-             "camera_live_verb", camera_live_verb.camera_live_arguments, ("detector", "writing")),
+             "camera_live_verb", live_arguments.camera_live_arguments, ("detector", "writing")),
     ),
     "Clean up and make motions": (
         Verb("motion", "convert a motion of another program to our body", "motion clip.bvh --out motion.npz",

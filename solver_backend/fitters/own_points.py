@@ -18,8 +18,8 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.fitters.marker_calibration.attach_unknown import LEAST_FRAMES, REACH_M, bone_offsets
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.multiview import ReprojectionReport
 from solver_backend.fitters.measurements.own_views import OwnViews
+from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import points_of
 from solver_backend.fitters.problem import Problem

@@ -17,20 +17,17 @@ from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeToo
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
-from solver_backend.fitters.hands.solve_hands import solve_hands
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.named_alike import named_alike
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.earlier_motion import begin_at
 from solver_backend.fitters.measurements.hand_clouds import split_hands
 from solver_backend.fitters.measurements.loose_markers import loose_markers
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
 from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
 from solver_backend.fitters.measurements.motion import measure_motion
-from solver_backend.fitters.measurements.multiview import measure_views
 from solver_backend.fitters.measurements.network_landmarks import measure_directly
 from solver_backend.fitters.methods import (
     METHODS,
@@ -41,7 +38,6 @@ from solver_backend.fitters.methods import (
     require_start,
 )
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.one_view.measure import measure_one_view
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.output.wide_motion import with_hands, without_fingers
 from solver_backend.fitters.own_points import solve_with_points, without_points
@@ -116,11 +112,14 @@ def solve_problem(
         give_back_freed_memory()
         return found
 
-    origin = _origin(settings.backend)
+    hands, origin = None, _origin(settings.backend)
     problem, (solved, convergence) = solve_with_points(problem, by_method(problem), by_method, settings, origin)
     solved = without_points(named, rest_parts(problem.measurements, solved))
     problem = replace(problem, measurements=named)
-    solved, hands = solve_hands(problem.measurements, solved, settings, progress)
+    if problem.measurements.hands is not None:
+        from solver_backend.fitters.hands.solve_hands import solve_hands
+
+        solved, hands = solve_hands(problem.measurements, solved, settings, progress)
     props, found = solve_props(problem.measurements, solved, progress)
     found = [*found, *diagnose_settings(settings, hands=problem.measurements.hands is not None)]
     prior = method.prior_of(problem)
@@ -156,11 +155,10 @@ def calibrate_person(
         if capture.markers is None:
             raise NoDetections("The capture has no markers to calibrate.", where=capture.name, hint="Choose a C3D.")
     own = places_given(settings.layout)
-    clouds = [split_hands(capture.markers, own)[0] for capture in captures if capture.markers is not None]
     body, like = load_chosen_body(settings.body), _origin(settings.backend)
-    record = {"sources": [source for capture in captures for source in capture.sources]}
-    alike, found = named_alike(clouds, own)
-    return calibrated(alike, body, load_sposer(), like, settings, progress, {**record, **found})
+    sources = [source for capture in captures for source in capture.sources]
+    alike, found = named_alike([split_hands(c.markers, own)[0] for c in captures if c.markers is not None], own)
+    return calibrated(alike, body, load_sposer(), like, settings, progress, {"sources": sources, **found})
 
 
 def resolve_range(
@@ -243,6 +241,9 @@ def prepare(
     seen = without_views(meant, settings.leave_out)
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))
+    from solver_backend.fitters.measurements.earlier_motion import begin_at
+    from solver_backend.fitters.measurements.multiview import measure_views
+
     views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
     if start is not None:
         views = begin_at(views, without_fingers(start), body, prior_on_body(prior, body.layout), like)
@@ -259,8 +260,9 @@ def _one_view(
         NoDetections: see ``measure_one_view``.
     """
     require_one_view(settings, capture.name)
-    fitting = prior_on_body(prior, body.layout)
-    return measure_one_view(capture, body, fitting, like, settings.betas, progress)
+    from solver_backend.fitters.one_view.measure import measure_one_view
+
+    return measure_one_view(capture, body, prior_on_body(prior, body.layout), like, settings.betas, progress)
 
 
 def first_subject(problem: Problem, settings: SolveSettings) -> Subject:

@@ -14,7 +14,6 @@ from solver_backend.io.native.motion_file import read_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.marker_unit import find_unit, spread
 from solver_backend.io.recognition.marker_up_axis import find_up_axis
-from solver_backend.io.recognition.start_times import bring_capture_to_one_time
 from solver_backend.io.recognition.world_check import without_world
 from solver_backend.types import Capture, MarkerCloud
 
@@ -44,7 +43,10 @@ def _read_capture(path: Path, options: ReadOptions) -> Capture:
     notes, problems = without_world(capture.notes), without_world(capture.problems)
     capture = replace(capture, notes=notes, problems=problems) if found is not None else capture
     capture = replace(capture, keypoints=found, markers=markers, sources=capture.sources or (str(path),))
-    capture = bring_capture_to_one_time(capture, options)
+    if found is not None:
+        from solver_backend.io.recognition.start_times import bring_capture_to_one_time
+
+        capture = bring_capture_to_one_time(capture, options)
     return _in_another_world(capture, options) if options.changes_world else capture
 
 

@@ -11,6 +11,8 @@ from solver_backend.types import Keypoints2D
 
 LONGEST = 5
 """Repetitions in a row that are bridged."""
+LEAST_REPEATED = 1.0
+"""Per cent of a view's frames that are shown again; fewer are bridged without a word."""
 LONGEST_SKIP, LEAST_SKIPPED = 2, 0.1
 """Frames in a row, and their share of the take, that a detector leaves out which looks at every second or third."""
 STEP_PX = 0.5

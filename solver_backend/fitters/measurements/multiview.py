@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 
 from solver_backend.body.body import Body
@@ -17,11 +15,11 @@ from solver_backend.fitters.measurements.base import Measurements, seen_frames
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.model_error import fit_sigma_px
 from solver_backend.fitters.measurements.own_views import OwnViews
+from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
 from solver_backend.fitters.measurements.sanitise import check_capture
 from solver_backend.geometry.arrays import Array
-from solver_backend.metrics.image import reprojection_px
 from solver_backend.residuals.reprojection import ReprojectionTerm
-from solver_backend.types import Cameras, Capture, Keypoints2D
+from solver_backend.types import Capture
 
 
 def measure_views(
@@ -98,17 +96,3 @@ def measurements_of(
             "sigma_px": [round(float(s), 3) for s in sigma_px[:count]],
         },
     )
-
-
-@dataclass(frozen=True)
-class ReprojectionReport:
-    """How far points are from the detections, in pixels."""
-
-    cameras: Cameras
-    keypoints: Keypoints2D
-
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
-        """Return (C, F, L) errors in pixels and their statistics, of (F, L, 3) points."""
-        error = reprojection_px(self.cameras, points, self.keypoints)
-        median, rmse = np.nanmedian(error), np.sqrt(np.nanmean(error**2))
-        return error, {"reprojection_median_px": float(median), "reprojection_rmse_px": float(rmse)}

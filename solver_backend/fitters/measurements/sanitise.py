@@ -9,7 +9,12 @@ import numpy as np
 
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.cameras.view_checks.label_swaps import undo_swaps
-from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, skipped_frames, without_repeats
+from solver_backend.cameras.view_checks.repeated_frames import (
+    LEAST_REPEATED,
+    repeated_frames,
+    skipped_frames,
+    without_repeats,
+)
 from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
 from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
 from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
@@ -29,8 +34,6 @@ LEAST_DELAY_FRAMES = 0.3
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 8.0
 """... nor those that are not sure: a detector's errors last longer than the deviation allows for."""
-LEAST_REPEATED = 1.0
-"""Per cent of a view's frames that are shown again; fewer are bridged without a word."""
 _UNKNOWN = ("delay_unknown", "delays_unknown", "delay_beyond")
 """What is not confirmed where synchronisation is required."""
 AWAY_S = 0.25

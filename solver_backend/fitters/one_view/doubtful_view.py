@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.repeated_frames import repeated_frames, without_repeats
+from solver_backend.cameras.view_checks.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.fitters.measurements.sanitise import LEAST_REPEATED
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Keypoints2D
 

@@ -15,7 +15,7 @@ from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.measurements.base import Measurements, OneView, RoughMotion, seen_frames
 from solver_backend.fitters.measurements.hand_views import HandViews
-from solver_backend.fitters.measurements.multiview import ReprojectionReport
+from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.one_view.doubtful_view import bridge_repeats, diagnose_cuts

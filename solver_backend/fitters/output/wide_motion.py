@@ -14,7 +14,6 @@ from solver_backend.body.hands import with_fingers, with_hand_size
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
-from solver_backend.fitters.hands.solve_hands import SolvedHands, statistics
 from solver_backend.fitters.keyframes.splice_range import SolvedRange
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.symmetric import mean_sigma, packed
@@ -23,6 +22,7 @@ from solver_backend.types import FLAG_RESTING, Motion
 
 if TYPE_CHECKING:
     from solver_backend.fitters.hands.hand_range import HandRange
+    from solver_backend.fitters.hands.solve_hands import SolvedHands
 
 _UNSEEN_M = 0.04
 """Standard deviation per axis of the joints of a hand that nobody sees, metres."""
@@ -35,6 +35,8 @@ def with_hands(motion: Motion, hands: SolvedHands) -> Motion:
         motion: of the body without, its arms following the hands.
         hands: solved beside it.
     """
+    from solver_backend.fitters.hands.solve_hands import statistics
+
     body = with_hand_size(hands.body, hands.size) if hands.size != 1.0 else hands.body
     layout, narrow = body.layout, motion.body_layout
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
