@@ -98,7 +98,7 @@ def build_body(num_vertices: int = NUM_VERTICES, fitted: SymmetricMesh | None = 
         "blank_vertices": blank.astype(np.uint32),
         "blank_offsets": _rounded(offsets).astype(np.float32),
     }
-    return BuiltBody(arrays, Knots.relaxed(spread[count:], space.carried_dirs[count:], fitted_joints))
+    return BuiltBody(arrays, Knots.relaxed(spread[count:], space.carried_dirs[count:]))
 
 
 def write_body(path: Path, arrays: dict[str, np.ndarray]) -> None:

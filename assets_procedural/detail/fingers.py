@@ -69,12 +69,11 @@ def finger_knots(joints: Array) -> Array:
     return np.concatenate([left, left * [-1.0, 1.0, 1.0]])
 
 
-def relaxed_knots(knots: Array, joints: Array) -> Array:
+def relaxed_knots(knots: Array) -> Array:
     """Return the (40, 3, C) knots, or their derivatives, where the curled fingers have them.
 
     Args:
         knots: (40, 3, C) of the body with spread fingers, metres.
-        joints: (24, 3) metres, of the fitted body.
     """
     turned = []
     for half, flip in zip(np.split(knots, 2), (1.0, -1.0), strict=True):

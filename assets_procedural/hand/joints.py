@@ -43,15 +43,14 @@ class Knots:
     """(40, 3, 10) metres per unit of shape."""
 
     @classmethod
-    def relaxed(cls, spread: Array, directions: Array, fitted: Array) -> Knots:
+    def relaxed(cls, spread: Array, directions: Array) -> Knots:
         """Return the knots of the fitted body's, given while its fingers are spread.
 
         Args:
             spread: (40, 3) metres.
             directions: (40, 3, 10) metres per unit of shape.
-            fitted: (24, 3) metres, joints of the fitted body.
         """
-        return cls(relaxed_knots(spread[..., None], fitted)[..., 0], relaxed_knots(directions, fitted))
+        return cls(relaxed_knots(spread[..., None])[..., 0], relaxed_knots(directions))
 
 
 def place_hand_joints(

@@ -9,7 +9,6 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.arrays import Array
-from assets_procedural.mesh.parts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import MATERIAL_COLOURS, read_baked
 from assets_procedural.quality.raster import RasterView, render, tile, write_png
 from solver_backend.body.body import Body
@@ -18,7 +17,7 @@ from solver_backend.body.hand_on_body import finger_rotations, hand_points, hand
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
-from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.exchange.hand_points import SIDES
 
 Degrees = Mapping[str, float]
 _FINGERS = ("index", "middle", "ring", "pinky")
@@ -72,19 +71,6 @@ def pose_hands(body: Body, degrees: Degrees, *, correctives: bool = True) -> Arr
     still = np.tile(np.eye(3), (1, SMPL.num_solved, 1, 1))
     local = np.concatenate([still, finger_rotations(body, angles)], axis=1)
     return pose_mesh(body, np.zeros(10), np.eye(3)[None], local, np.zeros((1, 3)), correctives=correctives)[0]
-
-
-def nail_faces(body: Body, material: Array, side: int, finger: int) -> Array:
-    """Return (T,) which faces are the nail of a finger of ``FINGERS``.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        material: (T,) of the faces.
-        side: 0 left, 1 right.
-        finger: in ``FINGERS``.
-    """
-    last = SMPL_HANDS.joints.index(f"{SIDES[side]}_{FINGERS[finger]}3")
-    return (material == MATERIAL_NAMES.index("nail")) & (body.weights[:, last][body.faces].min(axis=1) > 0.5)
 
 
 def palm_faces(body: Body, side: int) -> Array:

@@ -61,16 +61,6 @@ def lens_from_intrinsics(K: np.ndarray, image_size: tuple[int, int]) -> BlenderL
     )
 
 
-def intrinsics_from_lens(lens: BlenderLens, image_size: tuple[int, int]) -> np.ndarray:
-    """Return the (3, 3) OpenCV intrinsic matrix of a lens; the inverse of ``lens_from_intrinsics``."""
-    width, height = image_size
-    aspect = lens.pixel_aspect[1] / lens.pixel_aspect[0]
-    fx = lens.focal_mm * width / SENSOR_WIDTH_MM
-    cx = width / 2 - 0.5 - lens.shift_x * width
-    cy = height / 2 - 0.5 + lens.shift_y * width / aspect
-    return np.array([[fx, 0.0, cx], [0.0, fx / aspect, cy], [0.0, 0.0, 1.0]])
-
-
 def camera_to_world(R: np.ndarray, t: np.ndarray) -> np.ndarray:
     """Return the (4, 4) ``matrix_world`` of a Blender camera from ``x_cam = R @ x_world + t`` (metres)."""
     T_world_camera = np.eye(4)

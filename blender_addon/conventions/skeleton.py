@@ -1,4 +1,4 @@
-"""The skeletons of characters here: SMPL's joints, or those with fingers; and the child a bone points to."""
+"""The skeletons of characters here: SMPL's joints, or those with fingers."""
 
 from __future__ import annotations
 
@@ -12,8 +12,6 @@ from .._exchange.joint_sets import SMPL_PARENTS as PARENTS
 __all__ = [
     "JOINTS",
     "LAYOUTS",
-    "MAIN_CHILD",
-    "MIRROR_JOINT",
     "NUM_BETAS",
     "NUM_JOINTS",
     "PARENTS",
@@ -25,11 +23,6 @@ __all__ = [
 
 LAYOUTS = (SMPL, SMPL_HANDS)
 """Layouts of bodies here: 24 joints, or 52 with fingers."""
-
-MAIN_CHILD = SMPL.main_child
-"""The child at which a bone ends; feet, head and hands have none."""
-MIRROR_JOINT = SMPL.mirror
-"""The joint on the other side; joints of the midline are their own."""
 
 
 def layout_of(bones: Container[str]) -> BodyLayout:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-_ALL = ("unit", "up", "root", "fingers", "node")
-"""Every field of ``FileLayout``."""
-
 
 @dataclass(frozen=True)
 class Format:

@@ -118,7 +118,7 @@ def look_at(
 
 
 def three_quarter_view(
-    points: np.ndarray, heading: float, size: tuple[int, int], *, name: str = "front and left", margin_m: float = 0.2
+    points: np.ndarray, heading: float, size: tuple[int, int], *, margin_m: float = 0.2
 ) -> CameraFile:
     """Return a camera in front and to the left of a body, just far enough to frame all points.
 
@@ -129,7 +129,6 @@ def three_quarter_view(
         points: (N, 3) world metres, finite.
         heading: direction the body faces, radians from +X about Z.
         size: width and height of the picture in pixels.
-        name: name of the camera.
         margin_m: metres that stay free around the points.
     """
     field_of_view, elevation, angle = np.radians(32.0), np.radians(14.0), heading + np.radians(38.0)
@@ -144,4 +143,4 @@ def three_quarter_view(
     up = np.tan(field_of_view / 2)
     across = up * size[0] / size[1]
     distance = (z + np.maximum((x + margin_m) / across, (y + margin_m) / up)).max()
-    return look_at(name, target + away * distance, target, size, float(field_of_view))
+    return look_at("front and left", target + away * distance, target, size, float(field_of_view))

@@ -78,8 +78,6 @@ class LiveRun:
     latest: LivePose | None = None
     message: str = ""
     """The last message of the solver."""
-    ignored: int = 0
-    """Lines that made no sense."""
     result: Any = None
     error: ErrorEvent | None = None
     finished: bool = False
@@ -109,7 +107,6 @@ class LiveRun:
             return None
         pose = read_pose_line(newest)
         if pose is None:
-            self.ignored += 1
             return None
         self.shown, self.latest = self.shown + 1, pose
         return pose

@@ -1,4 +1,4 @@
-"""Markers on the back of a hand: where each label sits, and layouts of many or few of them."""
+"""Markers on the back of a hand: where each label sits."""
 
 from __future__ import annotations
 
@@ -42,13 +42,6 @@ PLACES = _places()
 """By label."""
 _LABEL = re.compile(rf"(left|right|l|r)[ _\-.:]?({'|'.join(PLACES)})", re.IGNORECASE)
 """A side and a place."""
-LAYOUTS: dict[str, tuple[str, ...]] = {
-    "hand26": tuple(PLACES),
-    "hand10": ("FT1", "FT2", "FT3", "FT4", "FT5", "PP2", "PP4", "MP2", "MP5", "CMC2"),
-    "hand5": ("FT1", "FT2", "FT4", "MP2", "MP5"),
-    "hand3": ("FT1", "FT2", "MP5"),
-}
-"""Labels of a hand by layout; wrist and forearm are a body's. Few markers leave most fingers to the prior."""
 
 
 def hand_place(label: str) -> tuple[int, str] | None:

@@ -9,9 +9,8 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import FIRST_FINGER
-from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.body_layout import SMPL_FINGERS, SMPL_HANDS
-from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
+from solver_backend.exchange.hand_points import FINGERS, SIDES
 from solver_backend.types.shapes import Float, Int
 
 JOINTS_OF_A_HAND = len(SMPL_HANDS.group("left_hand"))
@@ -88,22 +87,6 @@ def hand_points(body: Body, side: int, betas: Float[np.ndarray, " 10"] | None = 
         joints, ends = joints + body.joints_shapedirs[rows] @ betas, ends + body.shapedirs[tips] @ betas
     chains = np.concatenate([joints[1:].reshape(5, 3, 3), ends[:, None]], axis=1)
     return np.concatenate([joints[:1], chains.reshape(-1, 3)])
-
-
-def hand_landmarks(body: Body, side: int) -> Landmarks:
-    """Return ``HAND_POINTS`` as landmarks, named ``left_index_mcp`` and so on.
-
-    Args:
-        body: of the layout ``SMPL_HANDS``.
-        side: 0 left, 1 right.
-    """
-    rows, tips = _joints(side), tip_vertices(body)[side]
-    is_tip = np.array([name.endswith("_tip") for name in HAND_POINTS])
-    shape_dirs, weights = np.zeros((len(is_tip), 3, 10)), np.zeros((len(is_tip), SMPL_HANDS.num_joints))
-    weights[np.flatnonzero(~is_tip), rows], weights[is_tip] = 1.0, body.weights[tips]
-    shape_dirs[~is_tip], shape_dirs[is_tip] = body.joints_shapedirs[rows], body.shapedirs[tips]
-    names = tuple(f"{SIDES[side]}_{name}" for name in HAND_POINTS)
-    return Landmarks.of_points(names, hand_points(body, side), shape_dirs, weights)
 
 
 @lru_cache(maxsize=8)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
@@ -35,13 +34,13 @@ _NUM_FINGERS = SMPL_HANDS.num_joints - FIRST_FINGER
 """Finger joints of both hands."""
 
 
-def load_body_with_hands(path: Path | None = None) -> Body:
-    """Read a body whose fingers move, of the layout ``SMPL_HANDS``: ours, or the one of a file.
+def load_body_with_hands() -> Body:
+    """Read our body with fingers that move, of the layout ``SMPL_HANDS``.
 
     Raises:
         BodyInvalid: see ``load_body`` and ``with_fingers``.
     """
-    return with_fingers(load_body(path))
+    return with_fingers(load_body())
 
 
 @lru_cache(maxsize=4)

@@ -61,17 +61,6 @@ def with_resting_hands(body: Body, local: Float[Array, "frames n 3 3"]) -> Float
     return xp.concat([solved, xp.broadcast_to(hands, (local.shape[0], *hands.shape))], axis=1)
 
 
-def local_rotations(body: Body, rotvec: Float[Array, "frames n 3"]) -> Float[Array, "frames n 3 3"]:
-    """Return the (F, J - 1, 3, 3) rotations of a file's (F, J - 1, 3) axis-angles, relaxed hands added to the fingers.
-
-    SMPL-H and SMPL-X add the mean to the axis-angle vector, before it becomes a rotation (Romero et al. 2017).
-    """
-    if body.hands_mean is None:
-        return exp_so3(rotvec)
-    mean = np.concatenate([np.zeros((body.layout.num_solved, 3)), body.hands_mean])
-    return exp_so3(rotvec + constant(mean, rotvec))
-
-
 def recorded_vectors(body: Body, vectors: np.ndarray) -> np.ndarray:
     """Return (F, R - 1, 3) axis-angles of a motion's joints from (F, n, 3) of the body's; joints without rest."""
     own = np.array(body.recorded_joints[1:]) - 1

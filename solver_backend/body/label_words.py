@@ -68,7 +68,7 @@ class LabelWords:
         return "", []
 
     def _of_tokens(self, tokens: list[str], letters: Letters) -> tuple[str, list[str]]:
-        side_of, tokens = self.sides.by_token(letters), self._joined(tokens)
+        side_of, tokens = self.sides.by_token(ENGLISH), self._joined(tokens)
         found = [side_of[token] for token in tokens if token in side_of]
         rest = [token for token in tokens if token not in side_of]
         parts = [self._split(token) for token in rest]
@@ -83,18 +83,18 @@ class LabelWords:
             return "", []
         return found[0] if found else "", [word for form in words if (word := self.vocabulary.get(form, ""))]
 
-    def known_in(self, text: str, letters: Letters = ENGLISH) -> tuple[str, frozenset[str]]:
+    def known_in(self, text: str) -> tuple[str, frozenset[str]]:
         """Return the side, empty where none or both are named, and the words that are known of any text.
 
         No words where a single letter is no side's: it stands for a word that may change the others' meaning.
         """
-        by_token = self.sides.by_token(letters)
+        by_token = self.sides.by_token(ENGLISH)
         tokens = self._joined([token.upper() for token in _TOKENS[0].findall(spelt(text))])
         sides, words = set[str](), set[str]()
         for token in tokens:
             ends = ((token, ""), (token[1:], token[:1]), (token[:-1], token[-1:]))
             for stem, letter in ends if token not in by_token else ():
-                if (letter in dict(letters) or not letter) and (parts := self._split(stem)) is not None:
+                if (letter in dict(ENGLISH) or not letter) and (parts := self._split(stem)) is not None:
                     words |= {self.vocabulary.get(part, "") for part in parts}
                     sides |= {side for part in (*parts, letter) if (side := by_token.get(part))}
                     break

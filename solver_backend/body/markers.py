@@ -46,15 +46,10 @@ def marker_landmarks(body: Body, names: tuple[str, ...]) -> Landmarks:
 
     Raises:
         BodyInvalid: a ray misses the mesh.
-        KeyError: a name belongs to no layout; see ``known_markers``.
+        KeyError: a name belongs to no layout.
     """
     inside = any(is_joint_centre(name) for name in names)
     return LandmarkBuilder(body, _rules_of(names, MARKER_OFFSET_M), correctives=not inside).build(names)
-
-
-def known_markers() -> frozenset[str]:
-    """Return every marker name and alias."""
-    return frozenset(_rules(MARKER_OFFSET_M))
 
 
 def placement_precision(body: Body, names: tuple[str, ...]) -> np.ndarray:

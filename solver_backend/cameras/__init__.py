@@ -1,1 +1,1 @@
-"""Camera models: lens distortion, projection with derivatives, rays, robust triangulation."""
+"""Camera models: lens distortion, projection with derivatives, robust triangulation."""

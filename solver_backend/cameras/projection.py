@@ -17,9 +17,7 @@ from solver_backend.cameras.distortion import (
     undistort_normalised,
 )
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.geometry.arrays import Array, array_namespace, constant, replaced
-from solver_backend.geometry.short_axis import squared_length
-from solver_backend.types import Cameras
+from solver_backend.geometry.arrays import Array, array_namespace, replaced
 from solver_backend.types.cameras import DISTORTION_MODELS
 from solver_backend.types.shapes import Float
 
@@ -111,27 +109,6 @@ def undistort(K: Matrices, distortion: Distortion, xy: ImagePoints, model: str =
     y = (flat[..., 1] - K[:, 1, 2, None]) / K[:, 1, 1, None]
     x = (flat[..., 0] - K[:, 0, 2, None] - K[:, 0, 1, None] * y) / K[:, 0, 0, None]
     return xp.reshape(undistort_normalised(xp.stack((x, y), axis=-1), distortion, model), tuple(xy.shape))
-
-
-def rays(cameras: Cameras, xy: ImagePoints) -> tuple[Translations, Float[Array, "cameras *batch 3"]]:
-    """Return the rays in the world that pixels see along.
-
-    Args:
-        cameras: C cameras.
-        xy: (C, ..., 2) px.
-
-    Returns:
-        Origins ``-Rᵀ t`` (C, 3) in metres and unit directions (C, ..., 3), NaN where ``xy`` is or has no ray.
-
-    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 6.2.2.
-    """
-    xp = array_namespace(xy)
-    K, distortion, R, t = (constant(a, xy) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
-    n = xp.reshape(undistort(K, distortion, xy, cameras.distortion_model), (xy.shape[0], -1, 2))
-    inverse_length = 1.0 / xp.sqrt(1.0 + squared_length(n)[..., None])
-    direction = xp.matmul(xp.concat((n, xp.ones_like(n[..., :1])), axis=-1) * inverse_length, R)
-    origin = -xp.matmul(xp.matrix_transpose(R), t[..., None])[..., 0]
-    return origin, xp.reshape(direction, (*xy.shape[:-1], 3))
 
 
 def _normalised(distortion: Array, R: Array, t: Array, points: Array, model: str) -> tuple[Array, Array, Array, Array]:

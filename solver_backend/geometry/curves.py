@@ -1,12 +1,10 @@
-"""Blends of a few points: LERP, SQUAD, Bézier and B-spline, in the flat and on the sphere, with derivatives."""
+"""Blends of a few points: LERP, Bézier and B-spline in the flat, SQUAD on the sphere."""
 
 from __future__ import annotations
 
-import itertools
-
 from array_api_compat import array_namespace
 
-from solver_backend.geometry.arrays import Array, constant
+from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.interpolation import Keys, Times, slerp
 from solver_backend.geometry.sphere import Vectors, sphere_exp, sphere_log
 
@@ -89,54 +87,3 @@ def bspline(a: Vectors, b: Vectors, c: Vectors, d: Vectors, t: Times) -> Vectors
     t = constant(t, a)[..., None]
     of_b, of_c = (3.0 * t - 6.0) * t**2 + 4.0, ((3.0 - 3.0 * t) * t + 3.0) * t + 1.0
     return ((1.0 - t) ** 3 * a + of_b * b + of_c * c + t**3 * d) / 6.0
-
-
-def spherical_bezier(controls: Keys, t: Times) -> Vectors:
-    """Return the Bézier curve on the sphere: de Casteljau's recursion with SLERP.
-
-    Args:
-        controls: (..., n + 1, d) unit vectors; the curve passes through the first and the last.
-        t: scalar or (...).
-
-    Returns:
-        (..., d).
-
-    Reference: Shoemake 1985.
-    """
-    return _pyramid(controls, _bezier_times(controls, t))
-
-
-def spherical_bspline(controls: Keys, t: Times) -> Vectors:
-    """Return one span of the uniform B-spline on the sphere: de Boor's recursion with SLERP; spans join C1.
-
-    Args:
-        controls: (..., n + 1, d) unit vectors, consecutive; four for the cubic one. The curve passes through none.
-        t: scalar or (...) in 0..1 of the span in their middle.
-
-    Returns:
-        (..., d).
-
-    Reference: de Boor 1978, with geodesics for straight lines.
-    """
-    return _pyramid(controls, _bspline_times(controls, t))
-
-
-_Times = list[list[Array]]
-"""Where each pair of neighbours is joined, level by level."""
-
-
-def _bezier_times(controls: Array, t: Array | float) -> _Times:
-    at = constant(t, controls)
-    return [[at] * size for size in range(controls.shape[-2] - 1, 0, -1)]
-
-
-def _bspline_times(controls: Array, t: Array | float) -> _Times:
-    at = constant(t, controls)
-    return [[(at + size - 1 - i) / size for i in range(size)] for size in range(controls.shape[-2] - 1, 0, -1)]
-
-
-def _pyramid(controls: Array, times: _Times) -> Array:
-    points = [controls[..., i, :] for i in range(controls.shape[-2])]
-    for level in times:
-        points = [slerp(p, q, at) for (p, q), at in zip(itertools.pairwise(points), level, strict=True)]
-    return points[0]

@@ -9,8 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import reduce
-from operator import add
 from typing import Any
 
 from solver_backend.geometry.arrays import Array, array_namespace, constant, identity
@@ -22,9 +20,6 @@ Keys = Float[Array, "*#batch n d"]
 """Several vectors each."""
 Times = Float[Array, "*#batch"] | float
 """Where on a curve."""
-Jacobian = Float[Array, "*#batch d d"]
-Jacobians = Float[Array, "*#batch n d d"]
-"""By one vector, or by each of the keys."""
 
 
 @dataclass(frozen=True)
@@ -112,26 +107,6 @@ def sider_n(keys: Keys, t: Times) -> Vectors:
     return aitken_neville(points, constant(t, keys), slerp, _reflect)
 
 
-def slerp_with_jacobian(a: Vectors, b: Vectors, t: Times) -> tuple[Vectors, tuple[Jacobian, Jacobian]]:
-    """Return ``slerp(a, b, t)`` and its derivatives by ``a`` and ``b``, (..., d, d) each."""
-    x, (by_a, by_b) = _with_jacobian([a, b], t)
-    return x, (by_a, by_b)
-
-
-def sider2_with_jacobian(
-    a: Vectors, b: Vectors, c: Vectors, t: Times
-) -> tuple[Vectors, tuple[Jacobian, Jacobian, Jacobian]]:
-    """Return ``sider2(a, b, c, t)`` and its derivatives by ``a``, ``b`` and ``c``, (..., d, d) each."""
-    x, (by_a, by_b, by_c) = _with_jacobian([a, b, c], t)
-    return x, (by_a, by_b, by_c)
-
-
-def sider_n_with_jacobian(keys: Keys, t: Times) -> tuple[Vectors, Jacobians]:
-    """Return ``sider_n(keys, t)`` and its derivatives by every key, (..., n + 1, d, d)."""
-    x, jacobians = _with_jacobian([keys[..., i, :] for i in range(keys.shape[-2])], t)
-    return x, array_namespace(keys).stack(jacobians, axis=-3)
-
-
 def sider_weights(keys: Keys, t: Times) -> KeyWeights:
     """Return ``sider_n(keys, t)`` with its derivative in factored form, for callers that multiply by it.
 
@@ -151,14 +126,6 @@ def sider_weights(keys: Keys, t: Times) -> KeyWeights:
         return _join(q, r, at, gram)
 
     return aitken_neville(points, t, join, lambda point, centre: _reflect_weights(point, centre, gram))
-
-
-def _with_jacobian(points: list[Array], t: Array | float) -> tuple[Array, tuple[Array, ...]]:
-    xp = array_namespace(*points)
-    shape = tuple(reduce(add, points).shape)
-    keys = xp.stack([xp.broadcast_to(point, shape) for point in points], axis=-2)
-    x = sider_weights(keys, t)
-    return x.value, tuple(x.jacobian(key) for key in range(len(points)))
 
 
 def aitken_neville(points: list[Any], t: Array, join: Callable[..., Any], reflect: Callable[..., Any]) -> Any:

@@ -67,14 +67,11 @@ def load_capture(path: Path | str, *, readers: Iterable[Reader[Capture]] = CAPTU
     return capture
 
 
-def load_motion(
-    path: Path | str, *, readers: Iterable[Reader[Any]] = MOTIONS, **options: Any
-) -> Motion | AmassClip | BvhClip:
+def load_motion(path: Path | str, **options: Any) -> Motion | AmassClip | BvhClip:
     """Read a motion; a clip of another body or skeleton comes back as the file holds it.
 
     Args:
         path: file.
-        readers: asked in this order.
         options: fields of ``ReadOptions``.
 
     Raises:
@@ -82,9 +79,9 @@ def load_motion(
         MocapError: whatever else the reader raises.
     """
     path, chosen = Path(path), ReadOptions(**options)
-    reader = _reader_of(path, readers)
+    reader = _reader_of(path, MOTIONS)
     if reader is None:
-        kinds = "; ".join(reader.kind for reader in readers)
+        kinds = "; ".join(reader.kind for reader in MOTIONS)
         raise MotionInvalid("The path is not a readable motion.", where=str(path), hint=f"Motions are {kinds}.")
     motion = reader.read(path, chosen)
     checked_motion(motion, str(path))

@@ -12,15 +12,13 @@ _ROUNDS = 4
 """Rounds of exchange at most; chosen by hand."""
 
 
-def labels_of_frame(log_probability: np.ndarray, missing_cost: float = 0.0) -> np.ndarray:
+def labels_of_frame(log_probability: np.ndarray) -> np.ndarray:
     """Return (N,) labels of (N, 54) log probabilities, no marker twice: pairs that are each other's best, and again.
 
     Args:
         log_probability: of each label of a point, ghost last; any evidence that adds up will do.
-        missing_cost: taken from the ghost's.
     """
     scores = np.array(log_probability)
-    scores[:, GHOST] -= missing_cost
     labels = np.full(len(scores), GHOST)
     rows = np.arange(len(scores))
     for _ in range(GHOST):

@@ -2,7 +2,7 @@
 
 from solver_backend.metrics.angles import angle_mae_deg, geodesic_deg
 from solver_backend.metrics.generation import diversity, frechet_distance
-from solver_backend.metrics.image import reprojection_median_px, reprojection_px, reprojection_rmse_px
+from solver_backend.metrics.image import reprojection_px
 from solver_backend.metrics.positions import distances_m, mpjpe_mm, pa_mpjpe_mm, pck_percent, rmse_mm
 from solver_backend.metrics.self_intersection import self_intersection_m, self_intersection_percent
 from solver_backend.metrics.smoothness import accel_error_m_s2, accelerations_m_s2, foot_skating_cm_per_frame
@@ -19,9 +19,7 @@ __all__ = [
     "mpjpe_mm",
     "pa_mpjpe_mm",
     "pck_percent",
-    "reprojection_median_px",
     "reprojection_px",
-    "reprojection_rmse_px",
     "rmse_mm",
     "self_intersection_m",
     "self_intersection_percent",

@@ -38,23 +38,3 @@ def reprojection_px(
         px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points[part], cameras.distortion_model)
         error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
     return error
-
-
-def reprojection_rmse_px(error_px: Float[np.ndarray, "views frames points"]) -> float:
-    """Return the root of the mean squared reprojection error of all detections, in pixels.
-
-    Args:
-        error_px: (C, F, K) pixels, NaN where unseen.
-    """
-    seen = error_px[np.isfinite(error_px)]
-    return float(np.sqrt(np.mean(seen**2))) if seen.size else float("nan")
-
-
-def reprojection_median_px(error_px: Float[np.ndarray, "views frames points"]) -> float:
-    """Return the median reprojection error of all detections, in pixels, which outliers do not move.
-
-    Args:
-        error_px: (C, F, K) pixels, NaN where unseen.
-    """
-    seen = error_px[np.isfinite(error_px)]
-    return float(np.median(seen)) if seen.size else float("nan")

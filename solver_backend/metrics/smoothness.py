@@ -53,19 +53,16 @@ def accel_error_m_s2(
     return mean_or_nan(np.linalg.norm(difference, axis=-1))
 
 
-def foot_skating_cm_per_frame(
-    toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0, height_threshold_m: float = SKATING_HEIGHT_M
-) -> float:
+def foot_skating_cm_per_frame(toes: Float[np.ndarray, "frames toes 3"], floor_m: float = 0.0) -> float:
     """Return how far toes slide along the floor while they stand on it, in centimetres per frame.
 
-    ``FS = 1/N Σ v (2 - 2^(h/H))`` over the frames with ``h ≤ H``, where ``v`` is the horizontal way to the next frame
-    and ``h`` the height (thesis 6.3.4). The sum is divided by the number of frames, which is what its unit (cm/frame)
-    states; a toe below the floor counts as on it.
+    ``FS = 1/N Σ v (2 - 2^(h/H))`` over the frames with ``h ≤ H``, where ``v`` is the horizontal way to the next frame,
+    ``h`` the height and ``H`` ``SKATING_HEIGHT_M`` (thesis 6.3.4). The sum is divided by the number of frames, which is
+    what its unit (cm/frame) states; a toe below the floor counts as on it.
 
     Args:
         toes: (F, N, 3) metres, Z up.
         floor_m: height of the floor.
-        height_threshold_m: ``H``.
 
     Returns:
         cm/frame, averaged over the toes; NaN for fewer than two frames.
@@ -78,5 +75,5 @@ def foot_skating_cm_per_frame(
     toes = has_shape(toes, ("frames", "points", 3))
     way_cm = 100.0 * np.linalg.norm(np.diff(toes[..., :2], axis=0), axis=-1)
     height = np.maximum(toes[:-1, :, 2] - floor_m, 0.0)
-    weight = np.where(height <= height_threshold_m, 2.0 - 2.0 ** np.minimum(height / height_threshold_m, 1.0), 0.0)
+    weight = np.where(height <= SKATING_HEIGHT_M, 2.0 - 2.0 ** np.minimum(height / SKATING_HEIGHT_M, 1.0), 0.0)
     return mean_or_nan(np.where(np.isfinite(height), way_cm * weight, np.nan))

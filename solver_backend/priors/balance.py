@@ -77,11 +77,6 @@ def exponential_relevance(epsilon: np.ndarray, scale: float) -> np.ndarray:
     return np.minimum(np.exp(bounded), EXPONENTIAL_LIMIT)  # on some processors exp(log(3)) is above 3
 
 
-def tail_anchors(codes: np.ndarray, relevance: np.ndarray, threshold: float) -> np.ndarray:
-    """Return the (A, d) codes whose relevance exceeds the threshold (thesis eq. 4.6)."""
-    return codes[relevance > threshold]
-
-
 def sample_tail(
     anchors: np.ndarray, count: int, seed: int, *, blend: Blend = "slerp", sigma: float = 0.05
 ) -> np.ndarray:
@@ -91,7 +86,7 @@ def sample_tail(
     on it and Gaussian codes keep their scale. SQUAD's third and fourth anchor are its inner controls (eq. 4.10).
 
     Args:
-        anchors: (A, d) codes of tail poses.
+        anchors: (A, d) codes of tail poses, whose relevance exceeds a threshold (eq. 4.6).
         count: number of codes.
         seed: of every draw.
         blend: how.

@@ -5,15 +5,16 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from assets_procedural.mesh.parts import MATERIAL_NAMES
 from assets_procedural.quality.contact_sheet import read_baked
-from assets_procedural.quality.hand_sheet import HANDS, nail_faces, palm_faces, pose_hands
+from assets_procedural.quality.hand_sheet import HANDS, palm_faces, pose_hands
 from assets_procedural.skeleton.skinning import volume
 from solver_backend.body.body import DEFAULT_BODY
 from solver_backend.body.hand_angles import ANGLES, JOINT_OF
 from solver_backend.body.hand_on_body import hand_points, hand_skeletons, rest_angles
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.exchange.body_layout import SMPL_HANDS
-from solver_backend.exchange.hand_points import FINGERS
+from solver_backend.exchange.hand_points import FINGERS, SIDES
 
 LEFT = [SMPL_HANDS.joints.index("left_wrist"), *SMPL_HANDS.group("left_hand")]
 BENDS = [name for name in ANGLES if name.endswith("flexion") and name != "thumb_cmc_flexion"]
@@ -80,7 +81,8 @@ def test_nails_stay_on_the_backs_of_fingers_and_the_palm_on_its_side(body, pose,
     normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
     material = read_baked().material
     for finger in range(len(FINGERS)):
-        nail = nail_faces(body, material, side, finger)
+        last = SMPL_HANDS.joints.index(f"{SIDES[side]}_{FINGERS[finger]}3")
+        nail = (material == MATERIAL_NAMES.index("nail")) & (body.weights[:, last][body.faces].min(axis=1) > 0.5)
         assert nail.sum() >= 4
         assert np.median(normals[nail] @ own.frames[0, finger, 3, :, 1]) > 0.8, FINGERS[finger]
     palm = palm_faces(body, side)

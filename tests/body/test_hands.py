@@ -10,7 +10,6 @@ from solver_backend.body.files.smpl_files import load_smpl_file
 from solver_backend.body.hand_angles import ANGLES, measure_angles
 from solver_backend.body.hand_on_body import (
     finger_rotations,
-    hand_landmarks,
     hand_points,
     rest_angles,
     tip_vertices,
@@ -22,7 +21,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
 from solver_backend.exchange.errors import BodyInvalid
-from solver_backend.exchange.hand_points import HAND_POINTS
+from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS, SIDES
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import JointSet
 from tests.body.oracle import model, state
@@ -107,21 +106,6 @@ def test_rest_is_a_hand_that_is_slightly_bent_at_every_joint(hands):
     np.testing.assert_allclose(posed(hands), np.tile(np.eye(3), (1, 51, 1, 1)), atol=1e-6)
 
 
-def test_hand_landmarks_are_the_posed_joints_and_tips(hands):
-    rng = np.random.default_rng(3)
-    state = (rng.normal(size=10), exp_so3(rng.normal(size=(2, 3))))
-    local, transl = exp_so3(0.3 * rng.normal(size=(2, 51, 3))), rng.normal(size=(2, 3))
-    joints = forward_kinematics(hands, *state, local, transl).joints
-    skin = pose_mesh(hands, *state, local, transl, correctives=False)
-    for side, name in enumerate(("left", "right")):
-        landmarks = hand_landmarks(hands, side)
-        found = pose_landmarks(hands, landmarks, *state, local, transl).points
-        assert landmarks.names[0] == f"{name}_wrist" and landmarks.names[8] == f"{name}_index_tip"
-        np.testing.assert_allclose(found[:, 5], joints[:, SMPL_HANDS.joints.index(f"{name}_index1")], atol=1e-9)
-        np.testing.assert_allclose(found[:, 19], joints[:, SMPL_HANDS.joints.index(f"{name}_pinky3")], atol=1e-9)
-        np.testing.assert_allclose(found[:, 4::4], skin[:, tip_vertices(hands)[side]], atol=1e-9)
-
-
 def test_larger_hands_grow_from_the_wrist(hands):
     large = with_hand_size(hands, 1.1)
     wrist, middle = (SMPL_HANDS.joints.index(name) for name in ("left_wrist", "left_middle1"))
@@ -184,7 +168,11 @@ def test_angles_of_a_posed_hand_are_those_that_posed_it(hands):
     local = np.concatenate([np.tile(np.eye(3), (4, 21, 1, 1)), finger_rotations(hands, angles)], axis=1)
     still = (np.zeros(10), np.tile(np.eye(3), (4, 1, 1)), local, np.zeros((4, 3)))
     for side in range(2):
-        landmarks = hand_landmarks(hands, side)
-        points = pose_landmarks(hands, landmarks, *still).points
+        joints, skin = forward_kinematics(hands, *still).joints, pose_mesh(hands, *still, correctives=False)
+        named = [[f"{SIDES[side]}_{finger}{k}" for k in (1, 2, 3)] for finger in FINGERS]
+        chains = joints[:, [[SMPL_HANDS.joints.index(name) for name in names] for names in named]]
+        ends = skin[:, tip_vertices(hands)[side], None]
+        wrist = joints[:, None, SMPL_HANDS.joints.index(f"{SIDES[side]}_wrist")]
+        points = np.concatenate([wrist, np.concatenate([chains, ends], axis=2).reshape(4, 20, 3)], axis=1)
         of_joints = [i for i, name in enumerate(ANGLES) if not name.endswith(("dip_flexion", "ip_flexion"))]
         np.testing.assert_allclose(measure_angles(points, side)[:, of_joints], angles[:, side][:, of_joints], atol=1e-3)

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from solver_backend.body.files.smpl_files import load_smpl_file
-from solver_backend.body.kinematics import local_rotations
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.geometry.rotations import exp_so3
@@ -14,8 +13,10 @@ from tests.body.oracle import CASES, GOLDEN, body_models_vertices, model, state
 def our_vertices(family, flat, folder):
     np.savez(folder / "model.npz", **model(family))
     body, given = load_smpl_file(folder / "model.npz", family=family, flat_hands=flat), state(family)
-    root = exp_so3(given["rotvec"][:, 0])
-    return pose_mesh(body, given["betas"], root, local_rotations(body, given["rotvec"][:, 1:]), given["transl"])
+    root, turns = exp_so3(given["rotvec"][:, 0]), given["rotvec"][:, 1:].copy()
+    if body.hands_mean is not None:  # added to the axis-angle vector, before it becomes a rotation (Romero et al. 2017)
+        turns[:, body.layout.num_solved :] += body.hands_mean
+    return pose_mesh(body, given["betas"], root, exp_so3(turns), given["transl"])
 
 
 @pytest.mark.parametrize(("family", "flat"), CASES)

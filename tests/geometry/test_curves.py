@@ -72,28 +72,6 @@ def test_lerp_and_bezier():
     np.testing.assert_allclose(curves.bezier(*p, t), points[0], atol=1e-15)
 
 
-def test_spherical_bezier_stays_on_the_sphere_and_flattens_to_bezier():
-    p, t = path(4, 5), np.linspace(0, 1, 7)
-    x = curves.spherical_bezier(p, t)
-    np.testing.assert_allclose(np.linalg.norm(x, axis=-1), 1.0, atol=1e-14)
-    np.testing.assert_allclose(x[[0, -1]], p[[0, -1]], atol=1e-14)
-    near = p[0] + 1e-4 * p
-    near /= np.linalg.norm(near, axis=-1, keepdims=True)
-    np.testing.assert_allclose(curves.spherical_bezier(near, t), curves.bezier(*near, t), atol=2e-8)
-
-
-def test_spherical_bspline_is_c1_and_flattens_to_bspline():
-    p, t = path(6, 5), np.linspace(0, 1, 7)
-    position, velocity, acceleration = one_sided_derivatives(
-        lambda t: curves.spherical_bspline(p[0:4], t), lambda t: curves.spherical_bspline(p[1:5], t)
-    )
-    assert position < 1e-14 and velocity < 1e-8 and acceleration > 1e-3
-    np.testing.assert_allclose(np.linalg.norm(curves.spherical_bspline(p[:4], t), axis=-1), 1.0, atol=1e-14)
-    near = p[0] + 1e-4 * p[:4]
-    near /= np.linalg.norm(near, axis=-1, keepdims=True)
-    np.testing.assert_allclose(curves.spherical_bspline(near, t), curves.bspline(*near, t), atol=2e-8)
-
-
 def test_torch_equals_numpy():
     p, t = path(4, 6), np.linspace(0, 1, 5)
     tensors, times = [torch.as_tensor(k) for k in p], torch.as_tensor(t)
@@ -101,6 +79,3 @@ def test_torch_equals_numpy():
         np.testing.assert_allclose(function(*tensors, times).numpy(), function(*p, t), atol=1e-14)
     stacked = torch.as_tensor(p)
     np.testing.assert_allclose(curves.squad_controls(stacked).numpy(), curves.squad_controls(p), atol=1e-14)
-    np.testing.assert_allclose(
-        curves.spherical_bezier(stacked, times).numpy(), curves.spherical_bezier(p, t), atol=1e-14
-    )

@@ -53,11 +53,6 @@ def test_kernels_have_their_ranges() -> None:
     np.testing.assert_allclose(balance.exponential_relevance(epsilon, 0.7), [1.0, np.exp(0.5 / 0.7), 3.0, 3.0])
 
 
-def test_tail_is_what_exceeds_the_threshold() -> None:
-    codes = np.arange(8.0).reshape(4, 2)
-    np.testing.assert_array_equal(balance.tail_anchors(codes, np.array([1.0, 1.9, 1.2, 1.8]), 1.5), codes[[1, 3]])
-
-
 @pytest.mark.parametrize("blend", ["slerp", "squad"])
 def test_spherical_blends_stay_on_the_sphere(blend: balance.Blend) -> None:
     anchors = np.random.default_rng(4).standard_normal((10, 32))

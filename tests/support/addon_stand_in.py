@@ -13,7 +13,7 @@ from blender_addon._exchange.lens import distort, pixels
 from blender_addon._exchange.motion_file import MotionFile, read_motion
 from blender_addon.body.body_file import BodyFile, read_body
 from blender_addon.body.posed_body import pose_joints
-from blender_addon.conventions.skeleton import MAIN_CHILD, NUM_JOINTS, PARENTS
+from blender_addon.conventions.skeleton import NUM_JOINTS, PARENTS, SMPL
 
 _REST = np.array([
     [0.00, 0.93, 0.00], [0.09, 0.85, 0.00], [-0.09, 0.85, 0.00], [0.00, 1.05, -0.02], [0.10, 0.47, 0.01],
@@ -63,7 +63,7 @@ def write_body(path: Path, *, body_id: str = "stand_in") -> Path:
     regressor = np.zeros((NUM_JOINTS, 3 * _SIDES * NUM_JOINTS))
     for j in range(NUM_JOINTS):
         first = len(vertices)
-        end = _REST[MAIN_CHILD[j]] if j in MAIN_CHILD else _REST[j] + np.array(_LEAF_END[j])
+        end = _REST[SMPL.main_child[j]] if j in SMPL.main_child else _REST[j] + np.array(_LEAF_END[j])
         for ring, along in enumerate((0.0, 0.5, 1.0)):
             vertices.extend(_ring(_REST[j], end, along, _HALF_WIDTH.get(j, 0.045) * (1 - 0.15 * ring)))
             weights.extend([_ring_weights(j, ring)] * _SIDES)

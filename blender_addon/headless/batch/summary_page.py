@@ -40,20 +40,17 @@ svg path { fill: none; stroke: var(--line); stroke-width: 1.5; stroke-linecap: r
 """
 
 
-def summary_page(
-    takes: Sequence[TakeRecord], out: Path, message: str, picture: Callable[[Path], str] = thumbnail
-) -> str:
+def summary_page(takes: Sequence[TakeRecord], out: Path, message: str) -> str:
     """Return the page.
 
     Args:
         takes: records, worst first.
         out: folder that the page and the takes' folders lie in.
         message: how the batch goes.
-        picture: SVG of a motion file.
     """
     counts = Counter(str(take["status"]) for take in takes)
     head = "".join(f"<th>{_text(name)}</th>" for name in ("", *HEAD, "files"))
-    rows = "".join(_row(take, out, picture if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
+    rows = "".join(_row(take, out, thumbnail if n < _PICTURES else None) for n, take in enumerate(takes[:_ROWS]))
     more = f"<p>The other {len(takes) - _ROWS} takes are in summary.json.</p>" if len(takes) > _ROWS else ""
     counted = ", ".join(f"{count} {status}" for status, count in counts.most_common())
     hashed = b64encode(sha256(_STYLE.encode()).digest()).decode()

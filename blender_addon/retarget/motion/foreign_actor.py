@@ -16,8 +16,6 @@ from .trunk import rig_trunk
 
 _SPINE, (_NECK, _HEAD) = SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head")
 _HIPS = SMPL.both("hip")
-_HANDS = dict(zip(SMPL.both("wrist"), SMPL.both("hand"), strict=True))
-"""SMPL's joints of the palms, after the wrists."""
 _BONES = tuple(
     SMPL.numbers(f"{side}_{start}", f"{side}_{end}")
     for limb in (("hip", "knee", "ankle"), ("shoulder", "elbow", "wrist"))

@@ -13,7 +13,7 @@ from solver_backend.types.shapes import Float, Int
 
 PARAMETERS = 12
 """Numbers of a lens: ln fx, ln fy, cx/f, cy/f and eight coefficients."""
-FOCAL, CENTRE, COEFFICIENTS = (0, 1), (2, 3), tuple(range(4, 12))
+FOCAL, CENTRE = (0, 1), (2, 3)
 
 
 @dataclass(frozen=True)
@@ -54,10 +54,10 @@ class Lens:
     distortion_model: str = "opencv"
     """'opencv' or 'fisheye'."""
 
-    def as_camera(self, name: str = "camera") -> Cameras:
+    def as_camera(self) -> Cameras:
         """Return a camera of this lens at the origin, looking along Z."""
         return Cameras(
-            (name,), self.K[None], self.distortion[None], np.eye(3)[None], np.zeros((1, 3)),
+            ("camera",), self.K[None], self.distortion[None], np.eye(3)[None], np.zeros((1, 3)),
             np.array([self.image_size]), self.distortion_model,
         )  # fmt: skip
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -54,7 +54,6 @@ def calibrate_from_board(
     *,
     free_lenses: bool = False,
     fps: float | None = None,
-    watch: Callable[[int, float], None] = lambda step, cost: None,
 ) -> BoardCalibration:
     """Find camera poses by the board alone: pairs are chained, then all is adjusted at once.
 
@@ -65,7 +64,6 @@ def calibrate_from_board(
         sightings: for each camera, what it saw by the frame's number; frames are synchronous.
         free_lenses: lenses are refined too, those that saw the board at three moments or more.
         fps: frames a second; where it is given, each camera's delay against the first is found too.
-        watch: see ``adjust``.
 
     Raises:
         CalibrationInvalid: cameras never see the board together, or the board's ends look alike.
@@ -88,13 +86,11 @@ def calibrate_from_board(
     bodies, seen = placed_boards(board, sightings, poses, camera_poses, moments, fps)
     late = np.arange(len(names)) > 0 if fps is not None else None
     fixed = Unknowns(np.ones(len(names), bool), np.zeros((len(names), PARAMETERS), bool), delays=late)
-    found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0, watch=watch)
+    found = adjust(cameras, bodies, seen, fixed, robust_scale=4.0)
     error = np.linalg.norm(found.error, axis=-1)
     kept = error < OUTLIER_SIGMAS * max(float(np.nanmedian(error)), CORNER_SIGMA_PX)
     unknowns = replace(lens_unknowns(found.cameras, lenses), delays=late) if free_lenses else fixed
-    found = adjust(
-        found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0, watch=watch
-    )
+    found = adjust(found.cameras, found.bodies, seen.where(kept), unknowns, delays=found.delays, robust_scale=4.0)
     return BoardCalibration(found, moments, seen.where(kept), together, int((~kept).sum()))
 
 

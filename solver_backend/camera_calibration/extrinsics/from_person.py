@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
@@ -54,7 +54,6 @@ def calibrate_from_person(
     *,
     free_focal: bool = False,
     seed: int = 0,
-    watch: Callable[[str], None] = lambda what: None,
 ) -> PersonCalibration:
     """Find camera poses by one person's keypoints: the best pair, then camera after camera, then all at once.
 
@@ -64,7 +63,6 @@ def calibrate_from_person(
         keypoints: of one person in C views, synchronous.
         free_focal: focal lengths are unknown too, as where they were guessed from the picture's size.
         seed: of the samples.
-        watch: called with what is being done.
 
     Raises:
         NoDetections: no two cameras see enough in common.
@@ -75,15 +73,12 @@ def calibrate_from_person(
     """
     rng = np.random.default_rng(seed)
     task = _FlatViews.of(names, lenses, keypoints, START_FRAMES)
-    watch("Pairs of cameras")
     pair, poses = task.best_pair(rng)
     joined = list(pair)
     found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
     while len(joined) < len(names):
-        watch(f"Camera {len(joined) + 1} of {len(names)}")
         joined, poses = task.with_next(joined, found, rng)
         found, _ = task.adjusted(joined, poses, START_SIGMA_PX, free_focal=False)
-    watch("All cameras at once")
     order = np.argsort(joined)
     cameras = found.cameras.subset(order.tolist())
     return _finished(_FlatViews.of(names, lenses, keypoints, FINAL_FRAMES), cameras, _sigma(found), free_focal)

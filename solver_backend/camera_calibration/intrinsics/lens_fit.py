@@ -56,10 +56,10 @@ def fitted_lens(
     model: LensModel,
     start: Lens | None = None,
     steps: int = 60,
-    *,
-    square_pixels: bool = True,
 ) -> LensFit:
     """Fit a lens to pictures of a board: focal lengths, centre and the model's coefficients with the boards' poses.
+
+    fx equals fy but for the start's ratio.
 
     Args:
         board: what was filmed.
@@ -68,7 +68,6 @@ def fitted_lens(
         model: which coefficients.
         start: a lens to start from; found from the homographies if left out.
         steps: of the adjustment, at most.
-        square_pixels: fx equals fy but for the start's ratio.
 
     Raises:
         CalibrationInvalid: fewer than three pictures, or all of them show the board alike.
@@ -87,7 +86,7 @@ def fitted_lens(
     free[0, [4 + i for i in model.fitted]] = True
     sigma = np.full((1, PARAMETERS), 1.0)  # a weak bound that keeps richer models from folding where nothing is seen
     sigma[0, list(CENTRE)], sigma[0, 4:] = 0.1, 2.0
-    found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, square_pixels, sigma), steps)
+    found = _adjusted(board, views, lens, Unknowns(np.zeros(1, bool), free, True, sigma), steps)
     focal = np.sqrt(np.diag(found.covariance))[6] * found.cameras.K[0, 0, 0]
     return LensFit(
         lens_of(found.cameras, 0), model, found.rmse_px, view_errors(found, views),

@@ -18,9 +18,7 @@ CELLS = (8, 6)
 """Cells of the picture, across and down, that corners should fall into."""
 
 
-def selected_views(
-    board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int], most: int = MOST_VIEWS
-) -> list[int]:
+def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
     """Return frames of sharp pictures, one by one the picture that differs most from those chosen before.
 
     Pictures differ by where the board's corners lie, in picture heights; corners that are seen count.
@@ -29,7 +27,6 @@ def selected_views(
         board: what is seen.
         sightings: of one camera by frame.
         image_size: width and height, px.
-        most: how many frames are wanted.
 
     Reference: Gonzalez 1985 (farthest point first).
     """
@@ -38,12 +35,12 @@ def selected_views(
         return []
     bar = BLUR_SHARE * float(np.quantile([sightings[f].sharpness for f in frames], 0.8))
     sharp = [f for f in frames if sightings[f].sharpness >= bar] or frames
-    if len(sharp) <= most:
+    if len(sharp) <= MOST_VIEWS:
         return sharp
     signature = np.stack([_signature(board, sightings[f]) for f in sharp]) / min(image_size)
     chosen = [int(np.argmax([len(sightings[f].ids) * sightings[f].spacing_px for f in sharp]))]
     distance = np.linalg.norm(signature - signature[chosen[0]], axis=1)
-    while len(chosen) < most:
+    while len(chosen) < MOST_VIEWS:
         farthest = int(np.argmax(distance))
         chosen.append(farthest)
         distance = np.minimum(distance, np.linalg.norm(signature - signature[farthest], axis=1))

@@ -49,7 +49,6 @@ def triangulate(
     xy: Float[Array, "views frames keypoints 2"],
     confidence: Float[Array, "views frames keypoints"],
     sigma_px: float | Float[Array, " ..."] | None = None,
-    largest_sigma_m: float = LARGEST_SIGMA_M,
 ) -> Triangulation:
     """Locate keypoints seen by several views, rejecting views that do not agree.
 
@@ -67,11 +66,11 @@ def triangulate(
         confidence: (C, F, K), 0 where missing.
         sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far
             the views disagree.
-        largest_sigma_m: points whose standard deviation along the worst axis is larger become NaN (rays that are
-            nearly parallel, such as those of two cameras that face each other).
 
     Returns:
-        The triangulation; NaN where fewer than two views are usable or agree.
+        The triangulation; NaN where fewer than two views are usable or agree, or where the standard deviation along the
+        worst axis is above ``LARGEST_SIGMA_M`` (rays that are nearly parallel, such as those of cameras that face
+        each other).
 
     Raises:
         TooFewViews: there are fewer than two cameras.
@@ -90,16 +89,14 @@ def triangulate(
         sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
     step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
     blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
-    parts = map_blocks(
-        lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma, largest_sigma_m), blocks, xy
-    )
+    parts = map_blocks(lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma), blocks, xy)
     points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
     inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
     return Triangulation(points, covariance, inliers, residual, sigma)
 
 
 def _triangulate_frames(
-    arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array, largest_sigma_m: float
+    arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return points, covariance, inliers and residuals of (C, F, K) detections."""
     xp = array_namespace(xy)
@@ -108,7 +105,7 @@ def _triangulate_frames(
     points, inliers, residual = fit_points(arrays, px, weight, spread)
     covariance = covariance_of(arrays, xp.where(inliers, weight, xp.zeros_like(weight)), points, spread)
     worst = xp.max(xp.sum(xp.abs(covariance), axis=-1), axis=-1)
-    lost = ~(worst <= largest_sigma_m**2)
+    lost = ~(worst <= LARGEST_SIGMA_M**2)
     covariance = xp.where(lost[:, None, None], xp.full_like(covariance, math.nan), covariance)
     points = xp.where(lost[:, None], xp.full_like(points, math.nan), points)
     residual = xp.where(lost[None, :], xp.full_like(residual, math.nan), residual)

@@ -1,4 +1,4 @@
-"""A hand from its markers alone: placed by the palm, offsets and size calibrated on the take, fingers by the prior."""
+"""A hand of known wrists from its markers: offsets and size calibrated on the take, fingers by the prior."""
 
 from __future__ import annotations
 
@@ -8,13 +8,11 @@ import numpy as np
 
 from solver_backend.body.hand_markers import HandMarkers, hand_markers
 from solver_backend.body.hand_skeleton import HandSkeleton, site_frames
-from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.hands.hand_keys import DOF, FINGERS
 from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, WristPath
 from solver_backend.fitters.hands.hand_size import SIZES
 from solver_backend.fitters.hands.solve_hand import hand_window
 from solver_backend.fitters.hands.solve_keys import frame_states, solve_keys
-from solver_backend.fitters.hands.start import nearest_rotations
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
@@ -28,8 +26,6 @@ PLACE_SIGMA_M = 0.006
 """The same of a marker's place around its rule, before it is calibrated."""
 ROUNDS = 3
 """Solves between which offsets are calibrated."""
-LEAST_PALM = 3
-"""Markers of the palm that place a hand."""
 SAMPLE = 150
 """Frames at most on which offsets are calibrated."""
 
@@ -51,30 +47,6 @@ class MarkerHand:
         return self.states[:, FINGERS]
 
 
-def solve_marker_hand(
-    positions: Float[np.ndarray, "frames markers 3"], labels: tuple[str, ...], skeleton: HandSkeleton, fps: float,
-    settings: SolveSettings = SolveSettings(),
-) -> MarkerHand:  # fmt: skip
-    """Return a hand from markers that no body carries.
-
-    Args:
-        positions: (F, M, 3) metres, NaN where missing.
-        labels: M labels of ``hand_markers.PLACES``; others are left out.
-        skeleton: of a hand of the same side and common size.
-        fps: frames per second.
-        settings: robust scale and iterations.
-
-    Raises:
-        MarkersUnknown: too few markers of the palm are among them, or they are never seen together.
-    """
-    known = [labels.index(label) for label in hand_markers(skeleton, labels).labels]
-    positions = positions[:, known]
-    own = tuple(labels[k] for k in known)
-    skeleton = skeleton.scaled(marker_size(skeleton, own, positions))
-    markers = hand_markers(skeleton, own)
-    return calibrated_hand(positions, markers, skeleton, palm_path(markers, positions, fps), fps, settings)
-
-
 def calibrated_hand(
     positions: Float[np.ndarray, "frames markers 3"], markers: HandMarkers, skeleton: HandSkeleton, path: WristPath,
     fps: float, settings: SolveSettings,
@@ -85,7 +57,7 @@ def calibrated_hand(
         positions: (F, L, 3) metres of the hand's markers, NaN where missing.
         markers: these.
         skeleton: of the hand.
-        path: where the palm's markers, or a body, have the wrist.
+        path: where a body has the wrist.
         fps: frames per second.
         settings: robust scale and iterations.
     """
@@ -142,32 +114,3 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
     ratios = found / np.linalg.norm(sites.offset[one[rigid]] - sites.offset[other[rigid]], axis=-1)
     known = ratios[np.isfinite(ratios)]
     return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
-
-
-def palm_path(markers: HandMarkers, positions: np.ndarray, fps: float) -> WristPath:
-    """Return where the palm's markers put the wrist, smoothed over a tenth of a second; between frames that show it.
-
-    Raises:
-        MarkersUnknown: fewer than three of them are ever seen together.
-    """
-    palm = markers.sites.segment == 0
-    if palm.sum() < LEAST_PALM or not (np.isfinite(positions[:, palm]).all(-1).sum(1) >= LEAST_PALM).any():
-        raise MarkersUnknown(
-            f"Of a palm's markers {int(palm.sum())} are known; three seen together place a hand.",
-            where=", ".join(markers.labels), hint="Knuckles, bases of the metacarpals: MP2, MP5, CMC2.",
-        )  # fmt: skip
-    here, rest = positions[:, palm], markers.sites.offset[palm]
-    seen = np.isfinite(here).all(-1)
-    located = np.flatnonzero(seen.sum(1) >= LEAST_PALM)
-    here, weight = here[located], seen[located][..., None]
-    count = weight.sum(1, keepdims=True)
-    middle = np.where(weight, here, 0.0).sum(1, keepdims=True) / count
-    below = np.where(weight, rest, 0.0).sum(1, keepdims=True) / count
-    turned = np.swapaxes(np.where(weight, here - middle, 0.0), 1, 2) @ np.where(weight, rest - below, 0.0)
-    R = nearest_rotations(turned)
-    t = (middle - np.swapaxes(R @ np.swapaxes(below, 1, 2), 1, 2))[:, 0]
-    frames = np.arange(len(positions))
-    near = np.exp(-0.5 * ((frames[:, None] - located) / (0.05 * fps)) ** 2)
-    near += 1e-6 / (1.0 + np.abs(frames[:, None] - located)) ** 2
-    near /= near.sum(1, keepdims=True)
-    return WristPath(nearest_rotations((near @ R.reshape(len(R), 9)).reshape(-1, 3, 3)), near @ t)

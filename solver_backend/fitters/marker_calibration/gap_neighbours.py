@@ -6,6 +6,8 @@ import numpy as np
 
 NEIGHBOURS, LOOKED_AT = 4, 12
 """Nearest markers that are seen from one end of a gap to the other, and of how many."""
+FRAMES = 60
+"""Frames in which distances are measured; chosen by hand."""
 NOISE = 0.1
 """Share of a neighbour's variance that is its own."""
 DOUBT = 2.0
@@ -18,9 +20,9 @@ LEAST, MOST_M = 4, 0.05
 """Stretches without which nothing is learned, and the most that neighbours may add, metres."""
 
 
-def neighbours_by_distance(points: np.ndarray, frames: int = 60) -> np.ndarray:
+def neighbours_by_distance(points: np.ndarray) -> np.ndarray:
     """Return (M, M - 1): for each of (F, M, 3) points the others, by the median distance in frames spread over all."""
-    some = points[np.unique(np.linspace(0, len(points) - 1, frames).astype(int))]
+    some = points[np.unique(np.linspace(0, len(points) - 1, FRAMES).astype(int))]
     distance = np.median(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), axis=0)
     np.fill_diagonal(distance, np.inf)
     return np.argsort(distance, axis=1, kind="stable")[:, :-1]

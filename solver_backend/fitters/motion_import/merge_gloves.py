@@ -56,7 +56,7 @@ def merge_gloves(motion: Motion, body: Body, gloves: GloveTake, offset_s: float 
         raise MotionInvalid(f"The motion is of the body {motion.body}, not {body.id}.", where="motion")
     found: list[Diagnostic] = []
     if offset_s is None:
-        offset_s, clock = _offset(motion, body, gloves)
+        offset_s, clock = _offset(motion, gloves)
         found += clock
     times = np.arange(motion.num_frames) / motion.fps - offset_s
     covered = (times > gloves.times[0] - 1e-6) & (times < gloves.times[-1] + 1e-6)
@@ -96,10 +96,10 @@ def _fingers(motion: Motion) -> tuple[np.ndarray, np.ndarray, bool]:
     return turns.reshape(*shape, 3).copy(), resting, True
 
 
-def _offset(motion: Motion, body: Body, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
+def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]:
     """Return the second at which the gloves begin, 0 where nothing shows it, and what was found."""
     theirs = [wrist_speeds(gloves.palms[:, side], gloves.times) for side in range(2)]
-    own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion, body)]
+    own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)
     if clock is None:
         return 0.0, [diagnostic("gloves_time_unknown")]
@@ -118,7 +118,7 @@ def _is_sure(clock: WristClock) -> bool:
     return clear and clock.agreement >= _AGREE and clock.certainty >= _CERTAIN
 
 
-def _wrists(motion: Motion, body: Body) -> list[np.ndarray]:
+def _wrists(motion: Motion) -> list[np.ndarray]:
     """Return (F, 3, 3) world rotations of the left and the right wrist."""
     layout = motion.body_layout
     turns = np.concatenate([motion.global_orient, motion.body_pose], axis=1)

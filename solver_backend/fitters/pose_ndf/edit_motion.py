@@ -34,6 +34,8 @@ LAYOUT = "MANIFOLD_53"
 """Points of the skin that stand for the mesh."""
 DETECTOR_PX = 5.0
 """Standard deviation of a detection, pixels: what the weights of eq. 10 were chosen with."""
+SAMPLED_FPS = 30.0
+"""Poses a second that a motion of samples states; they are independent."""
 _UPRIGHT = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
 """Y up to Z up."""
 
@@ -99,7 +101,7 @@ def interpolated_motion(
     )  # fmt: skip
 
 
-def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float = 30.0) -> Motion:
+def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int) -> Motion:
     """Return one sampled pose a frame, upright, each with its lowest point on the floor.
 
     Raises:
@@ -112,7 +114,7 @@ def sampled_motion(body: Body, prior: PoseNDF, count: int, seed: int, fps: float
     lowest = pose_mesh(body, betas, root, local, np.zeros((count, 3)))[..., 2].min(axis=1)
     transl = np.stack([np.zeros(count), np.zeros(count), -lowest], axis=1)
     rest = Motion(
-        betas, np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), np.zeros((1, 3)), fps, body.id,
+        betas, np.zeros((1, 3)), np.zeros((1, 3 * (layout.num_joints - 1))), np.zeros((1, 3)), SAMPLED_FPS, body.id,
         np.zeros((1, layout.num_joints, 3)), layout,
     )  # fmt: skip
     edit = {"verb": "sample", "count": count, "seed": seed}

@@ -44,8 +44,6 @@ class ViewsFrame:
     """(L, 3) metres: where the body has the keypoints."""
     points_off_m: np.ndarray
     """(L,) metres between each of them and where the body has it; NaN where it is not located."""
-    deviation_m: np.ndarray
-    """(L,) standard deviation of each located keypoint."""
 
 
 class LiveViewsFit(PersonFollower):
@@ -83,9 +81,8 @@ class LiveViewsFit(PersonFollower):
         term = replace(ReprojectionTerm.of(self.cameras, keypoints, sigma, points), penalty=self._penalty)
         landmarks = self.follow(term, dt, partial(self._start, points)).points[0]
         off = np.linalg.norm(landmarks - points[0], axis=-1)
-        deviation = np.sqrt(np.trace(np.asarray(located.covariance[0]), axis1=-2, axis2=-1) / 3.0)
         assert self.pose is not None
-        return ViewsFrame(self.pose, points[0], landmarks, off, deviation)
+        return ViewsFrame(self.pose, points[0], landmarks, off)
 
     def _start(self, points: np.ndarray) -> PosedFrames:
         """Return the pose that the lifter sees in (1, L, 3) points, or the rest pose at their middle."""

@@ -48,8 +48,7 @@ def solve_noise_aware(
 
 
 def solve_in_stages(
-    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, loss: LandmarkLoss,
-    weights: FitWeights = FitWeights(),
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, loss: LandmarkLoss
 ) -> MethodResult:  # fmt: skip
     """Fit shape and poses by least squares, then poses by a loss.
 
@@ -59,7 +58,6 @@ def solve_in_stages(
         settings: method and the rest.
         progress: called as stages advance.
         loss: of the second stage.
-        weights: of the priors.
     """
     like, measured = subject.betas, problem.measurements
     person = replace(subject, betas=to_numpy(subject.betas), offsets=to_numpy(subject.offsets))
@@ -71,7 +69,7 @@ def solve_in_stages(
         start = CodedFrames(prior.encode(posed(problem.prior, states).local), states.root, states.transl)
         located = measured.located[frames]
         points = np.where(located[..., None], measured.points[frames], 0.0)
-        return LandmarkFit(person, prior, start, points, located, weights)
+        return LandmarkFit(person, prior, start, points, located, FitWeights())
 
     if settings.betas is None and measured.subject is None:
         person, _ = fit_of(person, sample_frames(measured, SHAPE_FRAMES)).fit_shape(FixedVariances(), STEPS)

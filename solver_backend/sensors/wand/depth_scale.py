@@ -25,8 +25,6 @@ class DepthScale:
     """What the pictures' world is multiplied by."""
     sigma: float
     """Its standard deviation."""
-    bias_m: np.ndarray
-    """(C,) how far each sensor measures too much, metres."""
     rmse_m: float
     """Root mean square of what is left, robustly."""
 
@@ -57,8 +55,7 @@ def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthS
         weight = known / (1.0 + square / 9.0) / sigma**2
         scale = float((weight * z * d).sum() / (weight * z * z).sum())
     left = np.where(known, d - scale * z, np.nan)
-    bias = np.array([np.nanmedian(row) if np.isfinite(row).any() else np.nan for row in left])
     rmse = float(1.4826 * np.nanmedian(np.abs(left)))
     shared = np.array([(weight[c] * z[c]).sum() for c in range(len(d))]) * SENSOR_BIAS_M
     alone = (weight**2 * z**2 * np.maximum(sigma, rmse) ** 2).sum()
-    return DepthScale(scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), bias, rmse)
+    return DepthScale(scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse)

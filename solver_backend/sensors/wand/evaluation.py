@@ -69,7 +69,7 @@ def held_out_errors(
     out = held_out(moments.px.shape[1])
     if out.sum() < LEAST_TOGETHER or (~out).sum() < LEAST_TOGETHER:
         return float("nan"), np.full(3, np.nan)
-    fitted, _ = adjusted(refitted(task, found, moments), moments.where(~out))
+    fitted, _ = adjusted(refitted(task, found), moments.where(~out))
     kept = moments.where(out)
     at = triangulated(fitted.cameras, kept, found.delays)
     error = reprojection_px(fitted.cameras, kept, found.delays, at)

@@ -109,6 +109,6 @@ def held_out(count: int) -> np.ndarray:
     return block % 5 == 2
 
 
-def refitted(task: WandTask, found: Adjusted, moments: Moments) -> WandTask:
+def refitted(task: WandTask, found: Adjusted) -> WandTask:
     """Return the task that begins where a solution ended, its delays taken for known."""
     return replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)

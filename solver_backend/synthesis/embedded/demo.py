@@ -58,12 +58,12 @@ def demo_capture(
     )
 
 
-def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2, height_m: float = 1.6) -> Cameras:
+def tripods(target: np.ndarray, count: int = 4, radius_m: float = 4.2) -> Cameras:
     """Return cameras on tripods around a target, 1920 x 1080, with mild lens distortion."""
     angles = (
         np.deg2rad(35.0) + 2 * np.pi * (np.arange(count) + np.array([0.0, 0.08, -0.06, 0.05] * count)[:count]) / count
     )
-    heights = height_m + 0.25 * np.cos(2.3 * np.arange(count))
+    heights = 1.6 + 0.25 * np.cos(2.3 * np.arange(count))
     centres = np.stack([radius_m * np.cos(angles), radius_m * np.sin(angles), heights], axis=1)
     centres[:, :2] += target[:2]
     forward = target - centres

@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 
 from solver_backend.synthesis.studio.marker_sight import marker_sight
-from solver_backend.synthesis.studio.scene.costume import MARKER, ROOM
 from solver_backend.synthesis.studio.sensors.infrared import InfraredModel, infrared, sphere_light
 from solver_backend.synthesis.studio.sensors.picture_of import Backdrop, backdrop, look
 from solver_backend.synthesis.studio.sensors.time_of_flight import TimeOfFlightModel, measure_depth
@@ -22,18 +20,10 @@ _CHUNK = 16
 """Frames whose surfaces are held at a time."""
 
 
-@dataclass(frozen=True)
-class Filmed:
-    """What filming found out by the way."""
+def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> np.ndarray:
+    """Film a shot; return (C, F, M) the share of each marker that each camera sees, float32.
 
-    marker_seen: np.ndarray
-    """(C, F, M) share of each marker that each camera sees, float32; where nothing is filmed, from sight lines."""
-    person_seen: np.ndarray
-    """(C, F) share of the picture that shows the person, float32."""
-
-
-def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] = lambda frame: None) -> Filmed:
-    """Film a shot.
+    Where nothing is filmed the shares are those of sight lines.
 
     Args:
         spec: what is filmed.
@@ -45,28 +35,25 @@ def film(spec: Spec, stage: Stage, keep: Keep, on_frame: Callable[[int], None] =
     kinds = [kind for kind in spec.film if kind != "rgb"] + ([EXR] if EXR in spec.write else [])
     cameras = stage.cameras
     markers = np.zeros((len(cameras), stage.num_frames, stage.markers.shape[1]), np.float32)
-    person = np.zeros(markers.shape[:2], np.float32)
     coloured = "rgb" in spec.film and bool(stage.labels)
     if not kinds and not coloured:
-        return Filmed(marker_sight(stage), person)
+        return marker_sight(stage)
     behind = [backdrop(stage, view) for view in range(len(cameras))]
     for start in range(0, stage.num_frames, _CHUNK):
         frames = np.arange(start, min(start + _CHUNK, stage.num_frames))
         surfaces = stage.surface(frames)
         for frame, surface in zip(frames.tolist(), surfaces, strict=True):
             for view in range(len(cameras)):
-                markers[view, frame], person[view, frame] = _shoot(
-                    spec, stage, behind[view], kinds, (view, frame), surface, keep
-                )
+                markers[view, frame] = _shoot(spec, stage, behind[view], kinds, (view, frame), surface, keep)
             on_frame(frame + 1)
-    return Filmed(markers, person)
+    return markers
 
 
 def _shoot(
     spec: Spec, stage: Stage, behind: Backdrop, kinds: list[str], place: tuple[int, int], surface: np.ndarray,
     keep: Keep,
-) -> tuple[np.ndarray, float]:  # fmt: skip
-    """Film one picture; return the shares of markers seen and of the picture that shows the person."""
+) -> np.ndarray:  # fmt: skip
+    """Film one picture; return the shares of markers seen."""
     view, frame = place
     seen = look(stage, view, behind, surface, frame, normals="normals" in kinds or EXR in kinds)
     rng = stage.shot.rng(spec, f"pixels {view} {frame}")
@@ -86,5 +73,4 @@ def _shoot(
             keep("normals", view, frame, np.round(turned * 127.5 + 127.5).astype(np.uint8))
         if EXR in kinds:
             keep(EXR, view, frame, np.concatenate([turned, seen.depth[..., None]], axis=-1, dtype=np.float32))
-    count = int(((seen.label > 0) & (seen.label < MARKER) & (seen.label != ROOM)).sum())
-    return seen.spheres.seen.astype(np.float32), count / seen.label.size
+    return seen.spheres.seen.astype(np.float32)

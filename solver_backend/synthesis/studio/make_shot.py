@@ -90,11 +90,11 @@ def read_shot(folder: Path) -> ShotRecord:
 def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int], None]) -> ShotRecord:
     truth = find_truth(stage, spec.fps)
     with PictureWriter(folder, stage.cameras.names) as keep:
-        filmed = film(spec, stage, keep, on_frame)
+        marker_seen = film(spec, stage, keep, on_frame)
     motion = true_motion(stage.person, stage.joints, truth.contacts, spec.fps)
     clean = clean_capture(spec, stage, truth, motion)
     if stage.labels:
-        clean.truth["marker_seen"] = filmed.marker_seen
+        clean.truth["marker_seen"] = marker_seen
     perturbed = perturbed_capture(spec, stage, truth, clean)
     if stage.hands is not None:
         hidden = hidden_of(stage.person, stage.cameras, stage.hands)
@@ -106,7 +106,7 @@ def _write_shot(spec: Spec, stage: Stage, folder: Path, on_frame: Callable[[int]
     write_capture(folder / "clean.npz", clean)
     write_capture(folder / "perturbed.npz", perturbed)
     write_motion(folder / "motion.npz", motion)
-    write_npz(folder / "truth.npz", truth.arrays() | {"marker_seen": filmed.marker_seen})
+    write_npz(folder / "truth.npz", truth.arrays() | {"marker_seen": marker_seen})
     if "rgb" in spec.film:
         write_scene(folder / "scene.npz", stage)
     if stage.person.body.id != load_body().id:

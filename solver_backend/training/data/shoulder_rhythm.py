@@ -14,7 +14,7 @@ REACHING_SHARE = 0.15
 """Part of the upper arm's forward swing that the collar takes."""
 
 
-def with_shoulder_rhythm(rotations: np.ndarray, spread: np.ndarray | None = None) -> np.ndarray:
+def with_shoulder_rhythm(rotations: np.ndarray) -> np.ndarray:
     """Return poses whose collars follow the arms, each upper arm keeping its direction in the chest's frame.
 
     The collar turns by 0.22 of the arm's elevation about z and by 0.15 of its forward swing about y (times the cosine
@@ -22,7 +22,6 @@ def with_shoulder_rhythm(rotations: np.ndarray, spread: np.ndarray | None = None
 
     Args:
         rotations: (F, 21, 3, 3) local rotations of the body joints.
-        spread: (F, 2, 3) rad, added to the left and right collar's rotation vector, or None.
 
     Returns:
         (F, 21, 3, 3).
@@ -30,14 +29,12 @@ def with_shoulder_rhythm(rotations: np.ndarray, spread: np.ndarray | None = None
     Reference: after the scapulohumeral rhythm of Inman, Saunders & Abbott 1944; shares chosen for the T-pose as zero.
     """
     out = rotations.copy()
-    for number, (collar, shoulder, side) in enumerate(_ARMS):
+    for collar, shoulder, side in _ARMS:
         arm = rotations[:, collar - 1] @ rotations[:, shoulder - 1]
         along = side * arm[:, :, 0]
         elevation = np.arcsin(np.clip(along[:, 1], -1.0, 1.0))
         swing = np.arctan2(along[:, 2], np.abs(along[:, 0])) * np.cos(elevation)
         turn = np.stack((0 * swing, -side * REACHING_SHARE * swing, side * RAISING_SHARE * elevation), axis=-1)
-        if spread is not None:
-            turn = turn + spread[:, number]
         out[:, collar - 1] = exp_so3(turn)
         out[:, shoulder - 1] = np.swapaxes(out[:, collar - 1], -1, -2) @ arm
     return out

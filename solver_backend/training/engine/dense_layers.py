@@ -48,10 +48,10 @@ def take_over(stack: nn.Sequential, weights: DenseStack) -> None:
             layer.bias.copy_(torch.as_tensor(np.asarray(bias, dtype=np.float32)))
 
 
-def stack_arrays(stack: nn.Sequential, part: str, dtype: type = np.float16) -> dict[str, np.ndarray]:
-    """Return the arrays of a stack of dense layers: weights in ``dtype``, biases in float32."""
+def stack_arrays(stack: nn.Sequential, part: str) -> dict[str, np.ndarray]:
+    """Return the arrays of a stack of dense layers: weights in half precision, biases in float32."""
     arrays: dict[str, np.ndarray] = {}
     for number, layer in enumerate(linear_layers(stack)):
-        arrays[f"{part}_w{number}"] = layer.weight.detach().numpy().astype(dtype)
+        arrays[f"{part}_w{number}"] = layer.weight.detach().numpy().astype(np.float16)
         arrays[f"{part}_b{number}"] = layer.bias.detach().numpy().astype(np.float32)
     return arrays

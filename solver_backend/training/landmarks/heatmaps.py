@@ -15,13 +15,8 @@ SKIPPED = 2
 REACH_SIGMAS = 4.5
 """Beyond so many spreads a Gaussian holds nothing."""
 WELSCH_NU = 0.05
-"""Scale of Welsch's loss where none is given, in normalised positions; chosen by hand."""
+"""Scale of Welsch's loss, in normalised positions; chosen by hand."""
 HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
-
-
-def gaussian_heatmaps(u: torch.Tensor, v: torch.Tensor, size: int) -> torch.Tensor:
-    """Return (..., size, size) maps that sum to 1, about unquantised (...) coordinates in -1..1; rows along v."""
-    return _profile(v, size)[..., :, None] * _profile(u, size)[..., None, :]
 
 
 def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
@@ -109,13 +104,6 @@ def fused(reading: MapReading) -> torch.Tensor:
     return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
 
 
-def jensen_shannon(a: torch.Tensor, b: torch.Tensor) -> torch.Tensor:
-    """Return the divergence of (..., H, W) maps that sum to 1 (thesis eq. 4.14), in nats."""
-    middle = 0.5 * (a + b)
-    log_middle = (middle + 1e-12).log()
-    return 0.5 * (a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)).sum((-2, -1))
-
-
 def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
     """Return Gaussians about (...) coordinates where they hold anything, and which pixels those are, (..., n)."""
     side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
@@ -150,6 +138,6 @@ def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.T
     return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
 
 
-def welsch(truth: torch.Tensor, estimate: torch.Tensor, nu: float = WELSCH_NU) -> torch.Tensor:
+def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
     """Return ``1 - exp(-|e|² / 2 ν²)`` of (..., 3) normalised positions (thesis eq. 4.15)."""
-    return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * nu**2))
+    return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))

@@ -134,8 +134,8 @@ def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
     return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
 
 
-def field_arrays(model: PoseFieldNet, dtype: type = np.float16) -> dict[str, np.ndarray]:
-    """Return the arrays of a weight file: weights in ``dtype``, biases in single precision."""
+def field_arrays(model: PoseFieldNet) -> dict[str, np.ndarray]:
+    """Return the arrays of a weight file: weights in half precision, biases in single precision."""
     arrays = {
         "encoder_w0": model.w0, "encoder_b0": model.b0, "encoder_w1": model.w1, "encoder_b1": model.b1,
     }  # fmt: skip
@@ -143,5 +143,6 @@ def field_arrays(model: PoseFieldNet, dtype: type = np.float16) -> dict[str, np.
         linear = cast(nn.Linear, layer)
         arrays |= {f"field_w{number}": linear.weight, f"field_b{number}": linear.bias}
     return {
-        name: value.detach().numpy().astype(np.float32 if "_b" in name else dtype) for name, value in arrays.items()
+        name: value.detach().numpy().astype(np.float32 if "_b" in name else np.float16)
+        for name, value in arrays.items()
     }

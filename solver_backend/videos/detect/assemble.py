@@ -102,7 +102,6 @@ def assembled(
     calibration: Calibration | None,
     progress: Progress = silent,
     *,
-    up_axis: str | None = None,
     world: WorldSettings = WorldSettings(),
     one: KnownOfOne = KnownOfOne(),
 ) -> Capture:
@@ -116,7 +115,6 @@ def assembled(
         clocks: of the cameras, in the same order.
         calibration: of the cameras, in the same order; None where there is none yet.
         progress: called as stages advance.
-        up_axis: axis of the calibration's world that points up; None for its own.
         world: how its world is scaled and levelled.
         one: what is known where one video alone is solved.
 
@@ -134,7 +132,7 @@ def assembled(
                 hint="Add another camera's video, or `from-videos VIDEO`.",
             )
         return Capture(
-            name, None, _main_person(found, detections, fps), footage=footage, sources=sources,
+            name, None, _main_person(detections, fps), footage=footage, sources=sources,
             notes=(*detections.notes, diagnostic("person_seen_most")),
             problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
         )  # fmt: skip
@@ -147,7 +145,7 @@ def assembled(
 
     cameras, people, scaled = find_people(cameras, select, world)
     person = people[0]
-    fitted = fit_world(cameras, person.keypoints, world, up_axis)
+    fitted = fit_world(cameras, person.keypoints, world)
     return Capture(
         name, fitted.cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
         notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *scaled, *fitted.notes,
@@ -189,7 +187,7 @@ def _by_track(item: VideoDetections, most: int) -> tuple[np.ndarray, np.ndarray,
     return xy, confidence, hands
 
 
-def _main_person(found: Sequence[VideoDetections], detections: Detections, fps: float) -> Keypoints2D:
+def _main_person(detections: Detections, fps: float) -> Keypoints2D:
     """Return the person that is seen most in each view."""
     strength = (detections.confidence.mean(-1) * _sizes(detections.xy))[..., None]
     best = np.argmax(np.nan_to_num(strength), axis=2)[..., None]

@@ -25,14 +25,8 @@ class VideoInfo:
     """The file, the first of several chapters, or a folder of pictures."""
     size: tuple[int, int]
     """Width and height in pixels as a player shows it, that is, after the rotation."""
-    rotation_deg: int
-    """Quarter turn, counter-clockwise, by which the stored pictures are turned to be shown: 0, 90, 180 or 270."""
     times_s: np.ndarray
     """(F,) when each picture is shown, ascending, on the file's clock."""
-    has_sound: bool
-    """Whether there is a stream of sound."""
-    codec: str
-    """Name of the pictures' code, such as h264."""
     parts: tuple[Path, ...] = ()
     """Its files in order, see ``parts_of``; () where it is one file."""
     timed: bool = True
@@ -83,7 +77,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
         if not parts:
             raise VideoUnreadable("The folder holds no picture.", where=str(path), hint="Check the path.")
         first = _probe_file(parts[0])
-        return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, has_sound=False, parts=parts)
+        return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
     found = [_probe_file(part) for part in parts]
     if any(item.size != found[0].size for item in found):
         raise VideoUnreadable("Its chapters differ in size.", where=str(path), hint="Keep recordings apart.")
@@ -96,7 +90,7 @@ def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
 def _probe_file(path: Path) -> VideoInfo:
     with opened(path) as container:
         stream = video_stream(container)
-        base, sound, codec = stream.time_base, bool(container.streams.audio), stream.codec_context.name
+        base = stream.time_base
         stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
         stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
     if not stamps:
@@ -105,12 +99,11 @@ def _probe_file(path: Path) -> VideoInfo:
         first = next(container.decode(video_stream(container)), None)
     if first is None:
         raise VideoUnreadable("No picture of the video can be decoded.", where=str(path), hint=AGAIN)
-    rotation = quarter_turn(first.rotation)
-    size = (first.height, first.width) if rotation % 180 else (first.width, first.height)
+    size = (first.height, first.width) if quarter_turn(first.rotation) % 180 else (first.width, first.height)
     times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
     if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
-        return VideoInfo(path, size, rotation, np.arange(len(stamps)) / stated, sound, codec, timed=False)
-    return VideoInfo(path, size, rotation, times, sound, codec)
+        return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False)
+    return VideoInfo(path, size, times)
 
 
 def rate_of(times_s: np.ndarray) -> float:

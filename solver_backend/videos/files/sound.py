@@ -28,7 +28,7 @@ class Sound:
     """Samples a second."""
 
 
-def read_sound(path: Path | str, rate_hz: int = RATE_HZ) -> Sound:
+def read_sound(path: Path | str) -> Sound:
     """Return the sound of a video, mixed to one channel.
 
     Raises:
@@ -40,7 +40,7 @@ def read_sound(path: Path | str, rate_hz: int = RATE_HZ) -> Sound:
     with opened(path) as container:
         if not container.streams.audio:
             raise VideoWithoutSound("The video has no sound.", where=str(path), hint=hint)
-        resampler = library().AudioResampler(format="flt", layout="mono", rate=rate_hz)
+        resampler = library().AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
         for frame in container.decode(container.streams.audio[0]):
             start = frame.time if start is None else start
             parts += [piece.to_ndarray()[0] for piece in resampler.resample(frame)]
@@ -49,4 +49,4 @@ def read_sound(path: Path | str, rate_hz: int = RATE_HZ) -> Sound:
     samples = np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
     if not len(samples) or float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) < SILENCE:
         raise VideoWithoutSound("The sound of the video is silence.", where=str(path), hint=hint)
-    return Sound(samples, float(start or 0.0), rate_hz)
+    return Sound(samples, float(start or 0.0), RATE_HZ)

@@ -29,9 +29,6 @@ from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
 
-SOURCES = ("auto", "board", "person")
-"""How the cameras are calibrated: by whatever is there, the filmed board, or the person, the last two even where there
-is a calibration."""
 ONE_CAMERA = "one camera"
 """Method of a calibration of a single camera."""
 _BOARD_FILES = ("board.toml", "charuco.toml")
@@ -66,7 +63,8 @@ class KnownOfCameras:
     stature_m: float | None = None
     """Of the person, who sets the scale where no board does."""
     source: str = "auto"
-    """How the cameras are calibrated, one of ``SOURCES``."""
+    """How the cameras are calibrated: "auto" by whatever is there, or, even where there is a calibration, by the filmed
+    "board" or the "person"."""
     focal: str = ""
     """Focal length of cameras whose lenses are not known, see ``find_focal_length``."""
 

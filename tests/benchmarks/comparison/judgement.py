@@ -17,7 +17,6 @@ from solver_backend.metrics import (
     mpjpe_mm,
     pa_mpjpe_mm,
     pck_percent,
-    reprojection_median_px,
     reprojection_px,
     rmse_mm,
 )
@@ -48,7 +47,7 @@ def judged(capture: Capture, result: BaselineResult) -> Row:
     row["kp_mpjpe_mm"] = mpjpe_mm(points, truth["keypoints3d"])
     row["kp_accel_m_s2"] = accel_error_m_s2(points, truth["keypoints3d"], fps)
     row["skating_cm_f"] = foot_skating_cm_per_frame(points[:, toes])
-    row["reproj_px"] = reprojection_median_px(reprojection_px(cameras, result.keypoints3d, keypoints))
+    row["reproj_px"] = float(np.nanmedian(reprojection_px(cameras, result.keypoints3d, keypoints)))
     row["undone"] = exchanges_undone(capture, points)
     if result.motion is None:
         return row

@@ -10,7 +10,7 @@ from blender_addon.body.armature import DEFORM_COLLECTION, HELPER_COLLECTION, bo
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.controls.limbs import CONTROLS, HELPERS, LIMBS, ROOT
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.conventions.skeleton import JOINTS, MAIN_CHILD, PARENTS
+from blender_addon.conventions.skeleton import JOINTS, PARENTS, SMPL
 from tests.support.posed_rig import evaluated, pose
 
 
@@ -42,7 +42,7 @@ def test_rest_is_a_t_of_the_shape_it_was_made_for(scene: bpy.types.Scene, body: 
 
 def test_tails_reach_the_next_joint_or_the_surface(rig: Rig, body: BodyFile) -> None:
     bones = rig.armature.data.bones
-    for j, child in MAIN_CHILD.items():
+    for j, child in SMPL.main_child.items():
         assert (bones[JOINTS[j]].tail_local - bones[JOINTS[child]].head_local).length < 1e-6
     _, vertices = evaluated(rig)
     assert bones["head"].tail_local.z == pytest.approx(vertices[:, 2].max(), abs=2e-3)

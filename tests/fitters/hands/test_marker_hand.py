@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF
-from solver_backend.body.hand_markers import LAYOUTS, PLACES, hand_markers
+from solver_backend.body.hand_markers import PLACES, hand_markers
 from solver_backend.body.hand_skeleton import HandSites, HandSkeleton
-from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.hands.hand_problem import HandProblem
-from solver_backend.fitters.hands.marker_hand import solve_marker_hand
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
+from tests.support.lone_marker_hand import LAYOUTS, solve_marker_hand
 from tests.support.moving_hand import FPS, drawn_states, wrist_path
 from tests.support.open_hand import open_hand
 
@@ -59,9 +58,3 @@ def test_every_layout_is_of_known_markers_and_others_are_left_out() -> None:
     for labels in LAYOUTS.values():
         assert set(labels) <= set(PLACES)
         assert hand_markers(skeleton, (*labels, "LASI")).labels == labels
-
-
-def test_too_few_markers_of_a_palm_are_named() -> None:
-    positions, _ = worn(("FT1", "FT2", "MP2", "MP5"))
-    with pytest.raises(MarkersUnknown, match="three seen together place a hand"):
-        solve_marker_hand(positions, ("FT1", "FT2", "MP2", "MP5"), HandSkeleton.of_points(open_hand(1), 1), FPS)

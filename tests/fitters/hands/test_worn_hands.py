@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.body.hand_markers import LAYOUTS, hand_markers, hand_place
+from solver_backend.body.hand_markers import hand_markers, hand_place
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.label_places import places_given
 from solver_backend.body.markers import marker_layout
@@ -23,6 +23,7 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.cast import Person
 from solver_backend.synthesis.studio.hands.moving_hands import MovingHands, move_hands
 from solver_backend.types import Capture, MarkerCloud, Motion
+from tests.support.lone_marker_hand import LAYOUTS
 from tests.support.worn_markers import worn_markers
 
 FRAMES, FPS = 40, 60.0

@@ -14,11 +14,10 @@ from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: 
 from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
 from solver_backend.training.landmarks.evaluation import evaluate  # noqa: E402
 from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
+    SIGMA_PX,
     divergence_from_gaussians,
     fused,
-    gaussian_heatmaps,
     gaussians_near,
-    jensen_shannon,
     read_maps,
     relative_entropy,
     welsch,
@@ -70,6 +69,19 @@ def test_gravity_lies_along_y(clouds):
     assert torch.equal(y_up(clouds.targets)[..., 1], clouds.targets[..., 2])
     points, seen, frame, targets = drawn(clouds)
     assert points[seen].abs().max() <= 1.0 and torch.allclose(frame.metres(targets), y_up(clouds.targets), atol=1e-6)
+
+
+def gaussian_heatmaps(u, v, size):
+    """Return (..., size, size) maps that sum to 1, about (...) coordinates in -1..1; rows along v."""
+    pixels, sigma = torch.linspace(-1.0, 1.0, size), 2.0 * SIGMA_PX / (size - 1)
+    down, across = (torch.softmax(-0.5 * ((pixels - c.clamp(-1.0, 1.0)[..., None]) / sigma) ** 2, -1) for c in (v, u))
+    return down[..., :, None] * across[..., None, :]
+
+
+def jensen_shannon(a, b):
+    """Return the divergence of (..., H, W) maps that sum to 1 (thesis eq. 4.14), in nats."""
+    middle = (0.5 * (a + b) + 1e-12).log()
+    return 0.5 * (a * ((a + 1e-12).log() - middle) + b * ((b + 1e-12).log() - middle)).sum((-2, -1))
 
 
 def test_heatmaps_are_read_where_they_were_drawn():

@@ -22,7 +22,6 @@ from solver_backend.synthesis.studio.scene.z_buffer import in_camera
 from solver_backend.synthesis.studio.writers.contact_sheet import shown
 from solver_backend.types import SMPL_PARENTS
 
-_COLUMNS = ("MPJPE", "PA-MPJPE", "acceleration", "time")
 _WORST = 4
 """Frames that the page shows, those of the largest errors; chosen by hand."""
 _KINDS = ("rgb", "infrared", "masks")

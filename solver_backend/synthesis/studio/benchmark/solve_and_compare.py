@@ -19,7 +19,6 @@ from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
 from solver_backend.types import Capture
 
-INPUTS = ("views", "markers")
 YARDSTICK = "triangulation"
 """The method that knows no body: triangulation and a 6 Hz filter; its error is that of the keypoints."""
 

@@ -36,9 +36,7 @@ class Spheres:
     """(P,) which sphere."""
 
 
-def see_spheres(
-    cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray, radius_m: float = RADIUS_M
-) -> Spheres:
+def see_spheres(cameras: Cameras, view: int, points: np.ndarray, scene_depth: np.ndarray) -> Spheres:
     """Return what a camera sees of spheres at (M, 3) world points before a scene's (h, w) depth.
 
     Each disc is sampled 5 x 5 times a pixel; a sample is hidden where the scene's pixel is clearly nearer.
@@ -46,7 +44,7 @@ def see_spheres(
     camera, px = in_camera(cameras, view, points)
     height, width = scene_depth.shape
     count = len(points)
-    radius = cameras.K[view, 0, 0] * radius_m / np.maximum(camera[:, 2], 0.05)
+    radius = cameras.K[view, 0, 0] * RADIUS_M / np.maximum(camera[:, 2], 0.05)
     near = np.isfinite(px).all(1) & (px > -radius[:, None] - 1).all(1)
     near &= (px < np.array([width, height]) + radius[:, None]).all(1)
     chosen = np.flatnonzero(near)

@@ -48,9 +48,7 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
     return camera, pixels(flat, cameras.K[view])
 
 
-def rasterise(
-    px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int], *, both_sides: bool = False
-) -> ZBuffer:
+def rasterise(px: np.ndarray, depth: np.ndarray, faces: np.ndarray, size: tuple[int, int]) -> ZBuffer:
     """Return what a picture shows of a mesh.
 
     A pixel belongs to a triangle where all three barycentric coordinates of its centre are at least 0.
@@ -60,7 +58,6 @@ def rasterise(
         depth: (V,) metres along the optical axis.
         faces: (T, 3) corners, counter-clockwise from outside.
         size: width and height of the picture.
-        both_sides: also show triangles from behind.
     """
     buffer = empty_buffer(size)
     width, height = size
@@ -72,7 +69,7 @@ def rasterise(
     low = np.ceil(np.maximum(corners.min(axis=1), -middle)).astype(np.float32)
     high = np.floor(np.minimum(corners.max(axis=1), np.array(size) - 1 - middle)).astype(np.float32)
     spans = high - low
-    shown = (np.abs(area) > 1e-9 if both_sides else area < -1e-9) & (spans >= 0).all(axis=1)
+    shown = (area < -1e-9) & (spans >= 0).all(axis=1)
     chosen = np.flatnonzero(shown)
     if not len(chosen):
         return buffer

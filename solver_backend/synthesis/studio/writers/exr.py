@@ -17,12 +17,11 @@ _LINES = 16
 """Lines of one block of ZIP compression, as OpenEXR's format has it."""
 
 
-def exr_bytes(channels: Mapping[str, np.ndarray], *, level: int = 1) -> bytes:
+def exr_bytes(channels: Mapping[str, np.ndarray]) -> bytes:
     """Return a picture as an OpenEXR file.
 
     Args:
         channels: (h, w) float32 by name, such as 'Z' or 'R', 'G', 'B'.
-        level: of the compression, 1 to 9.
     """
     names = sorted(channels)
     planes = np.stack([np.asarray(channels[name], "<f4") for name in names], axis=1)
@@ -31,7 +30,7 @@ def exr_bytes(channels: Mapping[str, np.ndarray], *, level: int = 1) -> bytes:
     chunks = []
     for top in range(0, height, _LINES):
         raw = planes[top : top + _LINES].tobytes()
-        packed = zlib.compress(_predicted(raw), level)
+        packed = zlib.compress(_predicted(raw), level=1)
         data = packed if len(packed) < len(raw) else raw
         chunks.append(struct.pack("<ii", top, len(data)) + data)
     first = len(header) + 8 * len(chunks)
