@@ -12,12 +12,14 @@ from .._exchange.rigs.rest_frames import bent_at_rest
 from ..body.body_file import default_body_path, read_body
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.timing import TakeTiming, scene_frame_rate
+from ..errors import ActorMissing
+from .hanging import Hanging
 from .maps.rig_map import RigMap
 from .motion.figures import Actor, Target
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
 from .played_bones import bone_rotations, played_bones, played_frames
-from .rest_bones import stand_at_rest
+from .rest_stage import stand_on_stage
 
 _UPRIGHT = np.cos(np.radians(30.0))
 """Cosine of how far the rest pose may lean in the scene and still stand on its own floor."""
@@ -94,3 +96,28 @@ def _on_floor(actor: Actor) -> tuple[Actor, tuple[str, ...]]:
     way = "lowered" if above > 0 else "raised"
     note = f"The actor was {way} by {abs(above) / leg:.2f} of its legs' length, so that its feet stand on the floor."
     return replace(actor, joints=actor.joints - [0.0, 0.0, above]), (note,)
+
+
+def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) -> Target:
+    """Return the bones of a map at rest, feet on the stage's floor.
+
+    Args:
+        armature: the rig.
+        rig_map: its bones by role; those that it lacks are left out.
+        unit_m: metres of one unit of the armature's space.
+
+    Raises:
+        ActorMissing: the map has no pelvis.
+        MapInvalid: it does not show left and right.
+    """
+    bones = {role: bone for role, bone in rig_map.bones.items() if bone in armature.data.bones}
+    if "pelvis" not in bones:
+        message = " ".join(rig_map.doubts) or "Neither names nor structure show a person."
+        raise ActorMissing("The actor's pelvis was not found.", where=armature.name, hint=message)
+    roles = tuple(role for role in bones if role != "root" and not role.endswith(("_ik", "_pole")))
+    names = tuple(bones[role] for role in roles)
+    matrices = np.array([armature.data.bones[name].matrix_local for name in names], np.float64)
+    nobody = np.full(len(names), -1)
+    rest = Hanging(names, matrices, nobody, nobody, (), (), ())
+    posed = {role: bone for role, bone in bones.items() if role in roles}
+    return stand_on_stage(armature, rest, roles, posed, unit_m)[0]

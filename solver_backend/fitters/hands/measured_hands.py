@@ -14,12 +14,11 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.fitters.hands.extra_markers import worn_hand
-from solver_backend.fitters.hands.hand_noise import hand_term
+from solver_backend.fitters.hands.hand_noise import PALM_M, hand_term, pixels_per_metre
 from solver_backend.fitters.hands.hand_problem import HandProblem, WristPath
 from solver_backend.fitters.hands.hand_size import hand_size, likely_size
-from solver_backend.fitters.hands.located_hands import locate_hands
+from solver_backend.fitters.hands.located_hands import HandNoise, LocatedHand, locate_hands
 from solver_backend.fitters.hands.marker_hand import marker_size
-from solver_backend.fitters.hands.one_view_hands import hands_of_one_view
 from solver_backend.fitters.hands.sides import sort_hands
 from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
@@ -31,6 +30,9 @@ from solver_backend.priors.hand_prior import load_hand_prior
 
 USUAL_WRIST_M = 0.02
 """Standard deviation per axis of a wrist where the method knows none; chosen by hand."""
+OWN_PALMS, WHOLE_PALMS = 0.106, 0.05
+"""Standard deviations per axis of a point about its hand and of the whole hand, in palms: those of MediaPipe's model on
+palms of 35 to 60 px (``python -m tests.benchmarks.hands.real_noise``), which one view cannot measure."""
 
 
 @dataclass(frozen=True)
@@ -127,3 +129,20 @@ def arm_paths(solved: SolvedFrames) -> ArmPaths:
         recorded = [body.layout.recorded.joints.index(f"{side}_wrist") for side in SIDES]
         covariance = unpacked(to_numpy(solved.covariance)[:, recorded])
     return ArmPaths(posed.G[:, wrists], posed.joints[:, wrists], posed.joints[:, elbows], covariance)
+
+
+def hands_of_one_view(views: HandViews, wrists: np.ndarray) -> dict[int, LocatedHand]:
+    """Return the hands that one view shows, by side, none of their points located in space.
+
+    Args:
+        views: of one camera.
+        wrists: (F, 2, 3) metres, of the solved body, left first.
+    """
+    hands: dict[int, LocatedHand] = {}
+    for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))).tolist():
+        shown = (views.confidence[0, :, side] > 0).any(axis=-1)
+        palm_px = PALM_M * float(np.median(pixels_per_metre(views, wrists[:, side])[0, shown]))
+        noise = HandNoise(np.full(NUM_HAND_POINTS, OWN_PALMS * palm_px), np.full(1, WHOLE_PALMS * palm_px))
+        nowhere = np.full((len(wrists), NUM_HAND_POINTS), np.nan)
+        hands[side] = LocatedHand(np.repeat(nowhere[..., None], 3, axis=-1), nowhere, noise)
+    return hands

@@ -13,9 +13,9 @@ from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
 from solver_backend.exchange.skeleton_file import read_skeleton
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
-from solver_backend.io.motions.first_frame import first_frame_apart
 from solver_backend.io.motions.mvnx import read_mvnx
 from solver_backend.io.motions.segments import read_c3d_segments
 from solver_backend.io.recognition.length_unit import METRES, metres_in
@@ -34,6 +34,11 @@ _POINTS = (".csv", ".tsv", ".trc", ".npy")
 """Files of points without rotations, such as FreeMoCap's tables."""
 _MOST_M = 1e4
 """Metres from the origin beyond which no take goes."""
+_APART_DEG, _TIMES = 25.0, 3.0
+"""Turn of a joint after the first frame, and its multiple of the largest one in the frames that follow, from which the
+first frame stands apart; CMU's conversions to BVH have 60° and more, no other clip of the benchmark has any."""
+_FOLLOWING = 12
+"""Frames that the first step is compared with."""
 
 
 def read_foreign_bvh(
@@ -181,3 +186,16 @@ def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:
     own = np.array([world[0], world[2], -world[1]])  # the reader turned Y up to Z up
     axis = int(np.abs(own).argmax())
     return "xyz"[axis] if own[axis] > 0.8 and axis != 1 else "y"
+
+
+def first_frame_apart(motion: SkeletonMotion) -> list[Diagnostic]:
+    """Return a warning of a first frame from which a joint turns to the second as it never does right after."""
+    parents = np.array(motion.parents)
+    G = motion.turns[:_FOLLOWING]
+    if len(G) < _FOLLOWING:
+        return []
+    local = np.where(parents[:, None, None] < 0, G, np.swapaxes(G[:, np.maximum(parents, 0)], -1, -2) @ G)
+    steps = np.degrees(np.linalg.norm(log_so3(np.swapaxes(local[:-1], -1, -2) @ local[1:]), axis=-1)).max(axis=1)
+    if steps[0] < max(_APART_DEG, _TIMES * steps[1:].max()):
+        return []
+    return [diagnostic("motion_first_frame_apart", frames=[(0, 0)], angle=steps[0])]
