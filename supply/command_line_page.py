@@ -10,8 +10,7 @@ from itertools import groupby
 from blender_addon.headless.arguments import SOLVERS_VERBS
 from blender_addon.headless.arguments import parser as blender_parser
 from blender_addon.headless.verb_table import VERBS
-from solver_backend.cli.arguments import build_parser
-from solver_backend.cli.exit_codes import EPILOG
+from solver_backend.cli.arguments import EPILOG, build_parser
 from solver_backend.cli.setting_options import ROWS, help_of
 from solver_backend.cli.verb_table import TASKS
 

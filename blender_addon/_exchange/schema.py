@@ -108,13 +108,13 @@ class Fields:
         """Return a list of strings; an absent field is an empty list."""
         return tuple(str(item) for item in np.ravel(self.arrays.get(key, ())))
 
-    def joint_set(self, key: str = "joint_set") -> JointSet:
+    def joint_set(self) -> JointSet:
         """Return the joint set that is named.
 
         Raises:
             FileDamaged: the name is unknown.
         """
-        name = self.text(key)
+        name = self.text("joint_set")
         try:
             return JointSet(name)
         except ValueError as error:

@@ -8,10 +8,10 @@ import sys
 import threading
 import time
 
+from .._exchange.early_signals import CANCELLED
+
 _GRACE_S = 5.0
 """Seconds that the run has to end by itself once its parent is gone; chosen by hand."""
-_CANCELLED = 130
-"""Exit code of what was cancelled: 128 and the number of SIGINT, as shells have it."""
 
 
 def end_with_input() -> None:
@@ -27,4 +27,4 @@ def _watch(handle: int) -> None:
         return
     os.kill(os.getpid(), signal.SIGTERM)
     time.sleep(_GRACE_S)
-    os._exit(_CANCELLED)
+    os._exit(CANCELLED)

@@ -6,15 +6,22 @@ import argparse
 from collections.abc import Callable
 from typing import NoReturn
 
-from solver_backend.cli.exit_codes import EPILOG
 from solver_backend.cli.pose_arguments import prior_options
 from solver_backend.cli.setting_options import READING_ROWS, add_settings
 from solver_backend.cli.verb_table import TASKS, VERBS, Shared
 from solver_backend.cli.video_arguments import detector_options, footage_options
 from solver_backend.exchange.errors import CommandLineInvalid
+from solver_backend.exchange.exit_codes import describe_exit_codes
 from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.version import VERSION
 
+EPILOG = (
+    describe_exit_codes(
+        "a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings",
+        "the solver failed",
+    )
+    + "Messages for people go to standard error."
+)
 _EARLIER_VERBS = {
     "studio-judge": "studio-benchmark", "studio-rigs": "studio-cameras", "rig-record": "sensors-record",
     "rig-live": "sensors-live",

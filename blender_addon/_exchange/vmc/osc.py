@@ -55,15 +55,14 @@ def encode_message(address: str, values: Sequence[Value] = ()) -> bytes:
     return _text(address) + _text(tags) + content
 
 
-def encode_bundle(elements: Sequence[bytes], time_tag: int = IMMEDIATELY) -> bytes:
+def encode_bundle(elements: Sequence[bytes]) -> bytes:
     """Return a bundle of encoded messages or bundles.
 
     Args:
         elements: the encoded ones.
-        time_tag: NTP time, 32 bits of seconds and 32 of their fraction.
     """
     parts = [struct.pack(">i", len(element)) + element for element in elements]
-    return b"".join([_BUNDLE, struct.pack(">Q", time_tag), *parts])
+    return b"".join([_BUNDLE, struct.pack(">Q", IMMEDIATELY), *parts])
 
 
 def decode_packet(packet: bytes) -> list[OscMessage]:

@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from ..._exchange.errors import Cancelled, MocapError, OutputExists, OutputNotWritable
+from ..._exchange.exit_codes import ExitCode
 from ..._exchange.outputs import full_disk, is_free
 from ..._exchange.progress import Progress
-from ..exit_codes import BROKEN
 from .record import (
     UNFINISHED,
     Failure,
@@ -125,7 +125,8 @@ def run_step(
         if (named := full_disk(error)) is not None:
             return failed(record, folder, failure_of(named))
         traceback.print_exc()
-        failure: Failure = {"code": "take_failed", "message": f"{type(error).__name__}: {error}", "exit_code": BROKEN}
+        message = f"{type(error).__name__}: {error}"
+        failure: Failure = {"code": "take_failed", "message": message, "exit_code": ExitCode.FAILED}
     return failed(record, folder, failure)
 
 

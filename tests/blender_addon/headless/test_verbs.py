@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon._exchange.errors import JobInvalid
 from blender_addon._exchange.motion_file import write_motion
 from blender_addon._exchange.progress import silent
 from blender_addon.errors import SolverStopped
@@ -60,6 +61,10 @@ def test_the_solvers_errors_and_exit_codes_come_through(tmp_path: Path, capfd: p
     for given, code, name in cases:
         assert main(["solve", *given, "--json"]) == code
         assert said(capfd)["code"] == name
+
+
+def test_a_wrong_setting_is_a_wrong_command_line() -> None:
+    assert exit_code(JobInvalid("Unknown setting colour.")) == 2
 
 
 @pytest.mark.skipif(os.name == "nt", reason="processes are killed differently there")

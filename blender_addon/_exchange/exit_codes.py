@@ -1,10 +1,11 @@
-"""What the exit code means; a program that starts the solver needs nothing else to know how it went."""
+"""What an exit code means; a program that starts ours needs nothing else to know how it went."""
 
 from __future__ import annotations
 
 from enum import IntEnum
 
-from solver_backend.exchange.errors import Cancelled, CommandLineInvalid, JobInvalid, MocapError, SolverFailed
+from .early_signals import CANCELLED
+from .errors import Cancelled, CommandLineInvalid, JobInvalid, MocapError, SolverFailed
 
 
 class ExitCode(IntEnum):
@@ -17,8 +18,8 @@ class ExitCode(IntEnum):
     BAD_INPUT = 3
     """A file is missing, damaged or unusable, the output cannot be written, or a strict solve has warnings."""
     FAILED = 4
-    """The solver failed."""
-    CANCELLED = 130
+    """The solver, or what else does the work, failed."""
+    CANCELLED = CANCELLED
     """The user, or a signal, ended the work; nothing was left half-written."""
 
     @classmethod
@@ -31,13 +32,22 @@ class ExitCode(IntEnum):
         return cls.USAGE if isinstance(error, CommandLineInvalid | JobInvalid) else cls.BAD_INPUT
 
 
-EPILOG = """exit codes:
+def describe_exit_codes(bad_input: str, failed: str, more: str = "") -> str:
+    """Return the end of a command line's help.
+
+    Args:
+        bad_input: what 3 stands for.
+        failed: what 4 stands for.
+        more: lines below the table.
+    """
+    return f"""\
+exit codes:
   0    there is a result
   2    the command line, the job file or a setting is wrong
-  3    a file is missing, damaged or unusable, the output cannot be written, or a solve with --strict has warnings
-  4    the solver failed
+  3    {bad_input}
+  4    {failed}
   130  cancelled (Ctrl-C or a termination signal); nothing was left half-written
-
-With --json, standard output carries one JSON object a line: any number of {"event": "progress", ...} and then exactly
-one {"event": "result", ...} or {"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}.
-Messages for people go to standard error."""
+{more}
+With --json, standard output carries one JSON object a line: any number of {{"event": "progress", ...}} and then exactly
+one {{"event": "result", ...}} or {{"event": "error", "code": ..., "message": ..., "where": ..., "hint": ...}}.
+"""
