@@ -25,10 +25,10 @@ _EDGE_M = 0.0005
 _AROUND = 28
 _HOLE = Oval(np.array([0.0316, 1.5888]), np.array([0.0186, 0.0126]), least_z=0.07)
 _LID_RINGS = (0.76, 0.48, 0.22)
-"""Rings of the lids, as shares of the way from the lids' edge to the rim of the hole."""
+"""Rings of the lids, as shares of the distance from the lids' edge to the rim of the hole."""
 _BALL_RINGS = (0.5,)
 _CLIPPED = 0.86
-"""Share of the way to the lids' edge beyond which the iris has no ring of its own, where a lid lies over it."""
+"""Share of the distance to the lids' edge beyond which the iris has no ring of its own, where a lid lies over it."""
 _SEEN_M, _BRIDGED_M = 0.010, 0.0022
 
 

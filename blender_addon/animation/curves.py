@@ -110,7 +110,7 @@ def write_smooth_curves(
 ) -> None:
     """Write one Bezier curve a column, which is the cubic through its keys with the given slopes.
 
-    Handles a third of the way to the next key make a Bezier piece a cubic polynomial of time.
+    Handles a third of the interval to the next key make a Bezier piece a cubic polynomial of time.
 
     Args:
         target: from ``create_action``.

@@ -68,7 +68,7 @@ def _signs(old: dict, new: dict, times: RangeTimes) -> dict[str, float]:
 
 
 def _replace(curve: bpy.types.FCurve, solved: bpy.types.FCurve, times: RangeTimes, sign: float) -> None:
-    """Put the solved keys of a range between the former ones; where those lie far apart, samples fill the way there."""
+    """Put the solved keys of a range between the former ones; where those lie far apart, samples fill the gap."""
     old, new = read_keys(curve), _inside(solved, times, sign)
     if not len(old["co"]) or _is_constant(old, new):
         return

@@ -35,13 +35,13 @@ class RetargetRequest:
     limbs: str = "fk"
     """``fk`` or ``ik``."""
     in_place: bool = False
-    """Leave out the way over the ground."""
+    """Leave out the travel over the ground."""
     root_motion: bool = False
-    """Let the root bone carry the way over the ground."""
+    """Let the root bone carry the travel over the ground."""
     body: Path | None = None
     """Body file for a motion; None for the one the motion was solved for."""
     scale: float = 0.0
-    """Size of the way by the actor's; 0 for the ratio of the legs."""
+    """Size of the travel by the actor's; 0 for the ratio of the legs."""
     frame_start: int = 1
     """Scene frame of the first frame."""
     overwrite: bool = False

@@ -1,4 +1,4 @@
-"""What in a scene is the user's: looked at before anything of it is changed, and put back where it must change."""
+"""What in a scene is the user's: looked at before anything of it is changed, and restored where it must change."""
 
 from __future__ import annotations
 

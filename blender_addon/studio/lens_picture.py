@@ -17,7 +17,7 @@ _OUTSIDE = (0, 0, 0)
 
 @dataclass(frozen=True)
 class LensPicture:
-    """A camera as Blender can render it, and the way from there to its own pixels."""
+    """A camera as Blender can render it, and the map from there to its own pixels."""
 
     pinhole: CameraFile
     """What is rendered: no distortion, the same focal length."""

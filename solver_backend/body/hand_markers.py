@@ -16,7 +16,7 @@ THICKNESS_M = 0.010
 PALM_THICKNESS_M = 0.016
 """The same on the palm."""
 _ROOT = 0.3
-"""Bases of the metacarpals, as a share of the way from the wrist to the knuckle."""
+"""Bases of the metacarpals, as a share of the distance from the wrist to the knuckle."""
 
 
 @dataclass(frozen=True)

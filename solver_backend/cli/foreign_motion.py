@@ -1,4 +1,4 @@
-"""A clip of another program's skeleton, brought onto our body, with all that was found on the way."""
+"""A clip of another program's skeleton, brought onto our body, with all that was found."""
 
 from __future__ import annotations
 

@@ -67,7 +67,7 @@ def sample(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def interpolate(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """Fill the way between two frames with plausible poses."""
+    """Fill the transition between two frames with plausible poses."""
     from solver_backend.fitters.pose_ndf.edit_motion import interpolated_motion
 
     first, last = args.frames

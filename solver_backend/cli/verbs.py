@@ -88,7 +88,7 @@ def info(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def people(args: argparse.Namespace, progress: Progress) -> Outcome:
-    """List everybody whom two or more views see."""
+    """List everybody that two or more views see."""
     capture = load(args.capture, reading(args), progress)
     found = describe_people(capture)
     lines = people_lines(found) or ["  one person"]

@@ -25,7 +25,7 @@ class FootPath:
     sole: np.ndarray
     """(F, 3) the point on the floor under the ball of the standing foot."""
     ankle_from_sole: np.ndarray
-    """(F, 3) the way from there to the ankle."""
+    """(F, 3) the vector from there to the ankle."""
 
     @property
     def ankle(self) -> np.ndarray:

@@ -18,8 +18,8 @@ def keep_hands_together(
 ) -> dict[str, np.ndarray]:
     """Return where wrists belong once places that touch are as far from each other as the actor's, by the hands' size.
 
-    Each hand takes half of the way, which is the mean over the pairs of places that touch. Between touching and not,
-    the way fades.
+    Each hand moves by half of the gap, which is the mean over the pairs of places that touch. Between touching and not,
+    the gap fades.
 
     Args:
         actor: the motion.
@@ -43,7 +43,7 @@ def keep_hands_together(
 
 
 def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
-    """Return how far two places touch (F,), and the way (F, 3) between them that the target lacks."""
+    """Return how far two places touch (F,), and the vector (F, 3) between them that the target lacks."""
     size, own_size = (left.size + right.size) / 2, (left.own_size + right.own_size) / 2
     palms = int(left.is_palm) + int(right.is_palm)
     between = left.place - right.place

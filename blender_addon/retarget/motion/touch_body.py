@@ -32,7 +32,7 @@ def keep_hands_on_body(
 
     A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin; on the target it
     has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching
-    and not, the way there fades. Where several parts are touched, or several places of a
+    and not, the shift there fades. Where several parts are touched, or several places of a
     hand touch, the ways are weighted alike.
 
     Args:

@@ -27,13 +27,13 @@ class TransferSettings:
     """How a motion goes over to a rig."""
 
     in_place: bool = False
-    """Leave out the way over the ground."""
+    """Leave out the travel over the ground."""
     root_motion: bool = False
-    """Let the root bone carry the way over the ground and the heading."""
+    """Let the root bone carry the travel over the ground and the heading."""
     hold_contacts: bool = True
     """Hold feet where they stand, if the motion states when, and hands on what they touch: the body, each other."""
     scale: float = 0.0
-    """Size of the way and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
+    """Size of the travel and of the steps by the actor's; 0 for the ratio of the legs, which must then be plausible."""
 
 
 @dataclass(frozen=True)

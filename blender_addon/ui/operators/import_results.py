@@ -187,8 +187,8 @@ def take_motion(
     motion = read_motion(files.motion)
     body = read_body(body_path_of(motion.provenance), motion.body_layout)
     capture: bpy.types.PropertyGroup = settings.capture if of is None else of
-    whom = person_of(motion.provenance)
-    index = capture.person_named(whom)
+    person = person_of(motion.provenance)
+    index = capture.person_named(person)
     review = capture.review_of(index)
     who = f" {capture.people[index].name}" if capture.people else ""
     whose = f"{capture.name if len(settings.captures) > 1 else ''}{who}".strip()
@@ -204,8 +204,8 @@ def take_motion(
     if former is not None and again is not None and not needs_body:
         action = keep_edits(armature, former, action, again.first, again.last)
     files.write(action)
-    if whom:
-        action[PERSON] = whom
+    if person:
+        action[PERSON] = person
     if result is not None:
         found = read_diagnostics(result.get("diagnostics"))
         action[ERROR], action[WARNINGS] = error_text(result), "\n".join(map(sentence, warnings_in(found)))
@@ -266,8 +266,8 @@ def add_motion(
     take = replace(take, notes=(*take.notes, *refused))
     page = file.with_suffix(".html")
     SolveFiles(file, capture, page if page.is_file() else None, None).write(take.action)
-    if whom := person_of(motion.provenance):
-        take.action[PERSON] = whom
+    if person := person_of(motion.provenance):
+        take.action[PERSON] = person
     adopt(context.scene)
     show_looks(context.scene)
     context.scene.mocap.stage = "EDIT"

@@ -29,7 +29,7 @@ class VIEW3D_PT_mocap_limbs(StagePanel, bpy.types.Panel):
         return has_limbs(settings.review.armature)
 
     def draw(self, context: bpy.types.Context) -> None:
-        """Draw a switch a limb and, beside it, the way there with the motion kept."""
+        """Draw a switch a limb and, beside it, the button that keeps the motion."""
         layout = self.layout
         armature = context.scene.mocap.review.armature
         column = layout.column(align=True)

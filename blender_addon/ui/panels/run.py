@@ -123,7 +123,7 @@ def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, settings:
 
 
 def _draw_review(layout: bpy.types.UILayout, context: bpy.types.Context, ranges: int) -> None:
-    """Draw the way to the doubtful ranges or, where there are none, on from Edit: the next step is the tallest."""
+    """Draw the button to the doubtful ranges or, where there are none, on from Edit: the next step is the tallest."""
     settings = context.scene.mocap
     is_next = settings.stage == "EDIT"
     if not ranges and is_next:

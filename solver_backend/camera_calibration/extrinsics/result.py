@@ -1,4 +1,4 @@
-"""The calibration of cameras with how sure it is and what was found on the way."""
+"""The calibration of cameras with how sure it is and what was found."""
 
 from __future__ import annotations
 

@@ -56,7 +56,7 @@ def keys_of_frames(
 
 
 def _neighbours(seen: np.ndarray, times: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return the seen frames before and after each time and its share of the way; twice the nearest where both are."""
+    """Return the seen frames before and after each time and its share of the interval; twice the nearest elsewhere."""
     index = np.searchsorted(seen, times)
     before, after = seen[np.maximum(index - 1, 0)], seen[np.minimum(index, len(seen) - 1)]
     before = np.where(index == 0, after, before)

@@ -1,4 +1,4 @@
-"""Labels that another marker took for a while, and points where no marker can be: found against the body, put right."""
+"""Labels that another marker took for a while, and points where no marker can be: found by the body, corrected."""
 
 from __future__ import annotations
 
@@ -42,7 +42,7 @@ class LabelFault:
 
 @dataclass(frozen=True)
 class CleanedLabels:
-    """Markers with labels put right."""
+    """Markers with corrected labels."""
 
     points: np.ndarray
     """(F, M, 3) metres; NaN where missing or where a point was no marker."""
@@ -55,7 +55,7 @@ class CleanedLabels:
 def clean_labels(
     points: np.ndarray, expected: np.ndarray, around: np.ndarray, tested: np.ndarray, fps: float
 ) -> CleanedLabels:
-    """Return the markers with exchanged labels put back and ghosts left out.
+    """Return the markers with exchanged labels corrected and ghosts left out.
 
     For two neighbours a and b, ``g(t) = ρ(x_a - y_a) + ρ(x_b - y_b) - ρ(x_a - y_b) - ρ(x_b - y_a)`` is what an
     exchange of labels gains; where its mean over a window is large, they are exchanged. A label whose own marker is

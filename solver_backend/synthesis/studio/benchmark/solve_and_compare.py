@@ -81,11 +81,11 @@ def solve_and_compare(
         if not (source == "views" and len(record["cameras"]) < 2)
     ]  # fmt: skip
     verdicts = []
-    progress("judging", 0, len(work))
+    progress("evaluating", 0, len(work))
     for done, place in enumerate(work, start=1):
         capture = read_capture(out / SHOTS / place[0] / f"{place[1]}.npz")
         verdicts.append(_verdict(capture, place, settings))
-        progress("judging", done, len(work))
+        progress("evaluating", done, len(work))
     return verdicts
 
 
