@@ -17,20 +17,34 @@ _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "t
 
 
 @dataclass(frozen=True)
-class SkeletonFile:
-    """F frames of J joints; any unit, world Z up. Rest places are in the skeleton's own axes."""
+class SkeletonMotion:
+    """F frames of J joints; world Z up. Rest places are in the skeleton's own axes."""
 
     name: str
+    """Name of the take."""
     names: tuple[str, ...]
+    """J joints, parents before children; places where a chain ends count as joints and are named after their parent."""
     parents: tuple[int, ...]
-    """Parent of each joint, before it; -1 at roots."""
+    """Parent of each joint, -1 at the root."""
     rest: np.ndarray
-    """(J, 3) places where no joint turns."""
+    """(J, 3) places where no joint turns; metres, but in a file any unit."""
     joints: np.ndarray
-    """(F, J, 3) places."""
+    """(F, J, 3) places, in the same unit."""
     turns: np.ndarray
     """(F, J, 3, 3) rotations from the rest axes to the world."""
     fps: float
+    """Frames per second."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of frames."""
+        return len(self.joints)
+
+
+@dataclass(frozen=True)
+class SkeletonFile(SkeletonMotion):
+    """A motion as a file holds it."""
+
     roles: dict[str, str]
     """Joint by role; empty where its writer did not know them."""
 

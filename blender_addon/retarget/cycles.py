@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
+from collections.abc import Mapping
 from graphlib import CycleError, TopologicalSorter
 
 import bpy
@@ -20,11 +21,7 @@ def constraint_ring(armature: bpy.types.Object) -> list[str]:
             bent = _chain(bone, constraint.chain_count) if constraint.type in ("IK", "SPLINE_IK") else [bone.name]
             for name in bent:
                 waits[name] |= {other for other in _targets(constraint, armature) if other}
-    try:
-        TopologicalSorter(waits).prepare()
-    except CycleError as ring:
-        return list(ring.args[1])
-    return []
+    return _ring_in(waits)
 
 
 def object_ring(obj: bpy.types.Object) -> list[str]:
@@ -39,6 +36,11 @@ def object_ring(obj: bpy.types.Object) -> list[str]:
         others += [one.parent] if one.parent is not None else []
         waits[one.name_full] = {other.name_full for other in others}
         todo += others
+    return _ring_in(waits)
+
+
+def _ring_in(waits: Mapping[str, set[str]]) -> list[str]:
+    """Return names of which each waits for the next; empty where no names do."""
     try:
         TopologicalSorter(waits).prepare()
     except CycleError as ring:

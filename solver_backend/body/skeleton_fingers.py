@@ -12,9 +12,9 @@ from solver_backend.exchange.hand_points import FINGERS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.rigs.fingers import finger_roles
 from solver_backend.exchange.rigs.names import side_of_name
 from solver_backend.exchange.rigs.skeleton import Skeleton
+from solver_backend.exchange.skeleton_file import SkeletonMotion
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types.shapes import Float
-from solver_backend.types.skeleton_motion import SkeletonMotion
 
 _BONES = 3
 """Bones of a finger."""

@@ -59,7 +59,7 @@ def add_oak_options(verb: argparse.ArgumentParser) -> None:
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the OAKs."""
-    from solver_backend.sensors.devices.oak import listed_oaks
+    from solver_backend.sensors.devices.oak_module import listed_oaks
 
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})

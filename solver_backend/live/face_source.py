@@ -13,16 +13,10 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
 from solver_backend.live.face_packets import FacePacket, FacePacketInvalid, decode_ifacialmocap, decode_live_link
 from solver_backend.live.face_recording import FaceRecorder
-from solver_backend.live.named_once import NamedOnce
+from solver_backend.live.named_once import JUMP_S, OneSender
 
 REQUEST = b"iFacialMocap_sahuasouryya9218sauhuiayeta91555dy3719"
 """What asks the app to send (ifacialmocap.com/for-developer)."""
-SENDER_GONE_S = 1.0
-"""Seconds of silence after which another phone is heard."""
-JUMP_S = 1.0
-"""Seconds by which a packet's clock may run back and it be a late packet; beyond it was set anew."""
-_LATEST = 8
-"""Packets that are remembered, to know doubled ones."""
 _DECODERS: dict[str, Callable[[bytes], FacePacket]] = {LIVE_LINK: decode_live_link, IFACIALMOCAP: decode_ifacialmocap}
 
 
@@ -38,17 +32,13 @@ class FaceFrame:
     """Value of each channel; {} where no face is seen."""
 
 
-class FaceAssembly(NamedOnce):
+class FaceAssembly(OneSender):
     """Frames of one phone; packets of others, late, doubled and hostile ones are left out."""
 
     def __init__(self, scheme: str) -> None:
         """Take which app sends, by the scheme of its address."""
         super().__init__()
         self._decode, self._has_clock = _DECODERS[scheme], scheme == LIVE_LINK
-        self._sender: Any = None
-        self._heard = float("-inf")
-        self._packets: list[bytes] = []
-        self._clock: float | None = None
         self._before: tuple[float | None, float] | None = None
         self._time = 0.0
 
@@ -60,7 +50,7 @@ class FaceAssembly(NamedOnce):
             sender: whose it is.
             arrived: ``time.perf_counter()``.
         """
-        if sender != self._sender and arrived - self._heard < SENDER_GONE_S:
+        if self.is_other(sender, arrived):
             return self.name_once("second_sender", "Another phone is ignored while the first one sends.")
         try:
             found = self._decode(packet)
@@ -69,7 +59,7 @@ class FaceAssembly(NamedOnce):
         if sender != self._sender:
             self._sender, self._packets, self._clock, self._before = sender, [], None, None
         self._heard = arrived
-        if not self._is_next(packet, found.time):
+        if self._has_clock and not self.is_next(packet, found.time):  # without a clock, alike ones are a face
             return
         if self._before is not None:
             clock, came = self._before
@@ -79,19 +69,6 @@ class FaceAssembly(NamedOnce):
             self._time += max(passed, 0.0)
         self._before = (found.time, arrived)
         yield FaceFrame(self._time, arrived, found.channels)
-
-    def _is_next(self, packet: bytes, clock: float | None) -> bool:
-        """Return whether a packet comes after those before it; where packets have no clock, alike ones are a face."""
-        if not self._has_clock:
-            return True
-        if packet in self._packets:
-            return bool(self.name_once("packet_doubled", "A packet came twice."))
-        self._packets = [*self._packets[1 - _LATEST :], packet]
-        if clock is not None:
-            if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
-                return bool(self.name_once("packet_late", "A packet came after one that was sent later."))
-            self._clock = clock
-        return True
 
 
 def ask_phone(host: str, port: int) -> Callable[[Any], None]:

@@ -13,12 +13,8 @@ from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.bones import JOINT_OF
 from solver_backend.exchange.vmc.bundle import BONE, ROOT, TIME
 from solver_backend.exchange.vmc.osc import OscMessage, PacketInvalid, decode_packet
-from solver_backend.live.named_once import NamedOnce
+from solver_backend.live.named_once import JUMP_S, OneSender
 
-SENDER_GONE_S = 1.0
-"""Seconds of silence after which another sender is heard."""
-JUMP_S = 1.0
-"""Seconds by which a sender's clock may disagree with ours from one frame to the next; beyond it was set anew."""
 FARTHEST_M = 1e4
 """No person is farther from the origin, in metres."""
 FACE = "/VMC/Ext/Blend/Val"
@@ -26,8 +22,6 @@ MOST_CHANNELS = 256
 """Channels of a face that are kept; ARKit has 52."""
 _LARGEST = 10.0
 """No channel has a value as large."""
-_LATEST = 8
-"""Packets that are remembered, to know doubled ones."""
 _LONGEST_NAME = 40
 """Letters of a foreign name that are shown; chosen by hand."""
 _FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
@@ -51,7 +45,7 @@ class BoneFrame:
     """Value of each channel of the face, of a sender that has some; 0 to 1 as a rule."""
 
 
-class FrameAssembly(NamedOnce):
+class FrameAssembly(OneSender):
     """Gathers the bones of one sender; a frame is whole when every bone of the last one, or one of them twice, came."""
 
     def __init__(self) -> None:
@@ -81,7 +75,7 @@ class FrameAssembly(NamedOnce):
             sender: whose it is; frames are of one sender at a time.
             arrived: ``time.perf_counter()``.
         """
-        if sender != self._sender and arrived - self._heard < SENDER_GONE_S:  # at once: it may send without end
+        if self.is_other(sender, arrived):  # at once: it may send without end
             return self.name_once("second_sender", "Another sender is ignored while the first one sends.")
         try:
             messages = decode_packet(packet)
@@ -119,15 +113,7 @@ class FrameAssembly(NamedOnce):
         """Return whether a packet comes after those before it, by its clock, and was not there already."""
         times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
         clock = next((time for time in times if math.isfinite(time)), None)
-        if clock is None:
-            return True
-        if packet in self._packets:
-            return bool(self.name_once("packet_doubled", "A packet came twice."))
-        self._packets = [*self._packets[1 - _LATEST :], packet]
-        if self._clock is not None and 0.0 < self._clock - clock < JUMP_S:
-            return bool(self.name_once("packet_late", "A packet came after one that was sent later."))
-        self._clock = clock
-        return True
+        return clock is None or self.is_next(packet, clock)
 
     def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
         name = message.values[0] if message.values else None

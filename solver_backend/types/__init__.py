@@ -17,6 +17,7 @@ from solver_backend.exchange.motion_file import (
     MARKER_SEEN,
     MARKER_SWAPPED,
 )
+from solver_backend.exchange.skeleton_file import SkeletonMotion
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.capture import Capture, Keypoints2D, PersonInViews
 from solver_backend.types.hands_in_views import UNSEEN_POINT, stacked_hands
@@ -25,7 +26,6 @@ from solver_backend.types.marker_cloud import MarkerCloud
 from solver_backend.types.marker_subject import MarkerSubject
 from solver_backend.types.motion import Motion
 from solver_backend.types.own_point import BONES, OwnPoint
-from solver_backend.types.skeleton_motion import SkeletonMotion
 
 __all__ = [
     "BONES",

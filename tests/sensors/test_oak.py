@@ -24,9 +24,10 @@ from solver_backend.exchange.errors import (
 from solver_backend.sensors.devices import oak, oak_colour, oak_lenses, oak_module
 from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.named import device_named
-from solver_backend.sensors.devices.oak import Oak, listed_oaks
+from solver_backend.sensors.devices.oak import Oak
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
 from solver_backend.sensors.devices.oak_lenses import oak_cameras
+from solver_backend.sensors.devices.oak_module import listed_oaks
 from solver_backend.sensors.devices.oak_settings import OakSettings
 from solver_backend.sensors.errors import PicturesDiffer, SensorFailed, SensorUnknown
 from solver_backend.videos.sync.clocks import read_clocks
@@ -47,7 +48,7 @@ def pair(number: int, seconds: float, depth_shape: tuple[int, int] = SHAPE) -> d
 def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeDepthai]:
     def plug(items: list[Any], **options: Any) -> FakeDepthai:
         module = FakeDepthai(items, **options)
-        for place in (oak, oak_colour, oak_lenses):
+        for place in (oak, oak_colour, oak_lenses, oak_module):
             monkeypatch.setattr(place, "depthai", lambda: module)
         return module
 
@@ -212,7 +213,7 @@ def test_depthai_leaves_signals_and_standard_output_alone() -> None:
     program = (
         "ignored = lambda: [l for l in open('/proc/self/status') if l.startswith('SigIgn')]\n"
         "was = ignored()\n"
-        "from solver_backend.sensors.devices.oak import listed_oaks\n"
+        "from solver_backend.sensors.devices.oak_module import listed_oaks\n"
         "listed_oaks()\n"
         "assert ignored() == was\n"
     )

@@ -52,7 +52,20 @@ class MOCAP_OT_use_range(MocapOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
+class _OfCameras(SolverOperator):
+    """Mixin of operators on a capture with cameras."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs cameras and a capture file."""
+        capture = context.scene.mocap.capture
+        if not capture.file or not capture.cameras:
+            cls.poll_message_set("Import a capture with cameras first")
+            return False
+        return super().poll(context)
+
+
+class MOCAP_OT_check_cameras(_OfCameras, bpy.types.Operator):
     """Reports whether the calibration fits what the cameras saw."""
 
     bl_idname = "mocap.check_cameras"
@@ -61,11 +74,6 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         "Compare the calibration with the take: each camera, parts of its picture, over time, the size of the world, "
         "which way is up. Nothing is changed"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs cameras and a capture file."""
-        return _has_cameras(cls, context) and super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""
@@ -91,7 +99,7 @@ class MOCAP_OT_check_cameras(SolverOperator, bpy.types.Operator):
         return {"FINISHED"}
 
 
-class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
+class MOCAP_OT_refine_cameras(_OfCameras, bpy.types.Operator):
     """Corrects the calibration by the people it films."""
 
     bl_idname = "mocap.refine_cameras"
@@ -100,11 +108,6 @@ class MOCAP_OT_refine_cameras(SolverOperator, bpy.types.Operator):
         "Correct where the cameras stand by the people they film; the panel shows the detections' distance before and "
         "after. Solve again afterwards"
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs cameras and a capture file."""
-        return _has_cameras(cls, context) and super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start; the original file stays."""
@@ -160,15 +163,6 @@ class MOCAP_OT_restore_cameras(SolverOperator, bpy.types.Operator):
         capture.original = ""
         self.report({"INFO"}, "The cameras stand where the recording's calibration has them")
         return {"FINISHED"}
-
-
-def _has_cameras(operator: type[bpy.types.Operator], context: bpy.types.Context) -> bool:
-    """Return whether there is a capture with cameras, and report it where there is none."""
-    capture = context.scene.mocap.capture
-    if not capture.file or not capture.cameras:
-        operator.poll_message_set("Import a capture with cameras first")
-        return False
-    return True
 
 
 def _retaken(

@@ -9,7 +9,7 @@ import bpy
 
 from ..._exchange.errors import MocapError
 from ...conventions.counting import counted
-from .solver_operator import OfTake, SolverOperator, current
+from .solver_operator import OfCapture, OfTake, SolverOperator, current
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult
@@ -52,20 +52,12 @@ class _Solves(SolverOperator):
         return f"The motion itself is whole: it arrived as '{action.name}'."
 
 
-class MOCAP_OT_solve(_Solves, bpy.types.Operator):
+class MOCAP_OT_solve(_Solves, OfCapture, bpy.types.Operator):
     """Solves the capture into a new take."""
 
     bl_idname = "mocap.solve"
     bl_label = "Solve"
     bl_description = "Solve the capture in a process of its own; the motion arrives as a new action, older takes stay"
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        if not context.scene.mocap.capture.file:
-            cls.poll_message_set("Import a capture first")
-            return False
-        return super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start."""

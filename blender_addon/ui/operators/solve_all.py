@@ -9,13 +9,13 @@ import bpy
 
 from ...conventions.counting import counted
 from ...conventions.file_paths import file_of
-from .solver_operator import SolverOperator
+from .solver_operator import OfCapture
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import SolveResult, TakeResult, TakesResult
 
 
-class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
+class MOCAP_OT_solve_all(OfCapture, bpy.types.Operator):
     """Solves everybody that the captures show."""
 
     bl_idname = "mocap.solve_all"
@@ -29,14 +29,6 @@ class MOCAP_OT_solve_all(SolverOperator, bpy.types.Operator):
             ("SCENE", "All Captures", "Everybody in every capture of the scene"),
         ),
     )
-
-    @classmethod
-    def poll(cls, context: bpy.types.Context) -> bool:
-        """Needs a capture."""
-        if not context.scene.mocap.capture.file:
-            cls.poll_message_set("Import a capture first")
-            return False
-        return super().poll(context)
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Write the jobs and start the solver on them."""

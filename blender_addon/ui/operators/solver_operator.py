@@ -212,6 +212,18 @@ class SolverOperator(MocapOperator):
             self._timer = None
 
 
+class OfCapture(SolverOperator):
+    """Mixin of operators that work on the capture."""
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a capture."""
+        if not context.scene.mocap.capture.file:
+            cls.poll_message_set("Import a capture first")
+            return False
+        return super().poll(context)
+
+
 class OfTake(SolverOperator):
     """Mixin of operators that work on the solved take."""
 

@@ -36,19 +36,24 @@ class MOCAP_UL_markers(bpy.types.UIList):
             gaps.label(text=f"{counted(item.gaps, 'gap')}, {item.missing_percent:.1f} %", translate=False)
 
 
-class VIEW3D_PT_mocap_markers(StagePanel, bpy.types.Panel):
-    """The capture's markers."""
+class MarkersPanel(StagePanel):
+    """A panel about the capture's markers."""
 
     stage = "CAPTURE"
-    bl_idname = "VIEW3D_PT_mocap_markers"
     bl_parent_id = "VIEW3D_PT_mocap_capture"
-    bl_label = "Markers"
-    bl_order = 1
 
     @classmethod
     def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
         """Return whether there are markers."""
         return bool(settings.capture.marker_items)
+
+
+class VIEW3D_PT_mocap_markers(MarkersPanel, bpy.types.Panel):
+    """The capture's markers."""
+
+    bl_idname = "VIEW3D_PT_mocap_markers"
+    bl_label = "Markers"
+    bl_order = 1
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw what was recognised, the markers, and how they are shown."""
@@ -65,20 +70,13 @@ class VIEW3D_PT_mocap_markers(StagePanel, bpy.types.Panel):
         colours.prop(capture, "show_residuals", icon="COLOR")
 
 
-class VIEW3D_PT_mocap_labels(StagePanel, bpy.types.Panel):
+class VIEW3D_PT_mocap_labels(MarkersPanel, bpy.types.Panel):
     """The capture's markers, one by one."""
 
-    stage = "CAPTURE"
     bl_idname = "VIEW3D_PT_mocap_labels"
-    bl_parent_id = "VIEW3D_PT_mocap_capture"
     bl_label = "Labels"
     bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
     bl_order = 2
-
-    @classmethod
-    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
-        """Return whether there are markers."""
-        return bool(settings.capture.marker_items)
 
     def draw(self, context: bpy.types.Context) -> None:
         """Draw the list."""

@@ -104,9 +104,8 @@ def read_foreign_clip(
     elif suffix == ".c3d":
         motion, roles, found = read_c3d_segments(path)
     elif suffix == ".npz":
-        file = read_skeleton(path)
-        motion = SkeletonMotion(file.name, file.names, file.parents, file.rest, file.joints, file.turns, file.fps)
-        roles = file.roles
+        motion = read_skeleton(path)
+        roles = motion.roles
     else:
         hint = f"{', '.join(_READ)} are read; export the clip as one of them."
         if suffix in _POINTS:

@@ -7,19 +7,10 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
-from solver_backend.sensors.devices.oak_module import depthai
+from solver_backend.sensors.devices.oak_module import depthai, open_oak, set_sync_role
 from solver_backend.sensors.devices.oak_settings import OakSettings
 from solver_backend.sensors.devices.oak_stream import PairStream, paired
 from solver_backend.sensors.errors import SensorFailed, SensorUnknown
-
-
-def listed_oaks() -> list[str]:
-    """Return the identifiers of the OAKs that are plugged in or on the network, sorted.
-
-    Raises:
-        BackendMissing: depthai is not installed.
-    """
-    return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
 
 
 @dataclass
@@ -46,19 +37,12 @@ class Oak(OpenedDevice):
         dai, settings = depthai(), self.settings
         if self._stream is not None:
             return
-        try:
-            device = dai.Device(dai.DeviceInfo(self.identifier))
-        except RuntimeError as error:
-            found = ", ".join(listed_oaks()) or "none"
-            raise SensorFailed(
-                f"The OAK '{self.identifier}' cannot be opened: {error}.", where=f"sensor {self.name}",
-                hint=f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule.",
-            ) from error  # fmt: skip
+        device = open_oak(self.identifier, self.name)
         try:
             pipeline = dai.Pipeline(device)
             self._require_stereo(dai, device)
             self._set_light(device)
-            self._set_role(dai, device)
+            set_sync_role(device, settings.sync, self.name)
             infrared, depth = self._cameras(dai, pipeline)
             queue = paired(dai, pipeline, infrared, depth, settings.fps, settings.queue)
             pipeline.start()
@@ -104,18 +88,6 @@ class Oak(OpenedDevice):
             )  # fmt: skip
         # Its dots would be taken for markers.
         device.setIrLaserDotProjectorIntensity(0.0)
-
-    def _set_role(self, dai: Any, device: Any) -> None:
-        roles = dai.ExternalFrameSyncRole
-        role = {"master": roles.MASTER, "slave": roles.SLAVE}.get(self.settings.sync)
-        if role is None:
-            return
-        done, why = device.setExternalFrameSyncRole(role)
-        if not done:
-            raise SensorFailed(
-                f"The device cannot be {self.settings.sync} of the sync wire: {why}.", where=f"sensor {self.name}",
-                hint="Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks.",
-            )  # fmt: skip
 
     def _cameras(self, dai: Any, pipeline: Any) -> tuple[Any, Any]:
         """Return the outputs of rectified infrared and of depth on its pixels."""

@@ -19,7 +19,7 @@ import numpy as np
 from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import check_output, write_text
 from solver_backend.sensors.devices.device import OpenedDevice
-from solver_backend.sensors.devices.oak_module import depthai
+from solver_backend.sensors.devices.oak_module import depthai, open_oak, set_sync_role
 from solver_backend.sensors.errors import SensorFailed
 from solver_backend.videos.files.container import library
 from solver_backend.videos.sync.clocks import Clocks
@@ -77,18 +77,9 @@ class OakColour(OpenedDevice):
         dai = depthai()
         if self._pipeline is not None:
             return
+        device = open_oak(self.identifier, self.name)
         try:
-            device = dai.Device(dai.DeviceInfo(self.identifier))
-        except RuntimeError as error:
-            raise SensorFailed(
-                f"The OAK '{self.identifier}' cannot be opened: {error}.", where=f"sensor {self.name}",
-                hint="The verb oaks lists those that are there.",
-            ) from error  # fmt: skip
-        try:
-            if self.role != "none":
-                done, why = device.setExternalFrameSyncRole(dai.ExternalFrameSyncRole.__members__[self.role.upper()])
-                if not done:
-                    raise SensorFailed(f"The device cannot be {self.role}: {why}.", where=f"sensor {self.name}")
+            set_sync_role(device, self.role, self.name)
             pipeline = dai.Pipeline(device)
             camera = pipeline.create(dai.node.Camera).build(dai.CameraBoardSocket.CAM_A, sensorFps=self.fps)
             camera.initialControl.setManualExposure(self.exposure_us, self.iso)

@@ -9,8 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationMissing
 from solver_backend.sensors.devices.oak import Oak
-from solver_backend.sensors.devices.oak_module import depthai
-from solver_backend.sensors.errors import SensorFailed
+from solver_backend.sensors.devices.oak_module import depthai, open_oak
 from solver_backend.types import Cameras
 
 
@@ -35,13 +34,7 @@ def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
 
 
 def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
-    try:
-        device = dai.Device(dai.DeviceInfo(oak.identifier))
-    except RuntimeError as error:
-        raise SensorFailed(
-            f"The OAK '{oak.identifier}' cannot be opened: {error}.", where=f"sensor {oak.name}",
-            hint="The verb oaks lists those that are there.",
-        ) from error  # fmt: skip
+    device = open_oak(oak.identifier, oak.name)
     try:
         found = device.readCalibration().getCameraIntrinsics(dai.CameraBoardSocket.CAM_B, *oak.settings.size)
     except RuntimeError as error:

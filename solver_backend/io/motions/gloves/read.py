@@ -46,9 +46,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
         clip = read_bvh(path, metres_per_unit=1.0)
         return gloves_of_skeleton(bvh_motion(clip, bvh_skeleton(clip), 1.0, path.stem), side, where)
     if suffix == ".npz":
-        file = read_skeleton(path)
-        motion = SkeletonMotion(file.name, file.names, file.parents, file.rest, file.joints, file.turns, file.fps)
-        return gloves_of_skeleton(motion, side, where)
+        return gloves_of_skeleton(read_skeleton(path), side, where)
     if suffix in _THROUGH_BLENDER:
         hint = f"python -m blender_addon add-hands MOTION.npz {path.name} reads it with Blender's importer."
         raise MotionInvalid(f"{suffix[1:].upper()} is read through Blender.", where=where, hint=hint)
