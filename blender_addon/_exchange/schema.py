@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import FileDamaged, MocapError
+from .file_kinds import other_kind
 from .joint_sets import JointSet
 from .npz import read_npz
 
@@ -129,8 +130,7 @@ class Fields:
         """
         found = self.text("format", "")
         if found != name:
-            what = f"its format is '{found}'" if found else "it names no format"
-            raise FileDamaged(f"The file is not a {name}: {what}.", where=str(self.path))
+            raise other_kind(found, name, str(self.path))
         self._require_version(self.number("version"), version, "program")
 
     def accept_format(self, name: str, version: int) -> None:
@@ -141,7 +141,7 @@ class Fields:
         """
         found = self.text("format", name)
         if found != name:
-            raise FileDamaged(f"The file is a '{found}'; a '{name}' is expected.", where=str(self.path))
+            raise other_kind(found, name, str(self.path))
         if "version" in self:
             self._require_version(self.first_number("version", FileDamaged), version, "add-on")
 

@@ -68,7 +68,7 @@ def test_hand_pose_is_read(tmp_path: Path, files: Any) -> None:
         ({"mocap_framerate": None}, MotionInvalid, "states no frame rate"),
         ({"keypoints3d": np.zeros((3, 17, 3))}, MotionInvalid, r"keypoints3d has shape .*\(60, keypoints, 3\)"),
         ({"poses": None}, FileDamaged, "lacks poses; it holds betas, body, format"),
-        ({"format": np.array("manifold_mocap_capture")}, FileDamaged, "is a 'manifold_mocap_capture'"),
+        ({"format": np.array("manifold_mocap_capture")}, FileDamaged, "is a capture; a motion of our body is expected"),
         ({"version": np.array(9)}, FileDamaged, "version 9; this add-on reads up to 1"),
         (
             {"poses": np.array([None, {}], dtype=object)},

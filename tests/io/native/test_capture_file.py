@@ -123,7 +123,7 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
 @pytest.mark.parametrize(
     ("changes", "error", "text"),
     [
-        ({"format": np.array("else")}, FileDamaged, "not a manifold_mocap_capture: its format is 'else'"),
+        ({"format": np.array("else")}, FileDamaged, "not a capture: its format is 'else'"),
         ({"format": None}, FileDamaged, "names no format"),
         ({"version": np.array(2)}, FileDamaged, r"version 2.*reads up to 1.*Update"),
         ({"confidence": None}, FileDamaged, r"lacks 'confidence'; it holds .*camera_names"),
