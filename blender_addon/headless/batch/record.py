@@ -21,6 +21,10 @@ from ..exit_codes import exit_code
 NAME = "take.json"
 UNFINISHED = "unfinished"
 """Status of a take that somebody works on, or was working on when it was interrupted."""
+FIGURES = ("frames", "reprojection_median_px", "marker_median_mm", "unsure_frames", "unseen_frames")
+"""Numbers of a solve that the summary shows."""
+_MOST = 1e12
+"""No count, residual or time of ours is larger; NaN and what no float holds are not below it."""
 
 
 class StepRecord(TypedDict):
@@ -139,19 +143,41 @@ def read_record(folder: Path) -> TakeRecord | None:
 
 
 def _is_record(value: Any) -> TypeGuard[TakeRecord]:
-    """Return whether a value has the parts of a record, each of its kind."""
+    """Return whether a value has the parts of a record, each of its kind, and numbers that can be shown."""
     if not isinstance(value, dict):
         return False
     steps, attempts = value.get("steps") or {}, value.get("attempts") or []
+    solved, error = value.get("solve") or {}, value.get("error")
     return (
         all(isinstance(value.get(key), str) for key in ("take", "capture", "status"))
         and isinstance(steps, dict)
-        and all(isinstance(step, dict) and _texts(step.get("outputs", [])) for step in steps.values())
+        and all(_is_step(step) for step in steps.values())
         and isinstance(attempts, list)
         and all(isinstance(attempt, dict) for attempt in attempts)
-        and isinstance(value.get("solve") or {}, dict)
-        and isinstance(value.get("error") or {}, dict)
+        and isinstance(solved, dict)
+        and all(solved.get(key) is None or _is_number(solved[key]) for key in FIGURES)
+        and (error is None or _is_failure(error))
+        and all(_texts(value.get(key, [])) for key in ("outputs", "notes", "people"))
+        and (value.get("seconds") is None or _is_number(value["seconds"]))
     )
+
+
+def _is_step(step: Any) -> bool:
+    return (
+        isinstance(step, dict)
+        and isinstance(step.get("key"), str)
+        and all(_texts(step.get(key)) for key in ("outputs", "notes"))
+        and _is_number(step.get("seconds"))
+    )
+
+
+def _is_failure(error: Any) -> bool:
+    texts = isinstance(error, dict) and all(isinstance(error.get(key), str) for key in ("code", "message"))
+    return texts and isinstance(error.get("exit_code"), int)
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and -_MOST < value < _MOST
 
 
 def _texts(value: Any) -> bool:
