@@ -10,10 +10,14 @@ import numpy as np
 
 from .errors import FileDamaged, MotionInvalid, NonFiniteData
 from .npz import write_npz
+from .plausible import FARTHEST_IN_UNITS, require_rate, require_within
 from .schema import read_fields
 
 FORMAT, VERSION = "manifold_mocap_skeleton", 1
 _ARRAYS = ("format", "version", "name", "names", "parents", "rest", "joints", "turns", "fps", "roles")
+
+_OFF = 1e-3
+"""Of R R^T from the identity, from which a matrix is no rotation: cameras' own bound; files keep six digits."""
 
 
 @dataclass(frozen=True)
@@ -35,10 +39,46 @@ class SkeletonMotion:
     fps: float
     """Frames per second."""
 
+    def __post_init__(self) -> None:
+        """Make sure that it can be.
+
+        Raises:
+            MotionInvalid: it has no frames, two joints of a name, impossible places, matrices that are no
+                rotations, or no rate.
+        """
+        if not len(self.joints):
+            raise MotionInvalid("The motion has no frames.", where=self.name)
+        require_distinct(self.names, self.name)
+        require_rate(self.fps, MotionInvalid, self.name)
+        for name in ("rest", "joints"):
+            require_within(name, getattr(self, name), FARTHEST_IN_UNITS, MotionInvalid, self.name)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no rotation
+            off = np.abs(self.turns @ np.swapaxes(self.turns, -1, -2) - np.eye(3)).max((0, 2, 3))
+        wrong = ~(off <= _OFF)
+        if not wrong.any():
+            wrong = (np.linalg.det(self.turns) < 0).any(0)
+        if wrong.any():
+            joint = int(np.argmax(wrong))
+            raise MotionInvalid(
+                f"The turns of the joint '{self.names[joint]}' are not rotations (|R Rᵀ - I| = {off[joint]:.3g}).",
+                where=self.name, hint="Export it without scale and shear.",
+            )  # fmt: skip
+
     @property
     def num_frames(self) -> int:
         """Number of frames."""
         return len(self.joints)
+
+
+def require_distinct(names: tuple[str, ...], where: str) -> None:
+    """Make sure that no two joints have the same name.
+
+    Raises:
+        MotionInvalid: two have.
+    """
+    if len(set(names)) < len(names):
+        twice = next(name for name in names if names.count(name) > 1)
+        raise MotionInvalid(f"Several joints are called '{twice}'.", where=where, hint="Give every joint its own name.")
 
 
 @dataclass(frozen=True)

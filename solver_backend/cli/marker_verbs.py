@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import argparse
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -206,6 +205,7 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
         MotionInvalid: it was not solved from markers, or does not hold what is wanted.
     """
     from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION
+    from solver_backend.exchange.plausible import require_rate
     from solver_backend.exchange.schema import read_fields
 
     key = CONTENTS[contents]
@@ -225,6 +225,5 @@ def _markers(path: Path, contents: str) -> tuple[Any, tuple[str, ...], float]:
         )
     frames = (*fields.array("poses").shape, 0)[0]
     rate = fields.first_number("mocap_framerate", MotionInvalid)
-    if not 0.0 < rate < math.inf:
-        raise MotionInvalid(f"A frame rate of {rate:g} is not valid.", where=str(path), hint="Solve the take again.")
+    require_rate(rate, MotionInvalid, str(path))
     return fields.shaped(key, (frames, len(labels), 3), MotionInvalid), labels, rate

@@ -13,6 +13,8 @@ FRAME_RATES = (0.01, 30_000.0)
 """Hz: a picture in 100 seconds, and the fastest cameras that film people."""
 FARTHEST_M = 1e5
 """From the origin, 100 km: recordings in millimetres of a whole town lie within."""
+FARTHEST_IN_UNITS = 1e9
+"""The same in a tenth of a millimetre, the smallest unit of files of any length unit."""
 LARGEST_BETA = 100.0
 """Standard deviations of people; nobody has more than 5."""
 LARGEST_TURN = 1000.0

@@ -78,7 +78,7 @@ def test_labels_that_do_not_fit_are_refused(tmp_path, arrays):
     assert main(["export-markers", str(written(tmp_path, arrays)), "--out", str(tmp_path / "take.c3d")]) == 3
 
 
-@pytest.mark.parametrize("rate", [0.0, -60.0, np.nan, np.inf])
+@pytest.mark.parametrize("rate", [0.0, -60.0, 1e-300, 1e300, np.nan, np.inf])
 def test_a_rate_that_is_none_is_named(tmp_path, arrays, rate, capsys):
     arrays["mocap_framerate"] = np.array(rate)
     assert main(["export-markers", str(written(tmp_path, arrays)), "--out", str(tmp_path / "take.c3d"), "--json"]) == 3

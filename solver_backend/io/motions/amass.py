@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL, SMPL_H, SMPL_X
-from solver_backend.exchange.errors import FileDamaged, MocapError, NonFiniteData
+from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData
 from solver_backend.exchange.npz import array_names
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.io.reader import Reader
@@ -62,12 +62,16 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
         NonFiniteData: a value is NaN or infinite.
+        MotionInvalid: there are no frames.
     """
     fields = read_fields(path, _STORED)
     transl = fields.numbers("trans", (None, 3))
     root, body, hands, model = _poses(fields, len(transl))
     betas = fields.numbers("betas", (None,)) if "betas" in fields else np.zeros(NUM_BETAS)
-    for name, value in {"poses": np.hstack([root, body]), "trans": transl, "betas": betas}.items():
+    if not len(transl):
+        raise MotionInvalid("The motion has no frames.", where=str(path))
+    turns = np.hstack([root, body] if hands is None else [root, body, hands])
+    for name, value in {"poses": turns, "trans": transl, "betas": betas}.items():
         if not np.isfinite(value).all():
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
     return AmassClip(betas, root, body, transl, _frame_rate(fields, fps), _gender(fields), model, hands)

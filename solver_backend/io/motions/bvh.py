@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.io.files import read_text
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.length_unit import metres_in
@@ -93,7 +94,7 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
     Raises:
         FileMissing: there is no such file.
         FileDamaged: it is truncated or is not BVH.
-        NonFiniteData: a value is NaN or infinite.
+        NonFiniteData: a value is NaN, infinite, or farther than anybody goes in any unit.
         JobInvalid: the axis is unknown.
     """
     to_z_up = rotation_to_z_up(up_axis)
@@ -104,6 +105,8 @@ def read_bvh(path: Path | str, *, metres_per_unit: float = METRES_PER_UNIT, up_a
         raise FileDamaged(f"HIERARCHY has {len(head):,} letters, which no skeleton has.", where=str(path))
     skeleton = _read_skeleton(head, path)
     values, fps = _read_motion(motion, skeleton, path)
+    for name, numbers in (("OFFSET", [*skeleton.offsets, *skeleton.ends.values()]), ("MOTION", values)):
+        require_within(name, np.asarray(numbers), FARTHEST_IN_UNITS, NonFiniteData, str(path))
     rotations, translations = _apply_channels(skeleton, values)
     moving = any("position" in name for channels in skeleton.channels[1:] for name in channels)
     rotations[:, 0] = to_z_up @ rotations[:, 0]
@@ -194,8 +197,6 @@ def _read_motion(text: str, skeleton: _Skeleton, path: Path | str) -> tuple[np.n
             where=str(path),
             hint="Copy or export it again.",
         )
-    if not np.isfinite(values).all():
-        raise NonFiniteData("MOTION holds NaN or infinite values.", where=str(path))
     return values.reshape(frames, channels), 1.0 / frame_time
 
 

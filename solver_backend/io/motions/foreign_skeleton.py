@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
-from solver_backend.exchange.skeleton_file import read_skeleton
+from solver_backend.exchange.skeleton_file import read_skeleton, require_distinct
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
@@ -60,10 +60,7 @@ def read_foreign_bvh(
         JobInvalid: unit or axis are unknown.
     """
     clip = read_bvh(path, metres_per_unit=1.0, up_axis=up_axis or "y")
-    if len(set(clip.names)) < len(clip.names):
-        twice = next(name for name in clip.names if clip.names.count(name) > 1)
-        hint = "Give every joint a name of its own."
-        raise MotionInvalid(f"Several joints are called '{twice}'.", where=str(path), hint=hint)
+    require_distinct(clip.names, str(path))
     skeleton = bvh_skeleton(clip)
     roles, found = _roles(skeleton, str(path))
     metres, units = _metres(skeleton, roles, unit, str(path))

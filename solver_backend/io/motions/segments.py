@@ -60,9 +60,9 @@ def read_c3d_segments(path: Path) -> tuple[SkeletonMotion, dict[str, str], list[
         if parent >= 0:
             local = np.swapaxes(G[:, parent], -1, -2) @ (places[:, j] - places[:, parent])[..., None]
             rest[j] = rest[parent] + np.median(local[..., 0], axis=0)
-    motion = SkeletonMotion(path.stem, names, parents, rest, places, G, segments.rate or 0.0)
-    if not motion.fps > 0:
+    if segments.rate is None or not segments.rate > 0:
         raise FileDamaged("The file states no frame rate.", where=where)
+    motion = SkeletonMotion(path.stem, names, parents, rest, places, G, segments.rate)
     return motion, {_ROLES[name]: name for name in names}, found
 
 

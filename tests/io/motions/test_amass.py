@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.exchange.errors import FileDamaged, MotionInvalid, NonFiniteData
 from solver_backend.io.motions.amass import motion_of, read_amass
 from solver_backend.io.native.motion_file import write_motion
 from tests.support.scenes import small_motion
@@ -85,6 +85,8 @@ def test_a_clip_becomes_a_motion(tmp_path: Path) -> None:
         ({"mocap_framerate": np.array(0.0)}, NonFiniteData, "positive number"),
         ({"trans": np.full((5, 3), np.nan)}, NonFiniteData, "'trans' holds NaN"),
         ({"poses": np.full((5, 156), np.inf)}, NonFiniteData, "'poses' holds NaN or infinite"),
+        ({"poses": np.pad(np.zeros((5, 155)), ((0, 0), (0, 1)), constant_values=np.nan)}, NonFiniteData, "'poses'"),
+        ({"poses": np.zeros((0, 156)), "trans": np.zeros((0, 3))}, MotionInvalid, "no frames"),
     ],
 )
 def test_damaged_files_are_named(tmp_path: Path, changes: dict, error: type[Exception], text: str) -> None:
