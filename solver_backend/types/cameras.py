@@ -73,14 +73,16 @@ class Cameras:
         self._check_physics()
 
     def _check_physics(self) -> None:
-        off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
-        sign = np.linalg.det(self.R)
+        with np.errstate(over="ignore", invalid="ignore"):  # what overflows is no rotation
+            off = np.abs(self.R @ self.R.transpose(0, 2, 1) - np.eye(3)).max(axis=(1, 2))
+            sign = np.linalg.det(self.R)
+        bent = ~(off <= 1e-3)
         lengths = self.K[:, [0, 1], [0, 1]]
-        if not ((off > 1e-3).any() or (sign < 0).any() or (lengths <= 0).any() or (self.image_size <= 0).any()):
+        if not (bent.any() or (sign < 0).any() or (lengths <= 0).any() or (self.image_size <= 0).any()):
             return
         for c, name in enumerate(self.names):
-            if off[c] > 1e-3 or sign[c] < 0:
-                mirrors = off[c] <= 1e-3
+            if bent[c] or sign[c] < 0:
+                mirrors = not bent[c]
                 what = "mirrors, unlike those of other cameras" if mirrors else "is not orthonormal"
                 raise CalibrationInvalid(
                     f"The rotation {what} (|R Rᵀ - I| = {off[c]:.3g}, det = {sign[c]:.3g}).",
