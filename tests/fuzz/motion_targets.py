@@ -95,7 +95,9 @@ def _motion(optional: bool = True) -> Write:
     return lambda folder: write_motion(folder / "a.npz", small_motion(2, optional))
 
 
-def _amass(parts: bool = False, width: int = 156, model_type: str = "") -> Write:
+def amass(parts: bool = False, width: int = 156, model_type: str = "") -> Write:
+    """Return what writes poses as AMASS has them."""
+
     def write(folder: Path) -> None:
         rng = np.random.default_rng(0)
         arrays = {"trans": rng.normal(size=(4, 3)), "betas": rng.normal(size=16), "mocap_framerate": np.array(120.0)}
@@ -172,14 +174,14 @@ TARGETS: tuple[Target, ...] = (
     ),
     Target(
         "AMASS",
-        (_amass(), _amass(width=72), _amass(width=165), _amass(parts=True, model_type="smplx")),
+        (amass(), amass(width=72), amass(width=165), amass(parts=True, model_type="smplx")),
         lambda f: load_motion(f / "a.npz"),
         _NPZ,
         16,
         (
-            *(odd_motions.changed(_amass(), **arrays) for arrays in odd_motions.AMASS),
-            odd_motions.changed(_amass(parts=True), pose_hand=None, surface_model_type=None),
-            odd_motions.changed(_amass(parts=True), root_orient=None),
+            *(odd_motions.changed(amass(), **arrays) for arrays in odd_motions.AMASS),
+            odd_motions.changed(amass(parts=True), pose_hand=None, surface_model_type=None),
+            odd_motions.changed(amass(parts=True), root_orient=None),
         ),
         (nothing,),
     ),
@@ -197,14 +199,14 @@ TARGETS: tuple[Target, ...] = (
         lambda f: read_motion(f / "a.npz"),
         _NPZ,
         10,
-        (_amass(), *odd_motions.MOTIONS),
+        (amass(), *odd_motions.MOTIONS),
     ),
     Target(
         "subject file", odd_motions.SUBJECTS, lambda f: read_subject(f / "a.npz"), _NPZ, 10, odd_motions.ODD_SUBJECTS
     ),
     Target(
         "motion file, shown",
-        (_motion(), _amass(), _amass(parts=True)),
+        (_motion(), amass(), amass(parts=True)),
         _shown,
         _NPZ,
         10,

@@ -129,7 +129,7 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
         tree = json.loads(data)
     except (ValueError, RecursionError):
         return change_text(data, rng)
-    places = _places(tree) if isinstance(tree, dict | list) else []
+    places = places_in(tree) if isinstance(tree, dict | list) else []
     if not places or rng.random() < 0.05:
         return json.dumps(_VALUES[int(rng.integers(len(_VALUES)))]).encode()
     holder, key = places[int(rng.integers(len(places)))]
@@ -149,7 +149,7 @@ def change_json(data: bytes, rng: np.random.Generator) -> bytes:
     return json.dumps(tree).encode()
 
 
-def _places(tree: Any) -> list[tuple[Any, Any]]:
+def places_in(tree: Any) -> list[tuple[Any, Any]]:
     """Return container and key of every node."""
     found, open_ones = [], [tree]
     while open_ones:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,11 +16,19 @@ from solver_backend.types import MarkerSubject, Motion
 from tests.fuzz.target import Write, file
 from tests.support.scenes import small_motion
 
-_SUBJECT = MarkerSubject(
-    "neutral", np.zeros(10), ("LASI", "C7"), ("LASI", "@spine3"), np.full((2, 3), 0.01), np.full(2, 0.004),
-    np.array([0.01, np.nan]), {"takes": ["a"]},
-)  # fmt: skip
-SUBJECTS: tuple[Write, ...] = (lambda folder: write_subject(folder / "a.npz", _SUBJECT),)
+
+def worn_subject(
+    labels: Sequence[str] = ("LASI", "C7"), places: Sequence[str] = ("LASI", "@spine3"), body: str = "neutral"
+) -> MarkerSubject:
+    """Return a person who wears these markers in these places."""
+    skin, count = np.where([place.startswith("@") for place in places], np.nan, 0.01), len(labels)
+    return MarkerSubject(
+        body, np.zeros(10), tuple(labels), tuple(places), np.full((count, 3), 0.01), np.full(count, 0.004), skin,
+        {"takes": ["a"]},
+    )  # fmt: skip
+
+
+SUBJECTS: tuple[Write, ...] = (lambda folder: write_subject(folder / "a.npz", worn_subject()),)
 """A subject file that is read."""
 
 

@@ -21,6 +21,7 @@ from blender_addon._exchange.errors import MocapError as AddonError
 from solver_backend.exchange.errors import MocapError
 from tests.fuzz.grammars.document import document
 from tests.fuzz.mutations import mutated
+from tests.fuzz.sense import broken_sense
 from tests.fuzz.target import Target
 from tests.fuzz.tried import Tried
 
@@ -114,7 +115,11 @@ def mutate_one(
     home, files = homes.of(target, int(rng.integers(len(target.dialects))))
     path = files[int(rng.integers(len(files)))]
     before = homes.content(path)
-    path.write_bytes(drawn_input(mutator, before, target.kinds[path.suffix], rng, number))
+    kind = target.kinds[path.suffix]
+    if mutator == CHANGES and target.sense and rng.random() < target.sense:
+        path.write_bytes(broken_sense(before, kind, rng))
+    else:
+        path.write_bytes(drawn_input(mutator, before, kind, rng, number))
     return home, path, before
 
 
@@ -139,21 +144,39 @@ def _outcome(target: Target, homes: Homes, seed: int, number: int, mutator: str)
 
 
 def how_it_ends(target: Target, home: Path) -> tuple[str, str]:
-    """Return 'read', 'named', 'unnamed' or 'slow', and for the last two where it broke."""
+    """Return 'read', 'named', 'unnamed', 'warned' or 'slow', and for the last three where it broke."""
+    outcome, warned = "read", list[str]()
     try:
-        with _time_limit(target.limit_s):
+        with _time_limit(target.limit_s), _heard(warned):
             target.read(home)
-        return "read", ""
     except (MocapError, AddonError):
-        return "named", ""
+        outcome = "named"
     except TooSlow:
         return "slow", f"more than {target.limit_s:g} s"
     except Exception as error:
-        last = traceback.extract_tb(error.__traceback__)
-        ours = next(
-            (f for f in reversed(last) if {"solver_backend", "blender_addon"} & {*Path(f.filename).parts}), last[-1]
-        )
-        return "unnamed", f"{type(error).__name__} at {Path(ours.filename).name}:{ours.lineno}: {str(error)[:100]}"
+        where = _ours(traceback.extract_tb(error.__traceback__))
+        return "unnamed", f"{type(error).__name__} at {where}: {str(error)[:100]}"
+    return ("warned", warned[0]) if warned else (outcome, "")
+
+
+@contextmanager
+def _heard(found: list[str]) -> Iterator[None]:
+    """Note where NumPy would warn on the console; it means that numbers went on which nobody looked at."""
+
+    def note(message: Warning | str, category: type[Warning], *_: object, **__: object) -> None:
+        found.append(f"{category.__name__} at {_ours(traceback.extract_stack())}: {message}")
+
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", RuntimeWarning)
+        warnings.showwarning = note  # type: ignore[assignment]
+        yield
+
+
+def _ours(frames: traceback.StackSummary) -> str:
+    """Return the place of the innermost line that is the product's."""
+    product = {"solver_backend", "blender_addon"}
+    last = next((frame for frame in reversed(frames) if product & {*Path(frame.filename).parts}), frames[-1])
+    return f"{Path(last.filename).name}:{last.lineno}"
 
 
 @contextmanager

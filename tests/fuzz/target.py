@@ -29,6 +29,8 @@ class Target:
     """What is too large to be changed again and again, or is no file at all: only read as it is."""
     limit_s: float = 10.0
     """Seconds of CPU time that an input may take; the clock on the wall shows how busy the machine is."""
+    sense: float = 0.0
+    """Share of changes that keep a file readable and break what it means, see ``sense.broken_sense``."""
 
     @property
     def dialects(self) -> tuple[Write, ...]:

@@ -9,9 +9,9 @@ from tests.fuzz import (
     rig_targets,
     sensor_targets,
     studio_targets,
-    verb_targets,
 )
 from tests.fuzz.target import Target
+from tests.fuzz.verbs import blender, markers, motions, sensors, studio, videos, views
 
 TARGETS: tuple[Target, ...] = (
     *capture_targets.TARGETS,
@@ -20,7 +20,13 @@ TARGETS: tuple[Target, ...] = (
     *rig_targets.TARGETS,
     *studio_targets.TARGETS,
     *sensor_targets.TARGETS,
-    *verb_targets.TARGETS,
+    *views.TARGETS,
+    *markers.TARGETS,
+    *motions.TARGETS,
+    *sensors.TARGETS,
+    *studio.TARGETS,
+    *videos.TARGETS,
+    *blender.TARGETS,
 )
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import io
+import json
 import os
 import signal
 import subprocess
@@ -20,23 +22,37 @@ from tests.fuzz.campaign import campaign
 from tests.fuzz.corpus import corpus_files, put_in_place
 from tests.fuzz.mutations import mutated
 from tests.fuzz.run import fuzz
+from tests.fuzz.sense import broken_sense
 from tests.fuzz.target import Target
-from tests.fuzz.targets import TARGETS
+from tests.fuzz.targets import TARGETS, chosen
 from tests.fuzz.tried import GOOD, Tried
+from tests.fuzz.verbs.running import nothing_left
 
 CORPUS = corpus_files(TARGETS)
 ROOT = Path(__file__).parents[2]
+READERS = chosen("readers")
+QUICK = [target for target in chosen("verb") if target.weight >= 8]
+"""Verbs of which an input takes some 20 ms."""
 
 
 def test_every_reader_bears_mutated_files() -> None:
-    tried = fuzz(TARGETS, sum(target.weight for target in TARGETS), seed=2026)
-    assert {reader for reader, *_ in tried.counts} == {target.name for target in TARGETS}
+    tried = fuzz(READERS, sum(target.weight for target in READERS), seed=2026)
+    assert {reader for reader, *_ in tried.counts} == {target.name for target in READERS}
+    assert {outcome for *_, outcome in tried.counts} == set(GOOD), tried.table()
+
+
+@pytest.mark.parametrize("targets", [QUICK, pytest.param(chosen("verb"), marks=pytest.mark.slow)], ids=["quick", "all"])
+def test_verbs_bear_files_whose_meaning_is_broken(targets: list[Target]) -> None:
+    tried = fuzz(targets, sum(target.weight for target in targets) // 2, seed=2026)
     assert {outcome for *_, outcome in tried.counts} == set(GOOD), tried.table()
 
 
 @pytest.mark.parametrize(
     "target",
-    [pytest.param(t, marks=[pytest.mark.slow] * t.name.startswith("OpenPose trial")) for t in TARGETS],
+    [
+        pytest.param(t, marks=[pytest.mark.slow] * (t.name.startswith(("OpenPose trial", "verb")) and t not in QUICK))
+        for t in TARGETS
+    ],
     ids=lambda target: target.name,
 )
 def test_the_sound_files_are_read_and_the_odd_ones_are_read_or_named(target: Target, tmp_path: Path) -> None:
@@ -79,6 +95,35 @@ def test_a_reader_that_breaks_is_seen() -> None:
     assert tried.counts == {("bad", "changes", "unnamed"): 3}
     assert tried.broke
     assert "ZeroDivisionError" in tried.table()
+
+
+def test_what_would_stand_on_the_console_is_seen() -> None:
+    tried = fuzz((stand_in(lambda folder: np.log(np.zeros(1))),), 2, seed=0)
+    assert tried.counts == {("bad", "changes", "warned"): 2} and "divide by zero" in tried.table()
+
+
+def test_what_is_left_half_written_is_seen(tmp_path: Path) -> None:
+    def write_badly() -> None:
+        with nothing_left(tmp_path):
+            (tmp_path / "kept.txt").unlink()
+            (tmp_path / "a.json").write_text("[")
+
+    (tmp_path / "kept.txt").write_text("1")
+    with pytest.raises(AssertionError, match=r"a\.json is damaged.*kept\.txt is gone"):
+        write_badly()
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("kind", ["npz", "json", "text"])
+def test_broken_sense_is_well_formed(kind: str, tmp_path: Path) -> None:
+    np.savez(tmp_path / "a.npz", xy=np.zeros((6, 17, 2)), names=np.array(["a", "b"]), fps=np.array(30.0))
+    sound = {"npz": (tmp_path / "a.npz").read_bytes(), "json": b'{"a": [1, 2.5], "b": 3}', "text": b"a = 1.5\nb = 2\n"}
+    changed = [broken_sense(sound[kind], kind, np.random.default_rng(k)) for k in range(20)]
+    assert changed == [broken_sense(sound[kind], kind, np.random.default_rng(k)) for k in range(20)]
+    assert sum(data != sound[kind] for data in changed) > 12
+    for data in changed:
+        parse = {"npz": lambda d: dict(np.load(io.BytesIO(d))), "json": json.loads, "text": bytes.decode}[kind]
+        parse(data)
 
 
 @pytest.mark.slow

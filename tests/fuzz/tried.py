@@ -10,8 +10,9 @@ from pathlib import Path
 from solver_backend.exchange.outputs import write_text
 
 GOOD = ("read", "named")
-OUTCOMES = (*GOOD, "unnamed", "slow", "hang", "crash")
-"""An input is slow where its time ended it, a hang where its process had to be ended."""
+OUTCOMES = (*GOOD, "unnamed", "warned", "slow", "hang", "crash")
+"""Warned is what NumPy would have written to the console. An input is slow where its time ended it, a hang where its
+process had to be ended."""
 
 
 @dataclass

@@ -97,7 +97,7 @@ class C3dBytes:
         if not self.floating:
             words = np.concatenate([np.rint(self.points / self.scale), fourth[..., None]], axis=-1)
         analog = np.full((frames, len(self.channels) * self.samples), 7.0)
-        words = np.concatenate([words.reshape(frames, -1), analog], axis=1).ravel()
+        words = np.concatenate([words.reshape(frames, 4 * markers), analog], axis=1).ravel()
         if self.floating:
             return self.real(*words.tolist())
         return self.whole(*words.astype(int).tolist())

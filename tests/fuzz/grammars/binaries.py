@@ -31,10 +31,11 @@ def members_of(data: bytes) -> list[tuple[np.ndarray, Member]]:
         return []
     if any(not isinstance(array, np.ndarray) or array.dtype.hasobject for array in arrays.values()):
         return []
-    return [(array, member(f"{name}.npy", _saved(array))) for name, array in arrays.items()]
+    return [(array, member(f"{name}.npy", npy_bytes(array))) for name, array in arrays.items()]
 
 
-def _saved(array: np.ndarray) -> bytes:
+def npy_bytes(array: np.ndarray) -> bytes:
+    """Return an array as a member of an archive has it."""
     content = io.BytesIO()
     np.save(content, array)
     return content.getvalue()
@@ -46,7 +47,7 @@ def npz_bytes(draw: Draw, members: list[tuple[np.ndarray, Member]]) -> bytes:
     for number, (array, whole) in enumerate(members):
         what = draw.integer(0, 2 * ODDLY) if alone < 0 or alone == number else 2 * ODDLY
         if 0 < what < (2 * ODDLY if alone == number else 16):
-            kept.append(member(whole.name, _saved(_array_like(draw, array)), packed))
+            kept.append(member(whole.name, npy_bytes(_array_like(draw, array)), packed))
         elif what:
             kept.append(whole)
     return archive_bytes(kept)

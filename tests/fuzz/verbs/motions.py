@@ -1,0 +1,92 @@
+"""Verbs that read motions: ours, AMASS, clips of other programs, and recordings of gloves."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange.props import Prop
+from solver_backend.exchange.skeleton_file import SkeletonFile, write_skeleton
+from solver_backend.io.motions.bvh import read_bvh
+from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
+from solver_backend.io.native.motion_file import write_motion
+from tests.fuzz.motion_targets import amass
+from tests.fuzz.target import Target
+from tests.fuzz.verbs.running import verb, verb_target
+from tests.support.bvh_texts import known_motion, write_bvh
+from tests.support.drawn_gloves import DrawnGloves, drawn_gloves, hands_bvh, manus_csv
+from tests.support.moving_prop import RACKET, moving_prop
+from tests.support.short_motion import short_motion
+
+_FRAMES = 6
+_NPZ, _BVH = {".npz": "npz"}, {".bvh": "text"}
+
+
+def _motion(folder: Path) -> None:
+    write_motion(folder / "motion.npz", short_motion(_FRAMES, 60.0))
+
+
+def _with_prop(folder: Path) -> None:
+    moved = moving_prop(RACKET, frames=_FRAMES, fps=60.0)
+    seen = np.full(_FRAMES, 4)
+    labels = tuple(f"racket{k}" for k in range(len(RACKET)))
+    prop = Prop("racket", labels, RACKET, moved.rotvec, moved.transl, np.full((_FRAMES, 2), 1e-3), seen)
+    write_motion(folder / "motion.npz", replace(short_motion(_FRAMES, 60.0), props=(prop,)))
+
+
+def write_clip(folder: Path) -> None:
+    """Write a short clip as BVH."""
+    write_bvh(folder / "clip.bvh", known_motion(load_body(), np.zeros(10), frames=_FRAMES))
+
+
+def _skeleton(folder: Path) -> None:
+    """Write what Blender hands over of a clip."""
+    write_clip(folder)
+    clip = read_bvh(folder / "clip.bvh", metres_per_unit=1.0, up_axis="y")
+    (folder / "clip.bvh").unlink()
+    motion = bvh_motion(clip, bvh_skeleton(clip), 0.01, "clip")
+    file = SkeletonFile("clip", motion.names, motion.parents, motion.rest, motion.joints, motion.turns, motion.fps, {})
+    write_skeleton(folder / "clip.npz", file)
+
+
+@cache
+def _gloves() -> DrawnGloves:
+    whole = drawn_gloves()
+    return replace(whole, times=whole.times[:8], points=whole.points[:8], wrists=whole.wrists[:8])
+
+
+def _with_gloves(folder: Path) -> None:
+    _motion(folder)
+    hands_bvh(folder / "gloves.bvh", drawn_gloves(), 0, "LeftHand{finger}{number}")
+    lines = (folder / "gloves.bvh").read_text().splitlines()
+    first = next(k for k, line in enumerate(lines) if line.startswith("Frames:"))
+    lines[first] = "Frames: 8"
+    (folder / "gloves.bvh").write_text("\n".join(lines[: first + 10]) + "\n")
+
+
+def _with_manus(folder: Path) -> None:
+    _motion(folder)
+    manus_csv(folder / "gloves.csv", _gloves(), 0)
+
+
+TARGETS: tuple[Target, ...] = (
+    verb_target("motion", (write_clip,), verb("motion ./clip.bvh --out ./out.npz"), _BVH, 12),
+    verb_target("motion, skeleton", (_skeleton,), verb("motion ./clip.npz --out ./out.npz"), _NPZ, 12),
+    verb_target("motion, AMASS", (amass(),), verb("motion ./a.npz --out ./out.npz"), _NPZ, 12),
+    verb_target(
+        "add-hands", (_with_gloves,), verb("add-hands ./motion.npz ./gloves.bvh --offset 0 --out ./out.npz"),
+        _BVH | _NPZ, 12,
+    ),
+    verb_target(
+        "add-hands, MANUS", (_with_manus,),
+        verb("add-hands ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 8,
+    ),
+    verb_target("export-props", (_with_prop,), verb("export-props ./motion.npz --out ./out.json"), _NPZ, 10),
+    verb_target("denoise", (_motion,), verb("denoise ./motion.npz ./out.npz"), _NPZ, 2),
+    verb_target("complete", (_motion,), verb("complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
+    verb_target("interpolate", (_motion,), verb("interpolate ./motion.npz ./out.npz --frames 1 4 --count 2"), _NPZ, 4),
+)  # fmt: skip
