@@ -15,6 +15,8 @@ FARTHEST_M = 1e5
 """From the origin, 100 km: recordings in millimetres of a whole town lie within."""
 FARTHEST_IN_UNITS = 1e9
 """The same in a tenth of a millimetre, the smallest unit of files of any length unit."""
+FARTHEST_PX = 1e7
+"""Pixels from a picture's corner; the largest pictures have a hundredth of that."""
 LARGEST_BETA = 100.0
 """Standard deviations of people; nobody has more than 5."""
 LARGEST_TURN = 1000.0

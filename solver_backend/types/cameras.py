@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.lens import DISTORTION_MODELS
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
 _LARGEST_SIZE = 2.0**31
@@ -65,6 +66,7 @@ class Cameras:
                 raise CalibrationInvalid(
                     f"{name} holds NaN or infinite values.", where=f"camera {self.names[int(np.argmin(finite))]}"
                 )
+            require_within(name, value, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
             object.__setattr__(self, name, value)
         if self.distortion_model not in DISTORTION_MODELS:
             raise CalibrationInvalid(

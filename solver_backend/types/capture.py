@@ -18,6 +18,7 @@ from solver_backend.exchange.errors import (
     TooFewViews,
 )
 from solver_backend.exchange.joint_sets import JointSet
+from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.types.cameras import Cameras
 from solver_backend.types.hands_in_views import checked_hands
 from solver_backend.types.marker_cloud import MarkerCloud
@@ -58,11 +59,14 @@ class Keypoints2D:
             )
         if not (np.isfinite(self.fps) and self.fps > 0):
             raise NonFiniteData(f"The frame rate must be a positive number, not {self.fps}.")
-        if np.isinf(xy).any() or np.isinf(confidence).any():
-            view, frame, point = np.argwhere(np.isinf(xy).any(-1) | np.isinf(confidence))[0]
+        beyond = (np.abs(xy) > FARTHEST_PX).any(-1) | (np.abs(confidence) > FARTHEST_PX)
+        if beyond.any():
+            view, frame, point = np.argwhere(beyond)[0]
+            place = xy[view, frame, point]
+            what = f"lies at {place[0]:.3g}, {place[1]:.3g} px" if np.isfinite(place).all() else "is infinite"
             raise NonFiniteData(
-                "A detection is infinite.",
-                where=f"view {view}, frame {frame}, {self.joint_set.keypoints[point]}",
+                f"A detection {what}.",
+                where=f"view {view}, frame {frame}, {self.names[point]}",
                 hint="Write NaN (or 0 0 0) for a keypoint that was not seen.",
             )
         missing = ~np.isfinite(xy).all(-1) | ~(confidence > 0)
@@ -72,6 +76,11 @@ class Keypoints2D:
         object.__setattr__(self, "confidence", confidence)
         if self.hands is not None:
             object.__setattr__(self, "hands", checked_hands(self.hands, xy.shape[:2]))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the keypoints, own points behind the others."""
+        return (*self.joint_set.keypoints, *(point.name for point in self.own))
 
     @property
     def num_views(self) -> int:

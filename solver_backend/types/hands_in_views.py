@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import KeypointCountMismatch, NonFiniteData
 from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
+from solver_backend.exchange.plausible import FARTHEST_PX
 
 UNSEEN_POINT = (np.nan, np.nan, 0.0)
 """x, y and confidence of a point that was not seen."""
@@ -26,16 +27,17 @@ def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
 
     Raises:
         KeypointCountMismatch: they are of other views or frames, or of another number of points.
-        NonFiniteData: one is infinite.
+        NonFiniteData: one is infinite or beyond any picture.
     """
     hands = np.array(hands, dtype=np.float64)
     expected = (*shape, 2, NUM_HAND_POINTS, 3)
     if hands.shape != expected:
         raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
-    if np.isinf(hands).any():
-        view, frame, hand, point = np.argwhere(np.isinf(hands).any(-1))[0]
+    beyond = (np.abs(hands) > FARTHEST_PX).any(-1)
+    if beyond.any():
+        view, frame, hand, point = np.argwhere(beyond)[0]
         raise NonFiniteData(
-            "A point of a hand is infinite.",
+            "A point of a hand is infinite or beyond any picture.",
             where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
             hint="Write NaN (or 0 0 0) for a point that was not seen.",
         )

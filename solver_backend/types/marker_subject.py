@@ -12,6 +12,9 @@ from solver_backend.exchange.joint_sets import NUM_BETAS
 from solver_backend.exchange.plausible import FARTHEST_M, LARGEST_BETA, require_within
 from solver_backend.types.shapes import Float
 
+_LEAST_SIGMA_M = 1e-9
+"""Of a marker's place; markers are known to a tenth of a millimetre at best."""
+
 
 @dataclass(frozen=True)
 class MarkerSubject:
@@ -47,5 +50,7 @@ class MarkerSubject:
         require_within("offsets", self.offsets, FARTHEST_M, SubjectInvalid, "subject")
         if len(self.places) != count or len(set(self.labels)) < count:
             raise SubjectInvalid("Every marker needs one place and a label of its own.", where="subject")
-        if count and not (np.asarray(self.sigma_m) > 0).all():
+        require_within("sigma_m", self.sigma_m, FARTHEST_M, SubjectInvalid, "subject")
+        require_within("skin_m", np.nan_to_num(self.skin_m, nan=0.0), FARTHEST_M, SubjectInvalid, "subject")
+        if count and not (np.asarray(self.sigma_m) >= _LEAST_SIGMA_M).all():
             raise SubjectInvalid("sigma_m holds a number that is not positive.", where="subject")

@@ -68,3 +68,17 @@ def test_bad_tables_and_too_few_points_are_named(tmp_path: Path) -> None:
     table.write_text("p1,cam1,12\n")
     with pytest.raises(FileDamaged, match="Line 1"):
         read_clicks(table)
+
+
+def test_clicks_that_no_picture_has_are_named(tmp_path: Path) -> None:
+    table = tmp_path / "clicks.csv"
+    table.write_text("p1,cam1,12,1e300\n")
+    with pytest.raises(FileDamaged, match="Line 1"):
+        read_clicks(table)
+
+
+def test_clicks_where_the_lens_shows_nothing_are_named() -> None:
+    _, clicks, lenses = clicked(BOX)
+    folded = {name: replace(lens, distortion=np.r_[-9.0, np.zeros(7)]) for name, lens in lenses.items()}
+    with pytest.raises(CalibrationInvalid, match="was clicked where the lens shows nothing"):
+        calibrate_by_points(clicks, folded)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -128,7 +129,8 @@ def test_subjects(data: st.DataObject) -> None:
                    offsets=data.draw(array(count, 3)), sigma_m=data.draw(array(count)) + 0.01,
                    skin_m=data.draw(array(count)))  # fmt: skip
     if subject is not None:
-        assert within(subject.betas, LARGEST_BETA) and (subject.sigma_m > 0).all() and len(set(labels)) == count
+        assert within(subject.sigma_m, FARTHEST_M) and (subject.sigma_m**2 > 0).all()
+        assert within(subject.betas, LARGEST_BETA) and len(set(labels)) == count
 
 
 @given(st.data())
@@ -157,3 +159,20 @@ def test_a_number_that_cannot_be_is_named_with_its_field(name: str) -> None:
 def test_a_recording_without_frames_is_named_so() -> None:
     with pytest.raises(MocapError, match="The recording of 42 markers has no frames"):
         MarkerCloud(np.zeros((0, 42, 3)), 60.0)
+
+
+@pytest.mark.parametrize("place", [(1e8, 5.0), (np.inf, 5.0), (5.0, -1e30)])
+def test_a_detection_beyond_any_picture_is_named_with_its_keypoint(place: tuple[float, float]) -> None:
+    xy = np.zeros((2, 3, 17, 2))
+    xy[1, 2, 16] = place
+    with pytest.raises(MocapError, match=r"detection (lies at|is infinite).*view 1, frame 2, right_ankle"):
+        Keypoints2D(xy, np.ones((2, 3, 17)), JointSet.COCO_17, 30.0)
+
+
+@pytest.mark.parametrize(("name", "number"), [("t", 1e30), ("K", 1e300), ("distortion", -1e12), ("R", 1e300)])
+def test_a_camera_that_cannot_be_is_named(name: str, number: float) -> None:
+    cameras = ring_of_cameras(2)
+    values = getattr(cameras, name).copy()
+    values[1, 0] = number
+    with pytest.raises(MocapError, match=f"{name} holds 1e"):
+        replace(cameras, **{name: values})

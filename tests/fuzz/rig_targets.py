@@ -57,7 +57,7 @@ def _detections(hands: bool) -> Write:
         found = VideoDetections(
             Path("a.mp4"), "ab12", "detector 1", JointSet.COCO_17, (640, 480), times,
             rng.uniform(0, 400, (3, 2, 17, 2)), rng.uniform(0, 1, (3, 2, 17)), np.array([[0, 1], [0, -1], [1, 0]]),
-            rng.uniform(0, 400, (3, 2, 2, 21, 3)) if hands else None,
+            hands=rng.uniform(0, 400, (3, 2, 2, 21, 3)) if hands else None,
         )  # fmt: skip
         write_detections(folder / "a.npz", found)
 

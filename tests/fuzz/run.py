@@ -176,7 +176,7 @@ def _ours(frames: traceback.StackSummary) -> str:
     """Return the place of the innermost line that is the product's."""
     product = {"solver_backend", "blender_addon"}
     last = next((frame for frame in reversed(frames) if product & {*Path(frame.filename).parts}), frames[-1])
-    return f"{Path(last.filename).name}:{last.lineno}"
+    return f"{'/'.join(Path(last.filename).parts[-2:])}:{last.lineno}"
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
+from solver_backend.sensors.errors import RecordingInvalid
 from solver_backend.sensors.fusion.cloud import CloudBuilder
 from solver_backend.sensors.fusion.clusters import FusedPoints, fuse
 from solver_backend.sensors.fusion.gather import Gatherer
@@ -217,3 +218,12 @@ def test_times_of_the_end_of_the_world_end_nothing(host: float) -> None:
     for sensor in (0, 1):
         gatherer.ended(sensor)
     assert all(gatherer.moments())
+
+
+def test_moments_that_are_hours_apart_are_named_before_memory_is_taken() -> None:
+    """An index in milliseconds spread three moments over six million frames."""
+    tracks, builder = MarkerTracks(), CloudBuilder()
+    for time in (100.0, 100.02, 100_000.0):
+        builder.add(tracks.update(moment(time, POINTS)))
+    with pytest.raises(RecordingInvalid, match=r"3 moments with markers span 99900 s at 60 a second"):
+        builder.cloud(60.0)

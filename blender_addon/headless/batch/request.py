@@ -159,6 +159,17 @@ def _shared(path: Path | None) -> dict[str, Any]:
         )
     for name, row in READING.items():
         if (value := values.get(name)) is not None and not row.accepts(value):
-            expected = f"{name} is {value!r}; {row.expected} is expected."
-            raise BatchInvalid(f"The batch's job file is not valid: {expected}", where=str(path))
+            raise _not_valid(f"{name} is {value!r}; {row.expected} is expected.", path)
+    settings = values.get("settings") or {}
+    if not isinstance(settings, dict):
+        raise _not_valid("settings is a list or a value; an object of settings is expected.", path)
+    accepted = settings.get("accept") or []
+    if not isinstance(accepted, list) or not all(isinstance(code, str) for code in accepted):
+        raise _not_valid("accept is a list of codes.", path)
+    if not isinstance(values.get("strict", False), bool):
+        raise _not_valid("strict is true or false.", path)
     return values
+
+
+def _not_valid(why: str, path: Path) -> BatchInvalid:
+    return BatchInvalid(f"The batch's job file is not valid: {why}", where=str(path))

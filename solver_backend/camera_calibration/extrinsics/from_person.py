@@ -258,5 +258,15 @@ def _median_angle(a: np.ndarray, b: np.ndarray, R: np.ndarray) -> float:
 
 
 def _sigma(found: Adjusted) -> float:
-    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom."""
-    return max(float(np.nanmedian(np.linalg.norm(found.error, axis=-1))) / 1.1774 * 1.2, 0.05)
+    """Return the standard deviation per axis in px, from the median of the distances (Rayleigh's), for lost freedom.
+
+    Raises:
+        CalibrationInvalid: no point lies before the cameras that see it.
+    """
+    off = np.linalg.norm(found.error, axis=-1)
+    known = off[np.isfinite(off)]
+    if not len(known):
+        raise CalibrationInvalid(
+            "The cameras see nothing of the person in front of them.", hint="Check which video is which camera's."
+        )
+    return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)

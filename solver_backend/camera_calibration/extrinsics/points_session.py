@@ -19,6 +19,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import intersected
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.io.files import read_text
 from solver_backend.types import Cameras
 
@@ -59,8 +60,8 @@ def read_clicks(path: Path) -> Clicks:
             continue
         try:
             values = [float(v) for v in fields[2:] if v]
-            if not np.isfinite(values).all():
-                raise ValueError("not finite")
+            if not (np.abs(values) <= FARTHEST_PX).all():
+                raise ValueError("no place and no pixel")
             if fields[1] == "world":
                 x, y, z = values
                 places[fields[0]] = x, y, z
@@ -126,6 +127,12 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
     xy = undistort(lens.K[None], lens.distortion[None], px[None], lens.distortion_model)[0]
+    if not np.isfinite(xy).all():
+        first = seen[int(np.argmin(np.isfinite(xy).all(-1)))]
+        raise CalibrationInvalid(
+            f"The point {first} was clicked where the lens shows nothing.", where=f"camera {name}",
+            hint="Check that the lenses are those of these cameras.",
+        )  # fmt: skip
     middle = world.mean(0) if len(world) else np.zeros(3)
     spread, axes = np.linalg.svd(world - middle, full_matrices=True)[1:] if len(world) > 2 else (np.zeros(3), np.eye(3))
     flat = spread[2] < FLAT * spread[0]

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.calibration.projection_matrix import split_projection
@@ -147,7 +148,7 @@ def numbers(value: Any, place: str) -> np.ndarray:
     """Return nested lists, or a ``{rows, cols, data}`` node, as a float array.
 
     Raises:
-        CalibrationInvalid: it is not a rectangular block of numbers.
+        CalibrationInvalid: it is not a rectangular block of numbers, or one of them cannot be.
     """
     shape = None
     if isinstance(value, Mapping) and "data" in value:
@@ -155,9 +156,13 @@ def numbers(value: Any, place: str) -> np.ndarray:
         value = value["data"]
     try:
         array = np.array(value, dtype=np.float64)
-        return array if shape is None else array.reshape(shape)
+        array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
+    if (np.abs(array) > FARTHEST_IN_UNITS).any():
+        most = f"at most {FARTHEST_IN_UNITS:g} is possible"
+        raise CalibrationInvalid(f"The camera has a number of {np.nanmax(np.abs(array)):.3g}; {most}.", where=place)
+    return array
 
 
 def _find(node: Mapping[str, Any], what: str) -> Any:

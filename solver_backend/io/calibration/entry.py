@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000
@@ -38,6 +39,18 @@ class CameraEntry:
     """The coefficients are those of the fisheye model."""
     rotation_vector: np.ndarray | None = None
     """(3,) the rotation as it is written, where it is written as a vector."""
+
+    def __post_init__(self) -> None:
+        """Make sure that its numbers can be; they are not finite where a camera was not calibrated.
+
+        Raises:
+            CalibrationInvalid: one is larger than any length in any unit.
+        """
+        for name in ("K", "distortion", "R", "t"):
+            largest = np.abs(getattr(self, name)).max(initial=0.0)
+            if largest > FARTHEST_IN_UNITS:
+                what = f"{name} holds {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
+                raise CalibrationInvalid(what, where=f"camera {self.name}")
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
 from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
@@ -226,11 +227,12 @@ def _written_hands(cameras: int, pictures: list[_Picture], frames: int) -> np.nd
         return None
     most = max(len(picture.people) for picture in pictures)
     hands = np.full((cameras, frames, most, 2, NUM_HAND_POINTS, 3), np.nan, dtype=np.float32)
-    for picture in pictures:
-        for p, hand in enumerate(picture.hands):
-            if hand is not None:
-                hands[picture.camera, picture.frame, p] = hand
-    return cleaned_hands(hands)
+    with np.errstate(over="ignore"):
+        for picture in pictures:
+            for p, hand in enumerate(picture.hands):
+                if hand is not None:
+                    hands[picture.camera, picture.frame, p] = hand
+    return cleaned_hands(_within_reach(hands))
 
 
 def _arrays(
@@ -239,10 +241,17 @@ def _arrays(
     """Return xy (C, F, P, K, 2), confidence (C, F, P, K), notes and problems; ``size`` is (F, K)."""
     most = max(len(picture.people) for picture in pictures)
     values = np.full((cameras, size[0], most, size[1], 3), np.nan, dtype=np.float32)
-    for picture in pictures:
-        if picture.people:
-            values[picture.camera, picture.frame, : len(picture.people)] = picture.people
-    return _cleaned(values)
+    with np.errstate(over="ignore"):
+        for picture in pictures:
+            if picture.people:
+                values[picture.camera, picture.frame, : len(picture.people)] = picture.people
+    return _cleaned(_within_reach(values))
+
+
+def _within_reach(values: np.ndarray) -> np.ndarray:
+    """Return values with NaN for what lies beyond any picture, in place."""
+    values[np.abs(values) > FARTHEST_PX] = np.nan
+    return values
 
 
 def _cleaned(

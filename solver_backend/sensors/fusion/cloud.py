@@ -6,8 +6,13 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from solver_backend.sensors.errors import RecordingInvalid
 from solver_backend.sensors.fusion.tracks import TrackedPoints
 from solver_backend.types import MarkerCloud
+
+_MOST_UNSEEN, _PAUSE = 20, 36_000
+"""Frames for each moment with markers, and beside them (ten minutes at 60 a second), beyond which the times are wrong:
+milliseconds for seconds would take 6 GB for three moments. Chosen by hand."""
 
 
 @dataclass
@@ -25,6 +30,9 @@ class CloudBuilder:
 
         A track is a marker if its log-odds ever rose above 0; it takes the first column that is free. The cloud's
         residual is each point's standard deviation, ``√(tr Σ / 3)``.
+
+        Raises:
+            RecordingInvalid: the moments are so far apart that hardly a frame of the take would have one.
         """
         rows, track, score, points, covariance = self._table(fps)
         if not len(rows):
@@ -44,7 +52,13 @@ class CloudBuilder:
         return MarkerCloud(positions, fps, None, residual, spread)
 
     def _frames(self, fps: float) -> int:
-        return round((self.moments[-1].time - self.moments[0].time) * fps) + 1
+        span_s = self.moments[-1].time - self.moments[0].time
+        if span_s * fps > _MOST_UNSEEN * len(self.moments) + _PAUSE:
+            raise RecordingInvalid(
+                f"{len(self.moments)} moments with markers span {span_s:.0f} s at {fps:g} a second.",
+                where="index.csv", hint="Times of an index are in seconds; record what has long pauses in parts.",
+            )  # fmt: skip
+        return round(span_s * fps) + 1
 
     def _table(self, fps: float) -> tuple[np.ndarray, ...]:
         start = self.moments[0].time if self.moments else 0.0

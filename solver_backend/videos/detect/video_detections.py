@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.plausible import FARTHEST_PX, require_rate
 from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
 from solver_backend.videos.files.probe import rate_of
@@ -19,6 +20,10 @@ _STORED = (
     "format", "version", "video", "video_hash", "detector", "joint_set", "size", "times_s", "xy", "confidence",
     "track", "hands",
 )  # fmt: skip
+
+
+_LONGEST_S = 1e5
+"""Of a video: more than a day."""
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,24 @@ class VideoDetections:
     """Name of the camera, where it is not the video's."""
     hands: np.ndarray | None = None
     """(F, P, 2, 21, 3) x, y and confidence of the hands' points, left hand first, NaN where unseen."""
+
+    def __post_init__(self) -> None:
+        """Make sure that there are pictures, one after the other; points beyond any picture are missing ones.
+
+        Raises:
+            CaptureInvalid: the times of the pictures cannot be.
+        """
+        times = self.times_s
+        if not len(times) or not np.isfinite(times).all() or (np.diff(times) < 0).any():
+            raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
+        if len(times) > 1:
+            require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
+        if times[-1] - times[0] > _LONGEST_S:
+            raise CaptureInvalid(f"The pictures span {times[-1] - times[0]:.3g} s.", where=self.name)
+        missing = ~(np.abs(self.xy) <= FARTHEST_PX).all(-1) | ~(np.abs(self.confidence) <= FARTHEST_PX)
+        if missing.any():
+            object.__setattr__(self, "xy", np.where(missing[..., None], np.nan, self.xy))
+            object.__setattr__(self, "confidence", np.where(missing, 0.0, self.confidence))
 
     @property
     def name(self) -> str:

@@ -41,7 +41,8 @@ def at_times(values: np.ndarray, times_s: np.ndarray, wanted_s: np.ndarray) -> n
         return np.full((len(wanted_s), *values.shape[1:]), np.nan)
     after = np.clip(np.searchsorted(times_s, wanted_s), 1, len(times_s) - 1)
     gap = times_s[after] - times_s[after - 1]
-    share = (wanted_s - times_s[after - 1]) / gap
+    with np.errstate(divide="ignore", invalid="ignore"):  # two pictures of one time: neither lies between them
+        share = (wanted_s - times_s[after - 1]) / gap
     outside = (share < -EXACT_SHARE) | (share > 1 + EXACT_SHARE)
     exact = (np.abs(share) <= EXACT_SHARE) | (np.abs(share - 1) <= EXACT_SHARE)
     share = np.where(exact, np.round(share), share)

@@ -53,6 +53,8 @@ def speeds(track: np.ndarray, times_s: np.ndarray, joint_set: JointSet) -> Signa
     compared = LIMBS["arms"] + LIMBS["legs"] + FEET
     columns = [k for k, name in enumerate(joint_set.keypoints) if name.endswith(compared)]
     wanted = times_s[0] + np.arange(int((times_s[-1] - times_s[0]) * RATE_HZ) + 1) / RATE_HZ
+    if len(wanted) < 2:
+        return Signal(np.zeros((len(wanted), len(columns))), RATE_HZ, float(times_s[0]))
     points = at_times(track[:, columns], times_s, wanted)
     known = np.isfinite(points).all(-1)
     size = person_size(points)

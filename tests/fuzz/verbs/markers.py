@@ -111,7 +111,7 @@ def _live_lines(folder: Path) -> object:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("layout", (write_take,), verb("layout ./take.c3d --out ./out.json"), _C3D, 8),
+    verb_target("layout", (write_take,), verb("layout ./take.c3d --out ./out.json"), _C3D, 24),
     verb_target(
         "label", (write_take, _unlabelled), verb("label ./take.c3d --out ./out.c3d --report ./out.html"), _C3D, 4,
     ),
@@ -130,9 +130,9 @@ TARGETS: tuple[Target, ...] = (
         4,
     ),
     verb_target("live, lines", (_points,), _live_lines, {".txt": "text"}, 6, LINES),
-    verb_target("live, motion", (_motion,), verb(f"live ./motion.npz {_LIVE}"), {".npz": "npz"}, 12),
+    verb_target("live, motion", (_motion,), verb(f"live ./motion.npz {_LIVE}"), {".npz": "npz"}, 36),
     verb_target(
         "export-markers", (_marked,), verb("export-markers ./motion.npz --contents solved --out ./out.c3d"),
-        {".npz": "npz"}, 12,
+        {".npz": "npz"}, 36,
     ),
 )  # fmt: skip

@@ -74,18 +74,18 @@ def _with_manus(folder: Path) -> None:
 
 
 TARGETS: tuple[Target, ...] = (
-    verb_target("motion", (write_clip,), verb("motion ./clip.bvh --out ./out.npz"), _BVH, 12),
-    verb_target("motion, skeleton", (_skeleton,), verb("motion ./clip.npz --out ./out.npz"), _NPZ, 12),
-    verb_target("motion, AMASS", (amass(),), verb("motion ./a.npz --out ./out.npz"), _NPZ, 12),
+    verb_target("motion", (write_clip,), verb("motion ./clip.bvh --out ./out.npz"), _BVH, 36),
+    verb_target("motion, skeleton", (_skeleton,), verb("motion ./clip.npz --out ./out.npz"), _NPZ, 36),
+    verb_target("motion, AMASS", (amass(),), verb("motion ./a.npz --out ./out.npz"), _NPZ, 36),
     verb_target(
         "add-hands", (_with_gloves,), verb("add-hands ./motion.npz ./gloves.bvh --offset 0 --out ./out.npz"),
-        _BVH | _NPZ, 12,
+        _BVH | _NPZ, 36,
     ),
     verb_target(
         "add-hands, MANUS", (_with_manus,),
-        verb("add-hands ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 8,
+        verb("add-hands ./motion.npz ./gloves.csv --side left --offset 0 --out ./a.npz"), {".csv": "table"}, 24,
     ),
-    verb_target("export-props", (_with_prop,), verb("export-props ./motion.npz --out ./out.json"), _NPZ, 10),
+    verb_target("export-props", (_with_prop,), verb("export-props ./motion.npz --out ./out.json"), _NPZ, 30),
     verb_target("denoise", (_motion,), verb("denoise ./motion.npz ./out.npz"), _NPZ, 2),
     verb_target("complete", (_motion,), verb("complete ./motion.npz ./out.npz --missing left_arm"), _NPZ),
     verb_target("interpolate", (_motion,), verb("interpolate ./motion.npz ./out.npz --frames 1 4 --count 2"), _NPZ, 4),

@@ -44,6 +44,6 @@ TARGETS: tuple[Target, ...] = (
     ),
     verb_target(
         "board", (file("a.toml", board_toml(board_named("charuco:5x7:35mm"))),),
-        verb("board ./a.toml --out ./out.svg"), {".toml": "text"}, 8, BOARDS,
+        verb("board ./a.toml --out ./out.svg"), {".toml": "text"}, 24, BOARDS,
     ),
 )  # fmt: skip

@@ -49,7 +49,7 @@ def _footage(views: int) -> Write:
             digest = recording_hash((path,))
             found = VideoDetections(
                 path, digest, "detector 1", keypoints.joint_set, _SIZE, times, (keypoints.xy[c] * scale[c])[:, None],
-                keypoints.confidence[c][:, None], np.zeros((FRAMES, 1), int), None,
+                keypoints.confidence[c][:, None], np.zeros((FRAMES, 1), int),
             )  # fmt: skip
             write_detections(detect_videos._kept_at(kept, path, digest, choice), found)
 

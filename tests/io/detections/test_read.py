@@ -190,6 +190,18 @@ def test_infinite_and_nan_values(tmp_path: Path) -> None:
     path.write_text(json.dumps({"people": [{"pose_keypoints_2d": [*values[:6], float("nan"), *values[7:]]}]}))
     found = read_folders({"a": folder})
     assert found.confidence[0, 0, 0, 2] == 0
+
+
+@pytest.mark.parametrize("number", [1e9, -1e30, 1e300])
+def test_a_point_beyond_any_picture_is_not_seen(number: float, tmp_path: Path) -> None:
+    values = [person(1).ravel().tolist() for _ in range(2)]
+    values[1][6] = number
+    folder = write(tmp_path / "a", {0: [person(1)]})
+    pair = {"people": [{"pose_keypoints_2d": row} for row in values]}
+    (folder / "cam_000000000000_keypoints.json").write_text(json.dumps(pair))
+    found = read_folders({"a": folder})
+    assert found.confidence[0, 0, 1, 2] == 0 and found.confidence[0, 0, 0, 2] > 0
+    assert "keypoints_nan" in {problem.code for problem in found.problems}
     assert found.problems == (diagnostic("keypoints_nan", count=1),)
     assert words(found.problems)[0].startswith("1 keypoints are NaN with a confidence; they are taken as not seen. ")
 

@@ -11,7 +11,7 @@ import solver_backend.videos.detect.detect_videos as detecting
 from research.simulation.filming import around
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Where
-from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, NoDetections
+from solver_backend.exchange.errors import CalibrationMismatch, Cancelled, CaptureInvalid, NoDetections
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.types import JointSet
@@ -22,6 +22,7 @@ from solver_backend.videos.detect.errors import DetectorOutputsUnknown
 from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.sync.speeds import speeds
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
 
@@ -197,3 +198,29 @@ def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_s
     cut, (note, _) = in_video_pixels(calibrated(648, 480), both)
     np.testing.assert_array_equal(cut.K, calibrated(648, 480).cameras.K)
     assert note.code == "picture_cut" and note.where.cameras == ("cam01",)
+
+
+@pytest.mark.parametrize(
+    ("times", "message"),
+    [
+        (np.zeros(0), "times do not rise"), (np.full(30, np.nan), "times do not rise"),
+        (-np.arange(30.0), "times do not rise"), (np.zeros(30), "frame rate must be"),
+        (np.r_[np.arange(29) / 30.0, 1e9], r"span 1e\+09 s"),
+    ],
+)  # fmt: skip
+def test_times_that_cannot_be_are_named(times: np.ndarray, message: str) -> None:
+    with pytest.raises(CaptureInvalid, match=message):
+        detections(times_s=times)
+
+
+def test_points_beyond_any_picture_are_missing_ones() -> None:
+    sound = detections()
+    xy = sound.xy.copy()
+    xy[0, 0, 0], xy[1, 0, 0] = (np.nan, 5.0), (1e30, 5.0)
+    found = detections(xy=xy)
+    assert (found.confidence[:2, 0, 0] == 0).all() and np.isnan(found.xy[:2, 0, 0]).all()
+    assert (found.confidence[2:] == sound.confidence[2:]).all()
+
+
+def test_one_picture_has_no_speeds() -> None:
+    assert speeds(np.ones((1, 17, 2)), np.zeros(1), JointSet.COCO_17).values.shape[0] == 1

@@ -219,6 +219,13 @@ def test_wrong_batches_are_named(captures: Path, solver: Solver, tmp_path: Path)
     (tmp_path / "job.json").write_text('{"capture": "x"}')
     with pytest.raises(BatchInvalid, match="cannot hold capture"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
+    for wrong, message in (
+        ('{"settings": [1]}', "an object of settings is expected"), ('{"settings": {"accept": "x"}}', "list of codes"),
+        ('{"strict": 5}', "strict is true or false"),
+    ):  # fmt: skip
+        (tmp_path / "job.json").write_text(wrong)
+        with pytest.raises(BatchInvalid, match=message):
+            run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
     (tmp_path / "job.json").write_text("{")
     with pytest.raises(BatchInvalid, match="cannot be read"):
         run_batch(BatchRequest(captures, tmp_path / "out", tmp_path / "job.json"), silent)
