@@ -107,6 +107,12 @@ def test_true_cameras_stay_bit_for_bit_and_nobody_is_accused(noisy: Capture) -> 
     assert refined.findings == () and [note.code for note in refined.notes] == ["cameras_kept"]
 
 
+def test_cameras_that_see_nobody_together_are_named(noisy: Capture) -> None:
+    cameras, keypoints = noisy.require_multiview()
+    with pytest.raises((NoDetections, CalibrationInvalid)):
+        refine_by_person(cameras, replace(keypoints, xy=np.full_like(keypoints.xy, 0.5)))
+
+
 def test_a_camera_that_moved_drags_no_other_along(noisy: Capture) -> None:
     cameras, _ = noisy.require_multiview()
     t = cameras.t.copy()

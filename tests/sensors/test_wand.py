@@ -229,3 +229,13 @@ def test_tables_round_trip_and_times_that_jump_are_left_out_or_named(tmp_path: P
     assert read_points_folder(tmp_path, lenses)[0].crowded == 1
     with pytest.raises(MocapError, match="no lens"):
         read_points_folder(tmp_path)
+
+
+@pytest.mark.parametrize("number", [1e300, -1e300, np.inf])
+def test_a_depth_or_pixel_that_no_sensor_reaches_is_not_seen(number: float) -> None:
+    views = waved(sensors(2), Waving(seconds=1.0))
+    assert views[0].depth_m is not None
+    px, depth = views[0].px.copy(), views[0].depth_m.copy()
+    px[3, 0, 0], depth[4] = number, number
+    found = replace(views[0], px=px, depth_m=depth)
+    assert found.depth_m is not None and np.isnan(found.depth_m[4]).all() and np.isnan(found.px[3, 0, 0])

@@ -20,7 +20,7 @@ class Skeleton:
         self.names = tuple(heads)
         self.heads = np.array([heads[name] for name in self.names], np.float64).reshape(-1, 3)
         index = {name: i for i, name in enumerate(self.names)}
-        self.parents = [index.get(parents.get(name, ""), -1) for name in self.names]
+        self.parents = [index.get(parents[name], -1) if name in parents else -1 for name in self.names]
         self.children: list[list[int]] = [[] for _ in self.names]
         for bone, parent in enumerate(self.parents):
             if parent >= 0:

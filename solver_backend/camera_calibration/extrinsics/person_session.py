@@ -16,6 +16,7 @@ from solver_backend.camera_calibration.extrinsics.from_person import (
 from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
 from solver_backend.cameras.calibration_refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.recognition.gravity import upright_from_person
@@ -113,11 +114,25 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     found = _result("refine", solved)
     refined = moved_world(found, *align_cameras(found.cameras, cameras))
     xy, confidence = keypoints.xy[:, solved.frames], keypoints.confidence[:, solved.frames]
-    before, after = (float(np.nanmean(view_distances(c, xy, confidence))) for c in (cameras, refined.cameras))
+    before, after = (_mean_distance(view_distances(c, xy, confidence)) for c in (cameras, refined.cameras))
     if not after < (1.0 - LEAST_GAIN) * before:
         return replace(refined, cameras=cameras, notes=(diagnostic("cameras_kept", after=after, before=before),))
     note = diagnostic("cameras_refined_by_person", after=after, before=before)
     return replace(refined, findings=_moved(refined, cameras), notes=(note,))
+
+
+def _mean_distance(distances: np.ndarray) -> float:
+    """Return the mean of what is known.
+
+    Raises:
+        NoDetections: nothing is.
+    """
+    known = distances[np.isfinite(distances)]
+    if not len(known):
+        raise NoDetections(
+            "No keypoint is seen by two cameras at once.", hint="Check which video is which camera's, and their times."
+        )
+    return float(known.mean())
 
 
 def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ...]:

@@ -129,6 +129,8 @@ def _read_skeleton(text: str, path: Path | str) -> _Skeleton:
         kind = words[0].upper() if words else ""
         try:
             if kind in ("ROOT", "JOINT"):
+                if len(words) < 2:
+                    raise ValueError("a joint needs a name")
                 skeleton.names.append(" ".join(words[1:]))
                 skeleton.parents.append(stack[-1] if stack else -1)
                 stack.append(len(skeleton.names) - 1)

@@ -7,19 +7,25 @@ import numpy as np
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.types import SkeletonMotion
+from solver_backend.types.skeleton_motion import require_distinct
 
 
-def bvh_skeleton(clip: BvhClip) -> Skeleton:
-    """Return the clip's skeleton at rest in the clip's unit."""
+def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:
+    """Return the clip's skeleton at rest in the clip's unit.
+
+    Raises:
+        MotionInvalid: two of its joints, ends of chains among them, have the same name.
+    """
+    ends = {name: f"{name} end" for name, offset in clip.end_offsets.items() if np.linalg.norm(offset) > 0.0}
+    require_distinct((*clip.names, *ends.values()), where)
     places: dict[str, np.ndarray] = {}
     parents: dict[str, str] = {}
     for j, (name, parent) in enumerate(zip(clip.names, clip.parents, strict=True)):
         places[name] = clip.offsets[j] + (places[clip.names[parent]] if parent >= 0 else 0.0)
         if parent >= 0:
             parents[name] = clip.names[parent]
-    for name, offset in clip.end_offsets.items():
-        if np.linalg.norm(offset) > 0.0:
-            places[f"{name} end"], parents[f"{name} end"] = places[name] + offset, name
+    for name, end in ends.items():
+        places[end], parents[end] = places[name] + clip.end_offsets[name], name
     return Skeleton(places, parents)
 
 

@@ -60,8 +60,7 @@ def read_foreign_bvh(
         JobInvalid: unit or axis are unknown.
     """
     clip = read_bvh(path, metres_per_unit=1.0, up_axis=up_axis or "y")
-    require_distinct(clip.names, str(path))
-    skeleton = bvh_skeleton(clip)
+    skeleton = bvh_skeleton(clip, str(path))
     roles, found = _roles(skeleton, str(path))
     metres, units = _metres(skeleton, roles, unit, str(path))
     found += units

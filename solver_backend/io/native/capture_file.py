@@ -19,7 +19,7 @@ from solver_backend.exchange.diagnostics import (
     read_diagnostics,
     warnings_in,
 )
-from solver_backend.exchange.errors import MocapError, NonFiniteData
+from solver_backend.exchange.errors import CaptureInvalid, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.schema import Fields, read_fields
@@ -111,7 +111,8 @@ def read_capture(path: Path | str) -> Capture:
 
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
-        CalibrationInvalid, CalibrationMismatch, KeypointCountMismatch, NonFiniteData: its values are impossible.
+        CalibrationInvalid, CalibrationMismatch, CaptureInvalid, KeypointCountMismatch, NonFiniteData: its values are
+            impossible, or it has no frames.
     """
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
@@ -142,6 +143,8 @@ def _capture(fields: Fields, path: Path) -> Capture:
     found = _diagnostics(fields)
     cameras = _cameras(fields) if "K" in fields else None
     keypoints = _keypoints(fields) if "xy" in fields else None
+    if keypoints is not None and not keypoints.num_frames:
+        raise CaptureInvalid("The capture has no frames.", where=str(path))
     people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
     if keypoints is not None and "own" in fields:
         points = own_points(fields)

@@ -30,6 +30,8 @@ MEAN_STATURE_M, STATURE_SPREAD_M = 1.71, 0.09
 """Of adults, where it is not given (NCD-RisC 2016, both sexes)."""
 _ROUNDS = 20
 """Rounds of reweighting; chosen by hand."""
+_LEAST_LENGTH = 1e-6
+"""Of the longest bone by the size of the world, below which all keypoints are one point."""
 
 
 def bone_lengths(points: Float[np.ndarray, "frames keypoints 3"], joint_set: JointSet) -> dict[tuple[str, str], float]:
@@ -62,7 +64,7 @@ def scale_from_stature(
         body: whose shapes people have; the one that ships if left out.
 
     Raises:
-        JobInvalid: the points hold no bones, or the stature is impossible.
+        JobInvalid: the points hold no bones, or bones of no length, or the stature is impossible.
     """
     if stature_m is not None and not 0.5 < stature_m < 2.6:
         raise JobInvalid(f"A stature of {stature_m:g} m is impossible.", hint="Give it in metres, such as 1.78.")
@@ -73,6 +75,8 @@ def scale_from_stature(
     lengths, by_shape = _body_lengths(body, joint_set, tuple(measured))
     heights, height_by_shape = _statures(body)
     apart = np.array(list(measured.values()))
+    if not apart.max() > _LEAST_LENGTH * max(1.0, float(np.nanmax(np.abs(points)))):
+        raise JobInvalid("All keypoints of the person are in one place.", hint="Give a known length, or detect again.")
     prior = (stature_m, STATURE_SIGMA_M) if stature_m else (MEAN_STATURE_M, STATURE_SPREAD_M)
     J = np.zeros((len(apart) + 11, 11))
     J[: len(apart), 0], J[: len(apart), 1:] = apart / LENGTH_SIGMA_M, -by_shape / LENGTH_SIGMA_M

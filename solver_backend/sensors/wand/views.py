@@ -8,6 +8,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.plausible import FARTHEST_M, FARTHEST_PX
 from solver_backend.sensors.wand.errors import TimesInvalid
 from solver_backend.types.shapes import Bool, Float
 
@@ -33,6 +34,13 @@ class WandView:
     """Frames in which more than one wand, or anything else, shone."""
     findings: tuple[Diagnostic, ...] = ()
     """What was wrong with the recording."""
+
+    def __post_init__(self) -> None:
+        """Take what lies beyond any picture and any sensor's reach as not seen."""
+        object.__setattr__(self, "px", np.where(np.abs(self.px) <= FARTHEST_PX, self.px, np.nan))
+        if self.depth_m is not None:
+            within = (self.depth_m > 0) & (self.depth_m <= FARTHEST_M)
+            object.__setattr__(self, "depth_m", np.where(within, self.depth_m, np.nan))
 
     def __len__(self) -> int:
         return len(self.times_s)

@@ -103,5 +103,5 @@ TARGETS: tuple[Target, ...] = (
         "studio-benchmark", (_set,), verb("studio-benchmark ./set --methods triangulation"),
         {".json": "json", ".toml": "text", ".npz": "npz"}, 6,
     ),
-    verb_target("batch", (_captures, _resumed), _batch, _JSON | {".npz": "npz"}, 36),
+    verb_target("batch", (_captures, _resumed), _batch, _JSON | {".npz": "npz"}, 12),
 )  # fmt: skip

@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import FileDamaged, JobInvalid, NonFiniteData
+from solver_backend.exchange.errors import FileDamaged, JobInvalid, MotionInvalid, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.bvh import read_bvh
+from solver_backend.io.motions.bvh_motion import bvh_skeleton
 
 HEAD = """HIERARCHY
 ROOT Hips
@@ -118,6 +120,8 @@ def test_position_channels_that_are_small_shifts_are_added(tmp_path: Path) -> No
         ("CHANNELS 3 Yrotation", "CHANNELS 2 Yrotation", FileDamaged, "channels are Xposition"),
         ("CHANNELS 3 Yrotation", "CHANNELS 3 Wrotation", FileDamaged, "channels are Xposition"),
         ("{ OFFSET 0 10 0 }", "{ OFFSET 0 10 0", FileDamaged, "closed brackets"),
+        ("JOINT Spine", "JOINT {", FileDamaged, "a joint needs a name"),
+        ("OFFSET 0 50 0", "OFFSET 0 1e30 0", NonFiniteData, "OFFSET holds 1e"),
         ("0.5", "oops", FileDamaged, "could not convert"),
         ("0.5", "nan", NonFiniteData, "NaN or infinite"),
     ],
@@ -179,3 +183,12 @@ def test_a_single_joint(tmp_path: Path) -> None:
     head = "HIERARCHY\nROOT Hips {\nOFFSET 0 0 0\nCHANNELS 3 Xposition Yposition Zposition\n}\n"
     path.write_text(head + "MOTION\nFrames: 2\nFrame Time: 0.1\n1 2 3 4 5 6\n")
     np.testing.assert_allclose(read_bvh(path).positions()[:, 0], [[0.01, -0.03, 0.02], [0.04, -0.06, 0.05]])
+
+
+def test_a_joint_may_not_be_called_as_the_end_of_another(tmp_path: Path) -> None:
+    """Names are what a skeleton's parents are known by: two of one name made a ring of them."""
+    path = write(tmp_path / "x.bvh", [[0.5] * 12, [1] * 12])
+    clip = read_bvh(path)
+    names = (f"{next(iter(clip.end_offsets))} end", *clip.names[1:])
+    with pytest.raises(MotionInvalid, match="Several joints are called"):
+        bvh_skeleton(replace(clip, names=names))

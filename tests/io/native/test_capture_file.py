@@ -11,6 +11,7 @@ import pytest
 from solver_backend.exchange.errors import (
     CalibrationInvalid,
     CalibrationMismatch,
+    CaptureInvalid,
     FileDamaged,
     KeypointCountMismatch,
     NonFiniteData,
@@ -123,6 +124,11 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
 @pytest.mark.parametrize(
     ("changes", "error", "text"),
     [
+        (
+            {"xy": np.zeros((4, 0, 17, 2)), "confidence": np.zeros((4, 0, 17))},
+            CaptureInvalid,
+            "The capture has no frames",
+        ),
         ({"format": np.array("else")}, FileDamaged, "not a capture: its format is 'else'"),
         ({"format": None}, FileDamaged, "names no format"),
         ({"version": np.array(2)}, FileDamaged, r"version 2.*reads up to 1.*Update"),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from solver_backend.exchange.errors import JobInvalid
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.recognition.person_scale import scale_from_stature
 from solver_backend.synthesis.simulation.cast import cast_person
@@ -30,3 +31,9 @@ def test_walks_have_the_scale_of_their_statures(joint_set: JointSet) -> None:
     scales = np.array([scale_of(seed, joint_set) for seed in range(8)])
     assert abs(scales.mean() - 1) < 0.006
     assert np.abs(scales - 1).max() < 0.03
+
+
+def test_a_person_in_one_place_has_no_scale() -> None:
+    points = np.tile([0.3, 0.2, 1.0], (6, JointSet.COCO_17.num_keypoints, 1))
+    with pytest.raises(JobInvalid, match="are in one place"):
+        scale_from_stature(points, JointSet.COCO_17, 1.75)

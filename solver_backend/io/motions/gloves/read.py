@@ -44,7 +44,7 @@ def read_gloves(path: Path, side: str = "") -> GloveTake:
         raise MotionInvalid("The table is not one of known gloves.", where=where, hint=hint)
     if suffix == ".bvh":
         clip = read_bvh(path, metres_per_unit=1.0)
-        return gloves_of_skeleton(bvh_motion(clip, bvh_skeleton(clip), 1.0, path.stem), side, where)
+        return gloves_of_skeleton(bvh_motion(clip, bvh_skeleton(clip, where), 1.0, path.stem), side, where)
     if suffix == ".npz":
         return gloves_of_skeleton(read_skeleton(path), side, where)
     if suffix in _THROUGH_BLENDER:
