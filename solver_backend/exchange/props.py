@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .errors import MotionInvalid
+from .plausible import FARTHEST_M, LARGEST_TURN, require_within
 from .schema import Fields
 from .so3 import matrix_from_rotvec, rotvec_from_matrix
 
@@ -53,6 +54,9 @@ class Prop:
                     "is expected.",
                     where="motion",
                 )
+        for name, most in {"points": FARTHEST_M, "transl": FARTHEST_M, "rotvec": LARGEST_TURN, "seen": 255}.items():
+            require_within(f"{name} of the prop '{self.name}'", getattr(self, name), most, MotionInvalid, "motion")
+        object.__setattr__(self, "seen", np.abs(self.seen).astype(np.uint8))
 
     @property
     def markers(self) -> np.ndarray:
@@ -143,5 +147,5 @@ def _prop(name: str, p: int, labels: tuple[str, ...], found: dict[str, np.ndarra
         rotvec=found["prop_rotvec"][p],
         transl=found["prop_transl"][p],
         sigma=found["prop_sigma"][p],
-        seen=found["prop_seen"][p].astype(np.uint8),
+        seen=found["prop_seen"][p],
     )

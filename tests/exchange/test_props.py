@@ -70,3 +70,12 @@ def test_they_are_exported_as_json(tmp_path: Path, motion: MotionFile, capsys: p
     bare = write_motion(tmp_path / "bare.npz", replace(motion, props=()))
     assert main(["export-props", str(bare), "--out", str(tmp_path / "none.json")]) == 3
     assert "has no props" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("name", "number"), [("seen", np.nan), ("seen", 300.0), ("transl", 1e30), ("rotvec", 1e30)])
+def test_a_prop_that_cannot_be_is_named(name: str, number: float, motion: MotionFile) -> None:
+    prop = motion.props[0]
+    values = np.asarray(getattr(prop, name), np.float64).copy()
+    values.flat[1] = number
+    with pytest.raises(MotionInvalid, match=f"{name} of the prop 'stick'"):
+        replace(prop, **{name: values})
