@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.exchange.body_layout import SMPL, SMPL_H, SMPL_X
 from solver_backend.exchange.errors import FileDamaged, MocapError, MotionInvalid, NonFiniteData
 from solver_backend.exchange.npz import array_names
+from solver_backend.exchange.plausible import LARGEST_BETA, LARGEST_TURN, require_within
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.io.reader import Reader
 from solver_backend.types import NUM_BETAS, NUM_BODY_JOINTS, NUM_JOINTS, Motion
@@ -62,7 +63,7 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, or lacks poses, translations or a frame rate.
         NonFiniteData: a value is NaN or infinite.
-        MotionInvalid: there are no frames.
+        MotionInvalid: there are no frames, or a turn or a shape cannot be.
     """
     fields = read_fields(path, _STORED)
     transl = fields.numbers("trans", (None, 3))
@@ -74,6 +75,8 @@ def read_amass(path: Path | str, *, fps: float | None = None) -> AmassClip:
     for name, value in {"poses": turns, "trans": transl, "betas": betas}.items():
         if not np.isfinite(value).all():
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+    require_within("'poses'", turns, LARGEST_TURN, MotionInvalid, str(path))
+    require_within("'betas'", betas, LARGEST_BETA, MotionInvalid, str(path))
     return AmassClip(betas, root, body, transl, _frame_rate(fields, fps), _gender(fields), model, hands)
 
 
