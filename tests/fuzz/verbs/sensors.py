@@ -2,11 +2,21 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import os
+import socket
+import threading
+from collections.abc import Callable
 from functools import cache
+from multiprocessing.connection import Connection
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, ClassVar
+from unittest import mock
 
 from solver_backend.camera_calibration.boards.board import board_named, board_toml
 from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.sensors.streaming import chain
 from tests.fuzz.odd_values import BOARDS
 from tests.fuzz.target import Target, file
 from tests.fuzz.verbs.running import verb, verb_target
@@ -16,6 +26,46 @@ from tests.support.waved_wand import Waving, as_tables, sensors, waved
 _FRAMES = 3
 _KINDS = {".json": "json", ".csv": "table", ".toml": "text", ".bin": "binary"}
 _WAVING = Waving(seconds=6.0, fps=15.0)
+
+
+class _ProcessHere:
+    """A thread in the place of a sensor's process, which takes a second to begin."""
+
+    broke: ClassVar[list[BaseException]] = []
+    """What ended one unnamed."""
+
+    def __init__(self, target: Callable[..., object], args: tuple[Any, Connection], daemon: bool) -> None:
+        task, there = args
+        out, kept = Connection(os.dup(there.fileno())), socket.socket(fileno=os.dup(there.fileno()))
+
+        def run() -> None:
+            try:
+                target(task, out)
+            except BaseException as error:
+                self.broke.append(error)
+            kept.shutdown(socket.SHUT_RDWR)  # as the end of a process does; a thread of it still listens
+            kept.close()
+
+        self._thread = threading.Thread(target=run, daemon=daemon)
+        self.start, self.join, self.is_alive = self._thread.start, self._thread.join, self._thread.is_alive
+
+    def terminate(self) -> None:
+        """A thread ends by itself, when its pipe is closed."""
+
+
+def _in_threads(line: str) -> Callable[[Path], object]:
+    """Return what runs a verb whose sensors are threads."""
+    here, run = SimpleNamespace(Pipe=multiprocessing.Pipe, Process=_ProcessHere), verb(line)
+
+    def run_in_threads(folder: Path) -> object:
+        _ProcessHere.broke.clear()
+        with mock.patch.object(chain.multiprocessing, "get_context", return_value=here):
+            done = run(folder)
+        if _ProcessHere.broke:
+            raise _ProcessHere.broke[0]
+        return done
+
+    return run_in_threads
 
 
 def _recording(folder: Path) -> None:
@@ -37,6 +87,13 @@ def _wand(folder: Path) -> None:
 TARGETS: tuple[Target, ...] = (
     verb_target(
         "markers-from-sensors", (_recording,), verb("markers-from-sensors ./recording --out ./out.c3d"), _KINDS, 2,
+    ),
+    verb_target(
+        "sensors-record", (_recording,), _in_threads("sensors-record ./recording --out ./out"), _KINDS,
+    ),
+    verb_target(
+        "sensors-live", (_recording,),
+        _in_threads("sensors-live ./recording --poses --seconds 0.2 --lines ./out.jsonl --record ./out"), _KINDS,
     ),
     verb_target(
         "calibrate-wand", (_wand,), verb("calibrate-wand ./wand --lenses ./lenses.toml --out ./out.toml"),
