@@ -124,15 +124,15 @@ def segment_distance(p: np.ndarray, u: np.ndarray, q: np.ndarray, v: np.ndarray)
 
     Args:
         p: (..., 3) starts.
-        u: (..., 3) from start to end, not 0.
+        u: (..., 3) from start to end; 0 where a segment is a point.
         q: (..., 3).
-        v: (..., 3), not 0.
+        v: (..., 3), as ``u``.
     """
     w = p - q
     a, b, c = (u * u).sum(-1), (u * v).sum(-1), (v * v).sum(-1)
     d, e = (u * w).sum(-1), (v * w).sum(-1)
     across = a * c - b * b
     s = np.clip(np.where(across > 1e-12, (b * e - c * d) / np.maximum(across, 1e-12), 0.0), 0.0, 1.0)
-    t = np.clip((b * s + e) / c, 0.0, 1.0)
-    s = np.clip((b * t - d) / a, 0.0, 1.0)
+    t = np.clip((b * s + e) / np.maximum(c, 1e-12), 0.0, 1.0)
+    s = np.clip((b * t - d) / np.maximum(a, 1e-12), 0.0, 1.0)
     return np.linalg.norm(w + s[..., None] * u - t[..., None] * v, axis=-1)

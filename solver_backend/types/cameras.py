@@ -61,7 +61,7 @@ class Cameras:
         for name, (value, shape) in arrays.items():
             if value.shape != shape:
                 raise CalibrationInvalid(f"{name} has shape {value.shape}; {shape} is expected.", where="cameras")
-            finite = np.isfinite(value).reshape(count, -1).all(axis=1)
+            finite = np.isfinite(value).all(axis=tuple(range(1, value.ndim)))
             if not finite.all():
                 raise CalibrationInvalid(
                     f"{name} holds NaN or infinite values.", where=f"camera {self.names[int(np.argmin(finite))]}"

@@ -103,7 +103,7 @@ def _count(arrays: Arrays, rng: np.random.Generator) -> None:
     lengths = Counter(n for array in arrays.values() for n in set(array.shape) if n > _AXES)
     if not lengths:
         return
-    n = _one_of(sorted(lengths), rng)
+    n, distinct = _one_of(sorted(lengths), rng), rng.random() < 0.8
     whole = np.arange(n)
     chosen = _one_of(
         (
@@ -117,7 +117,15 @@ def _count(arrays: Arrays, rng: np.random.Generator) -> None:
         for axis, length in enumerate(array.shape):
             if length == n and array.size < 1e6:
                 array = np.take(array, chosen, axis=axis)
-        arrays[name] = array
+        arrays[name] = _with_own_names(array) if distinct else array
+
+
+def _with_own_names(array: np.ndarray) -> np.ndarray:
+    """Return words of which none comes twice, so that a camera or a marker that does is not refused by its name."""
+    words = [str(word) for word in array] if array.dtype.kind == "U" and array.ndim == 1 else []
+    if len(set(words)) == len(words):
+        return array
+    return np.array([f"{word}_{k}" if word in words[:k] else word for k, word in enumerate(words)])
 
 
 def _values(arrays: Arrays, rng: np.random.Generator) -> None:

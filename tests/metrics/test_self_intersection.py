@@ -64,3 +64,9 @@ def test_neighbours_bend_without_being_counted():
     bent = posed(left_knee=(2.4, 0.0, 0.0), right_elbow=(0.0, 2.4, 0.0), spine2=(0.6, 0.0, 0.0))
     assert self_intersection_m(load_body(), bent)[0] < TOLERANCE_M
     assert self_intersection_m(load_body(), bent[:0]).shape == (0,)
+
+
+def test_a_segment_of_no_length_is_a_point() -> None:
+    zero, x = np.zeros((1, 3)), np.array([[1.0, 0.0, 0.0]])
+    for u, v in ((zero, x), (x, zero), (zero, zero)):
+        assert segment_distance(zero, u, np.array([[0.0, 2.0, 0.0]]), v) == pytest.approx(2.0)

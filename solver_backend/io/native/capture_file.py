@@ -112,7 +112,7 @@ def read_capture(path: Path | str) -> Capture:
     Raises:
         FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
         CalibrationInvalid, CalibrationMismatch, CaptureInvalid, KeypointCountMismatch, NonFiniteData: its values are
-            impossible, or it has no frames.
+            impossible, or it has no frames or views.
     """
     fields = read_fields(path, _STORED, prefix=_TRUTH)
     fields.require_format(FORMAT, VERSION)
@@ -143,8 +143,9 @@ def _capture(fields: Fields, path: Path) -> Capture:
     found = _diagnostics(fields)
     cameras = _cameras(fields) if "K" in fields else None
     keypoints = _keypoints(fields) if "xy" in fields else None
-    if keypoints is not None and not keypoints.num_frames:
-        raise CaptureInvalid("The capture has no frames.", where=str(path))
+    if keypoints is not None and not (keypoints.num_views and keypoints.num_frames):
+        what = "frames" if keypoints.num_views else "views"
+        raise CaptureInvalid(f"The capture has no {what}.", where=str(path))
     people = _people(fields, keypoints) if keypoints is not None and "people" in fields else ()
     if keypoints is not None and "own" in fields:
         points = own_points(fields)

@@ -31,7 +31,7 @@ _SOLVE = "solve --job ./job.json"
 
 
 @cache
-def short_views(views: int = 3) -> Capture:
+def short_views(views: int = 4) -> Capture:
     """Return some frames and views of the embedded capture."""
     whole = cut(demo_capture(), 40, 40 + FRAMES)
     cameras, keypoints = whole.require_multiview()
@@ -46,11 +46,11 @@ def _write_long(folder: Path) -> None:
     cameras, keypoints = whole.require_multiview()
     chosen = slice(0, 36 * _APART, _APART)
     kept = replace(
-        keypoints, xy=keypoints.xy[:3, chosen], confidence=keypoints.confidence[:3, chosen], fps=keypoints.fps / _APART
+        keypoints, xy=keypoints.xy[:4, chosen], confidence=keypoints.confidence[:4, chosen], fps=keypoints.fps / _APART
     )
     write_capture(
         folder / "capture.npz",
-        replace(whole, cameras=cameras.subset([0, 1, 2]), keypoints=kept, footage=whole.footage[:3], truth={}),
+        replace(whole, cameras=cameras.subset([0, 1, 2, 3]), keypoints=kept, footage=whole.footage[:4], truth={}),
     )
 
 
