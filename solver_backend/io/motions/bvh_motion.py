@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.exchange.rigs.skeleton import Skeleton
+from solver_backend.exchange.skeleton_file import require_distinct
 from solver_backend.io.motions.bvh import BvhClip
 from solver_backend.types import SkeletonMotion
-from solver_backend.types.skeleton_motion import require_distinct
 
 
 def bvh_skeleton(clip: BvhClip, where: str = "BVH") -> Skeleton:

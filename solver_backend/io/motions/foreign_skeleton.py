@@ -12,7 +12,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
-from solver_backend.exchange.skeleton_file import read_skeleton, require_distinct
+from solver_backend.exchange.skeleton_file import read_skeleton
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.motions.bvh import BvhClip, read_bvh
 from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
