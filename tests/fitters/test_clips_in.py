@@ -81,16 +81,21 @@ def test_a_skeleton_from_blender_comes_back_in_any_unit(tmp_path, body, known, s
 
 def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMotion) -> None:
     whole = skeleton_of(known)
+    write_skeleton(tmp_path / "whole.npz", whole)
     joints = whole.joints.copy()
     joints[3, 2] = np.nan
     cases = [
-        (replace(whole, joints=joints), NonFiniteData, "'joints' holds NaN"),
-        (replace(whole, joints=whole.joints[:0], turns=whole.turns[:0]), MotionInvalid, "no frames"),
-        (replace(whole, parents=(1, *whole.parents[1:])), MotionInvalid, "not a tree"),
-        (replace(whole, fps=0.0), NonFiniteData, "frame rate"),
+        ({"joints": joints}, NonFiniteData, "'joints' holds NaN"),
+        ({"joints": whole.joints[:0], "turns": whole.turns[:0]}, MotionInvalid, "no frames"),
+        ({"parents": np.array((1, *whole.parents[1:]))}, MotionInvalid, "not a tree"),
+        ({"fps": np.array(0.0)}, NonFiniteData, "frame rate"),
+        ({"names": np.array(["neck"] * len(whole.names))}, MotionInvalid, "Several joints are called 'neck'"),
+        ({"turns": whole.turns + 1e6}, MotionInvalid, "are not rotations"),
     ]
-    for k, (skeleton, error, text) in enumerate(cases):
-        write_skeleton(tmp_path / f"{k}.npz", skeleton)
+    with np.load(tmp_path / "whole.npz") as stored:
+        arrays = {name: stored[name] for name in stored.files}
+    for k, (changes, error, text) in enumerate(cases):
+        np.savez(tmp_path / f"{k}.npz", **(arrays | changes))
         with pytest.raises(error, match=text):
             read_skeleton(tmp_path / f"{k}.npz")
 
