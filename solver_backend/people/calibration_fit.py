@@ -140,6 +140,7 @@ def _best_reading(scores: ReadingScores, count: int) -> tuple[list[CameraCorrect
     ways: list[list[CameraCorrection]] = []
     for pose, graphics, turn in product(POSES, (False, True), TURNS):
         sizes = [[CameraCorrection(factor, turn, pose, graphics)] * count for factor in FACTORS]
+        scores.compute(sizes)
         ways.append(max(sizes, key=scores.penalised))
     alike = max(ways, key=scores.penalised)
     if scores.of(alike) >= SURE and min(scores.of_camera(c, alike) for c in range(count)) >= EVERY_CAMERA:
@@ -158,8 +159,9 @@ def _improved(
         before = list(reading)
         for c in range(len(reading)):
             tries = [replace(reading[c], factor=factor, turn=turn) for factor, turn in pictures]
-            reading[c] = max(tries, key=lambda t, c=c: scores.of_camera(c, [*reading[:c], t, *reading[c + 1 :]])
-                             - CHANGE_COST * t.changes)  # fmt: skip
+            readings = [[*reading[:c], t, *reading[c + 1 :]] for t in tries]
+            scores.compute(readings)
+            reading = max(readings, key=lambda r, c=c: scores.of_camera(c, r) - CHANGE_COST * r[c].changes)
         if reading == before:
             break
     return reading

@@ -42,31 +42,43 @@ def pair_agreements(
     if not enough.any():
         return np.full(readings, np.nan)
     of_reading = np.nonzero(enough)[0]
-    x_a, x_b, shared = x_a[enough], x_b[enough], shared[enough]
-    extent_a, extent_b = _extent(x_a), _extent(x_b)
-    h_a, h_b = (np.concatenate([x, np.ones((*shared.shape, 1))], axis=-1) for x in (x_a, x_b))
+    shared, extent_a, extent_b = shared[enough], _extent(x_a[enough]), _extent(x_b[enough])
+    h_a, h_b = _homogeneous(x_a[enough]), _homogeneous(x_b[enough])
     R = R_b @ R_a.T
     t = t_b - R @ t_a
     E = np.array([[0.0, -t[2], t[1]], [t[2], 0.0, -t[0]], [-t[1], t[0], 0.0]]) @ R
-    line_b, line_a = h_a @ E.T, h_b @ E
-    gap = np.abs((h_b * line_b).sum(-1))
+    line_b, line_a = E @ h_a, E.T @ h_b
+    gap = np.abs((h_b * line_b).sum(0)).reshape(shared.shape)
     with np.errstate(invalid="ignore", divide="ignore"):
-        near_b = gap / np.linalg.norm(line_b[..., :2], axis=-1) < off_line * extent_b[:, None]
-        near_a = gap / np.linalg.norm(line_a[..., :2], axis=-1) < off_line * extent_a[:, None]
-        agreeing = near_a & near_b & _ahead(h_a @ R.T, h_b, t) & shared
+        near_b = gap / _steepness(line_b, shared.shape) < off_line * extent_b[:, None]
+        near_a = gap / _steepness(line_a, shared.shape) < off_line * extent_a[:, None]
+        agreeing = near_a & near_b & _ahead(R @ h_a, h_b, t).reshape(shared.shape) & shared
         counts = [np.bincount(of_reading, rows.sum(-1), readings) for rows in (agreeing, shared)]
         return counts[0] / counts[1]
 
 
+def _homogeneous(x: np.ndarray) -> np.ndarray:
+    """Return (3, F J) points (u, v, 1) of (F, J, 2): whole rows of coordinates are what NumPy is fast at."""
+    rows = np.ones((3, x.shape[0] * x.shape[1]))
+    rows[:2] = x.reshape(-1, 2).T
+    return rows
+
+
+def _steepness(line: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the lengths of lines' first two coordinates, in this shape: what a distance from them is divided by."""
+    return np.sqrt((line[:2] ** 2).sum(0)).reshape(shape)
+
+
 def _ahead(d_a: np.ndarray, d_b: np.ndarray, t: np.ndarray) -> np.ndarray:
-    """Return where rays of two cameras meet before both: ``s d_a + t = u d_b`` in the second's axes, least squares."""
-    aa, bb, ab = (d_a * d_a).sum(-1), (d_b * d_b).sum(-1), (d_a * d_b).sum(-1)
-    at, bt = d_a @ t, d_b @ t
+    """Return where rays (3, N) of two cameras meet before both: ``s d_a + t = u d_b``, in the least squares."""
+    aa, bb, ab = (d_a * d_a).sum(0), (d_b * d_b).sum(0), (d_a * d_b).sum(0)
+    at, bt = t @ d_a, t @ d_b
     spread = aa * bb - ab**2
     return ((ab * bt - bb * at) / spread > 0) & ((aa * bt - ab * at) / spread > 0)
 
 
 def _extent(x: np.ndarray) -> np.ndarray:
-    """Return (F,) the diagonal of a person's box in normalised coordinates."""
-    size = np.nanmax(x, axis=1) - np.nanmin(x, axis=1)
-    return np.hypot(size[:, 0], size[:, 1])
+    """Return (F,) the diagonal of a person's box in normalised coordinates, of a person who is seen."""
+    along = np.ascontiguousarray(x.transpose(1, 2, 0))  # whole rows of frames again
+    size = np.fmax.reduce(along, axis=0) - np.fmin.reduce(along, axis=0)
+    return np.hypot(size[0], size[1])

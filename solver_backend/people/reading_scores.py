@@ -20,6 +20,8 @@ CHANGE_COST = 0.01
 EACH = 8
 """Cameras up to which every pair counts and each may be read by itself. Of more, all are read alike, and each is
 compared with so many around: the search must not grow with the square of an array of hundreds."""
+PairReading = tuple[int, CameraCorrection, int, CameraCorrection]
+"""Two cameras, and how each is read."""
 
 
 class ReadingScores:
@@ -31,7 +33,7 @@ class ReadingScores:
         self._poses: dict[CameraCorrection, tuple[np.ndarray, np.ndarray]] = {}
         self._normalised: dict[CameraCorrection, np.ndarray] = {}
         self._compared = compared_pairs(len(cameras), EACH)
-        self._pairs: dict[tuple[int, CameraCorrection, int, CameraCorrection], float] = {}
+        self._pairs: dict[PairReading, float] = {}
 
     def on(self, count: int, cameras: list[int]) -> ReadingScores:
         """Return scores by fewer frames, and of these cameras."""
@@ -77,7 +79,7 @@ class ReadingScores:
         self, c: int, correction: CameraCorrection, sizes: Sequence[float]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (S, F, J, 2) normalised points of a camera whose pictures have each of S sizes, and its pose."""
-        R, t = self._turned(replace(correction, factor=1.0, shape=""))
+        R, t = self._turned(_pose(correction))
         picture = CameraCorrection(turn=correction.turn, shape=correction.shape)
         one = corrected(self.cameras.subset([c]), [picture])
         factors = np.asarray(sizes)[:, None, None, None]
@@ -85,6 +87,20 @@ class ReadingScores:
         flat = xy.reshape(1, -1, *xy.shape[2:])
         points = undistort(one.K, one.distortion, flat, one.distortion_model)
         return points.reshape(xy.shape), R[c], t[c]
+
+    def compute(self, readings: Sequence[list[CameraCorrection]]) -> None:
+        """Compute the pairs of several readings that are not known yet, those of the same poses in one array."""
+        for a, b in self._compared:
+            keys = dict.fromkeys((a, reading[a], b, reading[b]) for reading in readings)
+            alike: dict[tuple[CameraCorrection, CameraCorrection], list[PairReading]] = {}
+            for key in keys:
+                if key not in self._pairs:
+                    alike.setdefault((_pose(key[1]), _pose(key[3])), []).append(key)
+            for group in alike.values():
+                x_a, x_b = (np.stack([self._camera(key[i], key[i + 1])[0] for key in group]) for i in (0, 2))
+                (_, R_a, t_a), (_, R_b, t_b) = (self._camera(group[0][i], group[0][i + 1]) for i in (0, 2))
+                shares = pair_agreements(x_a, R_a, t_a, x_b, R_b, t_b, self._off_line)
+                self._pairs.update(zip(group, shares.tolist(), strict=True))
 
     def of_camera(self, c: int, reading: list[CameraCorrection]) -> float:
         """Return the mean share of the pairs that one camera is part of."""
@@ -105,7 +121,7 @@ class ReadingScores:
     def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
         points = self._points(CameraCorrection(correction.factor, correction.turn, shape=correction.shape))
-        R, t = self._turned(replace(correction, factor=1.0, shape=""))
+        R, t = self._turned(_pose(correction))
         return points[c], R[c], t[c]
 
     def _turned(self, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray]:
@@ -123,3 +139,8 @@ class ReadingScores:
             lens = all_alike.K, all_alike.distortion
             self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
         return self._normalised[picture]
+
+
+def _pose(correction: CameraCorrection) -> CameraCorrection:
+    """Return the part of a correction that moves cameras; sizes and shapes of pictures do not."""
+    return replace(correction, factor=1.0, shape="")
