@@ -6,6 +6,7 @@ import math
 
 from array_api_compat import array_namespace
 
+from solver_backend.cameras.triangulation.linear_candidates import UndistortedViews
 from solver_backend.cameras.triangulation.point_refinement import CameraArrays, fit_points, undistorted_views
 from solver_backend.geometry.arrays import Array, constant
 
@@ -36,17 +37,19 @@ def measure_noise(arrays: CameraArrays, xy: Array, confidence: Array) -> Array:
     """Return (K,) standard deviations from how far the agreeing views of a sample of frames lie apart."""
     views, frames, keypoints = (int(n) for n in xy.shape[:3])
     sigma = constant([START_SHARE * arrays.width] * keypoints, xy)
+    samples: dict[int, tuple[Array, Array, UndistortedViews]] = {}
     for sample in _SAMPLES:
         skip = max(1, views * frames * keypoints // sample)
-        sigma = _settled(arrays, xy[:, ::skip], confidence[:, ::skip], sigma)
+        if skip not in samples:  # a short take is its own sample both times
+            px, weight, _ = flat_views(xy[:, ::skip], confidence[:, ::skip], sigma)
+            samples[skip] = px, weight, undistorted_views(arrays, px, weight)  # what a round does not change
+        sigma = _settled(arrays, *samples[skip], sigma)
     return sigma
 
 
-def _settled(arrays: CameraArrays, xy: Array, confidence: Array, sigma: Array) -> Array:
-    """Return (K,) standard deviations that measuring again with them does not change."""
-    xp, keypoints = array_namespace(xy), int(sigma.shape[0])
-    px, weight, _ = flat_views(xy, confidence, sigma)
-    views = undistorted_views(arrays, px, weight)  # what a round does not change
+def _settled(arrays: CameraArrays, px: Array, weight: Array, views: UndistortedViews, sigma: Array) -> Array:
+    """Return (K,) standard deviations that measuring again with them does not change, of (C, N) observations."""
+    xp, keypoints = array_namespace(px), int(sigma.shape[0])
     for _ in range(NOISE_ROUNDS):
         before = sigma
         _, inliers, distance = fit_points(arrays, px, weight, xp.tile(sigma, (int(px.shape[1]) // keypoints,)), views)

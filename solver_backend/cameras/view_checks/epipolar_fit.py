@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import combinations
 
 import numpy as np
@@ -16,6 +17,7 @@ import numpy as np
 from solver_backend.cameras.distortion import distort_with_jacobian
 from solver_backend.cameras.projection import undistort
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
+from solver_backend.geometry.short_axis import dot, squared_length, sum_of_rows
 from solver_backend.types import Cameras, Keypoints2D
 
 FACTOR_SPREAD = 0.3
@@ -72,6 +74,26 @@ class EpipolarFit:
         return float(_share(self.frames) * lengths.sum() + ((self.x / _spreads(len(self.x))) ** 2).sum())
 
 
+@dataclass(frozen=True)
+class ComparedViews:
+    """Cameras and what they see of one person, for several checks of their lenses."""
+
+    cameras: Cameras
+    xy: np.ndarray
+    """(C, F, J, 2) px, NaN where unseen."""
+
+    @classmethod
+    def of(cls, cameras: Cameras, keypoints: Keypoints2D) -> ComparedViews | None:
+        """Return what is compared, see ``compared_points``."""
+        compared = compared_points(cameras, keypoints)
+        return None if compared is None else cls(*compared)
+
+    @cached_property
+    def fit(self) -> EpipolarFit | None:
+        """How they agree in the lenses as calibrated, see ``fit_epipolar``."""
+        return fit_epipolar(self.cameras, self.xy)
+
+
 def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, np.ndarray] | None:
     """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen; None where they are too few.
 
@@ -96,9 +118,9 @@ def fit_epipolar(cameras: Cameras, xy: np.ndarray) -> EpipolarFit | None:
         xy: (C, F, J, 2) px of one person, NaN where unseen.
     """
     spreads, least = _spreads(1 + 3 * len(cameras)), OFF_PERSON * _extent(xy)
-    x = np.zeros(len(spreads))
+    x, pixels = np.zeros(len(spreads)), pixels_a_direction(cameras, xy)
     for _ in range(ROUNDS):
-        parts = list(distances(cameras, xy, x))
+        parts = list(distances(cameras, xy, x, pixels))
         off = np.concatenate([part for _, part, _ in parts])
         if not len(off):
             return None
@@ -118,7 +140,9 @@ def fit_epipolar(cameras: Cameras, xy: np.ndarray) -> EpipolarFit | None:
     return None
 
 
-def distances(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> Iterator[tuple[list[int], np.ndarray, np.ndarray]]:
+def distances(
+    cameras: Cameras, xy: np.ndarray, x: np.ndarray, pixels: np.ndarray
+) -> Iterator[tuple[list[int], np.ndarray, np.ndarray]]:
     """Yield, for each pair of cameras, columns of ``x``, distances (N,) from epipolar lines in px, and (N, 7) slopes.
 
     With directions n and ``E = [t]x R``, ``r = f n_j' E n_i / |(E n_i)_xy, (E' n_j)_xy|``. A turn exp(d) of camera j
@@ -128,6 +152,7 @@ def distances(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> Iterator[tuple
         cameras: C cameras.
         xy: (C, F, J, 2) px, NaN where unseen.
         x: (1 + 3 C,) logarithm of the focal lengths' factor; turns of the cameras, rad.
+        pixels: (C, F, J) px that a point moves by if its direction does, see ``pixels_a_direction``.
 
     Reference: Hartley and Zisserman 2004, eq. 11.9 (Sampson's distance).
     """
@@ -135,23 +160,22 @@ def distances(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> Iterator[tuple
     turn, by_turn = exp_so3(turns), left_jacobian_so3(turns)
     turned = replace(cameras, R=turn @ cameras.R, t=(turn @ cameras.t[..., None])[..., 0])
     seen, longer = _rays(cameras, xy, x[0])
-    pixels = _pixels_a_direction(cameras, xy)
     for i, j in combinations(range(len(cameras)), 2):
         both = np.isfinite(seen[i]).all(-1) & np.isfinite(seen[j]).all(-1)
         R = turned.R[j] @ turned.R[i].T
         E = skew(turned.t[j] - R @ turned.t[i]) @ R
         one, other = seen[i][both], seen[j][both]
         line, back = one @ E.T, other @ E
-        slope = np.maximum(np.sqrt((line[:, :2] ** 2).sum(-1) + (back[:, :2] ** 2).sum(-1)), 1e-12)
+        slope = np.maximum(np.sqrt(squared_length(line[:, :2]) + squared_length(back[:, :2])), 1e-12)
         focal = 0.5 * np.exp(x[0]) * (pixels[i][both] + pixels[j][both])
-        off = focal * (other * line).sum(-1) / slope
+        off = focal * dot(other, line) / slope
         # (N, 3, 7) changes of both lines, and (N, 7) of n_j' E n_i, by the logarithm, turns of i, turns of j
         of_i, of_j = skew(one) @ by_turn[i], skew(other) @ by_turn[j]
         line_by = np.concatenate([(longer[i][both] @ E.T)[..., None], E @ of_i, -skew(line) @ by_turn[j]], -1)
         back_by = np.concatenate([(longer[j][both] @ E)[..., None], -skew(back) @ by_turn[i], E.T @ of_j], -1)
-        product_by = (other[..., None] * line_by).sum(-2)
-        product_by[:, 0] += (longer[j][both] * line).sum(-1)
-        slope_by = (line[:, :2, None] * line_by[:, :2]).sum(1) + (back[:, :2, None] * back_by[:, :2]).sum(1)
+        product_by = sum_of_rows(other[..., None] * line_by)
+        product_by[:, 0] += dot(longer[j][both], line)
+        slope_by = sum_of_rows(line[:, :2, None] * line_by[:, :2]) + sum_of_rows(back[:, :2, None] * back_by[:, :2])
         slope_by = slope_by / slope[:, None]
         J = (focal[:, None] * product_by - off[:, None] * slope_by) / slope[:, None]
         J[:, 0] += off
@@ -173,7 +197,7 @@ def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> tuple[np.ndarray, np.
     return np.concatenate([n, np.ones_like(n[..., :1])], axis=-1), by_log
 
 
-def _pixels_a_direction(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
+def pixels_a_direction(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
     """Return (C, F, J) by how many px a point moves if its direction (x, y, 1) does, in the lenses as calibrated.
 
     A lens that bends shows less or more of it at its edge: distances are compared where the detector measured.

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.epipolar_fit import compared_points, fit_epipolar
+from solver_backend.cameras.view_checks.epipolar_fit import ComparedViews
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -19,15 +19,18 @@ SIGMAS = 3.5
 those of nine in ten simulated takes that are calibrated 10 % too long, 3.9."""
 
 
-def report_focal_lengths(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
+def report_focal_lengths(
+    cameras: Cameras, keypoints: Keypoints2D, views: ComparedViews | None = None
+) -> tuple[Diagnostic, ...]:
     """Return the warning that all focal lengths seem too long or too short, () where the views do not clearly show it.
 
     Args:
         cameras: C cameras in any unit.
         keypoints: of one person in the same views.
+        views: what is compared of both, where it is known.
     """
-    compared = compared_points(cameras, keypoints)
-    fit = None if compared is None else fit_epipolar(*compared)
+    views = views or ComparedViews.of(cameras, keypoints)
+    fit = None if views is None else views.fit
     if fit is None or not fit.is_calibrated or abs(fit.log) < max(OFF, SIGMAS * fit.sigma):
         return ()
     way, percent = "short" if fit.log > 0 else "long", 100 * abs(np.exp(-fit.log) - 1)

@@ -10,7 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.epipolar_fit import compared_points, fit_epipolar
+from solver_backend.cameras.view_checks.epipolar_fit import ComparedViews, fit_epipolar
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -21,21 +21,24 @@ where somebody walks to the edge of pictures that bend by 9 px there; of somebod
 px where detectors are off by 5, nothing shows."""
 
 
-def report_undistorted(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Diagnostic, ...]:
+def report_undistorted(
+    cameras: Cameras, keypoints: Keypoints2D, views: ComparedViews | None = None
+) -> tuple[Diagnostic, ...]:
     """Return the warning that pixels seem to be undistorted, () where the views do not clearly show it.
 
     Args:
         cameras: C cameras in any unit.
         keypoints: of one person in the same views.
+        views: what is compared of both, where it is known.
     """
     if not cameras.distortion.any() and cameras.distortion_model == "opencv":
         return ()
-    compared = compared_points(cameras, keypoints)
-    if compared is None:
+    views = views or ComparedViews.of(cameras, keypoints)
+    if views is None:
         return ()
-    chosen, xy = compared
+    chosen = views.cameras
     without = replace(chosen, distortion=np.zeros_like(chosen.distortion), distortion_model="opencv")
-    fits = fit_epipolar(chosen, xy), fit_epipolar(without, xy)
+    fits = views.fit, fit_epipolar(without, views.xy)
     if fits[0] is None or fits[1] is None or not fits[1].is_calibrated:
         return ()
     spread = max(fits[0].spread_px, fits[1].spread_px)

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.cameras.view_checks.epipolar_fit import ComparedViews
 from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
 from solver_backend.cameras.view_checks.undistorted_pixels import report_undistorted
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
@@ -102,6 +103,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
     cameras, people, scaled = find_people(calibration.cameras, select, options, to_plausible)
     person = people[0]
     world = fit_world(cameras, person.keypoints, options, options.up_axis, calibration.rolls)
+    compared = ComparedViews.of(world.cameras, person.keypoints)
     as_filmed = not (in_time.first_rows or any(agreeing.resampled))
     length_problems = _length_problems(videos, detections.num_frames) if as_filmed else ()
     problems = (
@@ -134,8 +136,8 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         problems=sum(problems, ())
         + world.problems
         + world.check.problems()
-        + report_focal_lengths(world.cameras, person.keypoints)
-        + report_undistorted(world.cameras, person.keypoints),
+        + report_focal_lengths(world.cameras, person.keypoints, compared)
+        + report_undistorted(world.cameras, person.keypoints, compared),
         stature_m=options.stature if one else 0.0,
         floor_from_person=world.from_person,
     )

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.cameras.view_checks.epipolar_fit import compared_points, distances, fit_epipolar
+from solver_backend.cameras.view_checks.epipolar_fit import compared_points, distances, fit_epipolar, pixels_a_direction
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras
 
@@ -15,7 +15,7 @@ CAMERAS, KEYPOINTS = demo_capture().require_multiview()
 
 
 def off_at(cameras: Cameras, xy: np.ndarray, x: np.ndarray) -> np.ndarray:
-    return np.concatenate([off for _, off, _ in distances(cameras, xy, x)])
+    return np.concatenate([off for _, off, _ in distances(cameras, xy, x, pixels_a_direction(cameras, xy))])
 
 
 @pytest.mark.parametrize("model", ["opencv", "fisheye"])
@@ -27,7 +27,7 @@ def test_slopes_are_those_of_central_differences(model: str) -> None:
     x = np.random.default_rng(0).normal(0.0, 0.01, 1 + 3 * len(cameras))
     J = np.zeros((len(off_at(cameras, xy, x)), len(x)))
     row = 0
-    for columns, off, slopes in distances(cameras, xy, x):
+    for columns, off, slopes in distances(cameras, xy, x, pixels_a_direction(cameras, xy)):
         J[row : row + len(off), columns] = slopes
         row += len(off)
     step = 1e-6 * np.eye(len(x))
