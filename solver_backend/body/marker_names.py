@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
 from types import MappingProxyType
 
 from solver_backend.body.joint_names import joint_centre_places
@@ -67,7 +68,14 @@ def name_markers(labels: Sequence[str], own: Mapping[str, str] = MappingProxyTyp
         own: the user's place by label, which goes first: a name of the layouts, ``@`` and a bone's joint (which many
             may share), or empty where a label is to be left out.
     """
-    own = {**joint_centre_places(labels), **own}
+    found = _named(tuple(labels), tuple(own.items()))
+    return replace(found, known=dict(found.known), ambiguous=dict(found.ambiguous))
+
+
+@lru_cache(maxsize=64)
+def _named(labels: tuple[str, ...], given: tuple[tuple[str, str], ...]) -> MarkerNames:
+    """Return the same, which a solve asks for a dozen times; nobody may write into it."""
+    own = {**joint_centre_places(labels), **dict(given)}
     file = load_layouts()
     context = context_of(labels, file, LEAST_MARKERS)
     meant = {label: () if label in own else context.places_of(label) for label in labels}

@@ -3,12 +3,16 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.exchange.errors import BodyInvalid
+from solver_backend.geometry.short_axis import dot
 
+_KNOWN: WeakKeyDictionary[Body, dict[tuple[bytes, bytes, bool], SurfacePoint]] = WeakKeyDictionary()
+"""Where the rays of the anatomical rules leave each body, which solves of markers ask for again and again."""
 SAME_M = 1e-9
 """Triangles that a ray leaves so near to each other are met at their common edge or corner."""
 
@@ -39,17 +43,26 @@ def cast_ray(body: Body, origin: np.ndarray, direction: np.ndarray, *, outermost
 
     Reference: Möller and Trumbore 1997, "Fast, minimum storage ray-triangle intersection".
     """
+    if (known := _KNOWN.get(body)) is None:
+        known = _KNOWN[body] = {}
+    ray = np.asarray(origin, np.float64).tobytes(), np.asarray(direction, np.float64).tobytes(), outermost
+    if ray not in known:
+        known[ray] = _cast(body, origin, direction, outermost)
+    return known[ray]
+
+
+def _cast(body: Body, origin: np.ndarray, direction: np.ndarray, outermost: bool) -> SurfacePoint:
     direction = np.asarray(direction, dtype=np.float64) / np.linalg.norm(direction)
     corners = body.v_template[body.faces]
     edge1, edge2 = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     p = np.cross(direction, edge2)
-    determinant = (edge1 * p).sum(-1)
+    determinant = dot(edge1, p)
     with np.errstate(divide="ignore", invalid="ignore"):
         offset = origin - corners[:, 0]
-        u = (offset * p).sum(-1) / determinant
+        u = dot(offset, p) / determinant
         q = np.cross(offset, edge1)
         v = (q @ direction) / determinant
-        t = (edge2 * q).sum(-1) / determinant
+        t = dot(edge2, q) / determinant
         hit = (np.abs(determinant) > 1e-14) & (u >= -1e-9) & (v >= -1e-9) & (u + v <= 1 + 1e-9) & (t > 0)
     if not hit.any():
         raise BodyInvalid(
