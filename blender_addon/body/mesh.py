@@ -84,6 +84,7 @@ def _add_uv(mesh: bpy.types.Mesh, body: BodyFile) -> None:
 def _add_weights(obj: bpy.types.Object, body: BodyFile) -> None:
     weights = body.weights
     for j, joint in enumerate(body.layout.joints):
-        group = obj.vertex_groups.new(name=deform_bone(joint))
-        for vertex in np.flatnonzero(weights[:, j] > _LEAST_WEIGHT).tolist():
-            group.add([vertex], float(weights[vertex, j]), "REPLACE")
+        add = obj.vertex_groups.new(name=deform_bone(joint)).add
+        moved = np.flatnonzero(weights[:, j] > _LEAST_WEIGHT)
+        for vertex, weight in zip(moved.tolist(), weights[moved, j].tolist(), strict=True):
+            add((vertex,), weight, "REPLACE")

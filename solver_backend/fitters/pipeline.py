@@ -172,6 +172,8 @@ def resolve_range(
         MotionInvalid: the motion belongs to another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
+    if capture.num_frames:
+        frame_range.check(capture.num_frames)  # before anything is measured
     problem = prepare(capture, settings, progress, person=person_of(without_fingers(motion)))
     return solve_again(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
