@@ -26,23 +26,22 @@ _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
 @cache
 def shown_strings(path: Path) -> tuple[tuple[int, str], ...]:
     """Return line and text of the strings of a file that hold a blank and are no docstrings; values as ``{…}``."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    statements = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    whole = [node for node in ast.walk(tree) if isinstance(node, ast.JoinedStr)]
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    statements = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    whole = [node for node in nodes if isinstance(node, ast.JoinedStr)]
     values = [part for node in whole for part in node.values]
     formats = [part.format_spec for part in values if isinstance(part, ast.FormattedValue)]
     parts = {id(part) for part in [*values, *formats]}
     skipped = statements | parts
-    found = ((node, _text(node)) for node in ast.walk(tree) if id(node) not in skipped)
-    return tuple((node.lineno, text) for node, text in found if " " in text and isinstance(node, ast.expr))
+    kinds = (ast.Constant, ast.JoinedStr)
+    found = ((node, _text(node)) for node in nodes if isinstance(node, kinds) and id(node) not in skipped)
+    return tuple((node.lineno, text) for node, text in found if " " in text)
 
 
-def _text(node: ast.AST) -> str:
+def _text(node: ast.Constant | ast.JoinedStr) -> str:
     if isinstance(node, ast.Constant):
         return node.value if isinstance(node.value, str) else ""
-    if isinstance(node, ast.JoinedStr):
-        return "".join(str(part.value) if isinstance(part, ast.Constant) else VALUE for part in node.values)
-    return ""
+    return "".join(str(part.value) if isinstance(part, ast.Constant) else VALUE for part in node.values)
 
 
 def texts() -> Iterator[tuple[Path, int, str]]:
