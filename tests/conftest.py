@@ -26,9 +26,13 @@ if HAS_JAXTYPING := bool(find_spec("jaxtyping") and find_spec("beartype")):
 
     annotation_checks.install(CHECKED)  # before anything imports the solver
 
+from solver_backend.geometry import parallel  # noqa: E402
 from tests.support.collecting import in_turn  # noqa: E402
 from tests.support.recordings import recordings_folder  # noqa: E402
 from tests.support.slow_tests import is_left_out, left_out  # noqa: E402
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    parallel.MAX_THREADS = 1  # a worker has a core: threads would only take turns on it
 
 hypothesis.settings.register_profile(
     "mocap",

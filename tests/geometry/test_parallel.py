@@ -7,7 +7,14 @@ import time
 import numpy as np
 import pytest
 
+from solver_backend.geometry import parallel
 from solver_backend.geometry.parallel import map_blocks, usable_cores
+
+
+@pytest.fixture(autouse=True)
+def _several_threads(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Map as a solver does; the other tests may have a core of their own each."""
+    monkeypatch.setattr(parallel, "MAX_THREADS", 8)
 
 
 def test_results_keep_the_order_of_the_blocks():

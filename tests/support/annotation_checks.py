@@ -16,6 +16,8 @@ from jaxtyping._storage import pop_shape_memo, push_shape_memo
 
 CONF = BeartypeConf(is_pep484_tower=True, violation_type=jaxtyping.TypeCheckError)
 """An int is a number wherever a float is asked for."""
+_ARRAY = np.ndarray
+"""Looked for in every argument."""
 _UNKNOWN = object()
 """Stands for what may hold anything, such as a list: it is checked in every call."""
 
@@ -60,24 +62,30 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
         return results.pop(thread) if thread in results else function(*args, **kwargs)
 
     with_checks = beartype(conf=CONF)(run_or_take)
-    passed: set[Hashable] = set()
+    passed: dict[Hashable, set[Hashable]] = {}  # what results of arguments that passed looked like
     by_place, by_name, of_result = _looks(function)
     num_places = len(by_place)
     of_rest = by_name.get("*", _nothing)
+    all_places, of_result = _all_at_once(by_place), _all_at_once([of_result])
+    config = jaxtyping.config
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
-        if jaxtyping.config.jaxtyping_disable:
+        if config.jaxtyping_disable:
             return function(*args, **kwargs)
-        parts: list[Hashable] = [look(value) for look, value in zip(by_place, args, strict=False)]
-        if len(args) > num_places:
-            parts += map(of_rest, args[num_places:])
-        for name, value in kwargs.items():
-            parts += name, by_name.get(name, _exact)(value)
-        given = _UNKNOWN if _UNKNOWN in parts else tuple(parts)
-        if given in passed:
+        if kwargs or len(args) != num_places:
+            parts: list[Hashable] = [look(value) for look, value in zip(by_place, args, strict=False)]
+            if len(args) > num_places:
+                parts += map(of_rest, args[num_places:])
+            for name, value in kwargs.items():
+                parts += name, by_name.get(name, _exact)(value)
+            given = tuple(parts)
+        else:
+            given = all_places(*args)
+        results_of = passed.get(given)
+        if results_of is not None:
             result = function(*args, **kwargs)
-            if (given, of_result(result)) in passed:
+            if of_result(result) in results_of:
                 return result
             results[threading.get_ident()] = result
         push_shape_memo({})
@@ -85,9 +93,9 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
             result = with_checks(*args, **kwargs)
         finally:
             pop_shape_memo()
-        if given is not _UNKNOWN and len(passed) < _MOST:
+        if _UNKNOWN not in given and len(passed) < _MOST:
             found = of_result(result)
-            passed.update([given] if found is _UNKNOWN else [given, (given, found)])
+            passed.setdefault(given, set()).update(() if _UNKNOWN in found else (found,))
         return result
 
     return call
@@ -95,6 +103,18 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
 
 def _has_shape(annotation: Any) -> bool:
     return "[" in str(annotation) and any(name in str(annotation) for name in ("Float", "Int", "Bool"))
+
+
+def _all_at_once(looks: list[Look]) -> Callable[..., tuple[Hashable, ...]]:
+    """Return a function that looks at one value each; arrays, which most are, are looked at without a further call."""
+    of_arrays = {_exact: "(v{0}.dtype.char, v{0}.shape)", _kinds: "v{0}.dtype.char"}
+    parts = [
+        "None" if look is _nothing else f"{of_arrays[look].format(k)} if type(v{k}) is array else look{k}(v{k})"
+        for k, look in enumerate(looks)
+    ]
+    names = ", ".join(f"v{k}" for k in range(len(looks)))
+    given = {f"look{k}": look for k, look in enumerate(looks)}
+    return eval(f"lambda {names}: ({''.join(part + ', ' for part in parts)})", {"array": _ARRAY, **given})
 
 
 Look = Callable[[Any], Hashable]
@@ -137,7 +157,7 @@ def _nothing(value: Any) -> Hashable:
 def _exact(value: Any, depth: int = 0) -> Hashable:
     """Return types, shapes and words of a value."""
     kind = type(value)
-    if kind is np.ndarray:
+    if kind is _ARRAY:
         return value.dtype.char, value.shape
     if kind is str or kind is int or kind is bool:
         return kind, value
@@ -149,7 +169,7 @@ def _exact(value: Any, depth: int = 0) -> Hashable:
 def _kinds(value: Any, depth: int = 0) -> Hashable:
     """Return types alone, and of an array that of its numbers."""
     kind = type(value)
-    if kind is np.ndarray:
+    if kind is _ARRAY:
         return value.dtype.char
     if kind is str or kind is int or kind is bool:
         return kind
