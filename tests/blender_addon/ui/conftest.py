@@ -9,12 +9,12 @@ from pathlib import Path
 import bpy
 import pytest
 
-import blender_addon
 from blender_addon.solving.run import start
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from solver_backend.cli.main import main as solver
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.support.kept_scenes import KeptScene, registered
 from tests.support.solved_capture import SolvedCapture
 
 
@@ -42,16 +42,28 @@ def solved(solved_once: SolvedCapture, tmp_path_factory: pytest.TempPathFactory)
     return solved_once.copied_to(tmp_path_factory.mktemp("gelöst – 1"))
 
 
+@pytest.fixture(scope="module")
+def kept_solve(solved: SolvedCapture, tmp_path_factory: pytest.TempPathFactory) -> KeptScene[bpy.types.Action]:
+    """Take the solved capture and its motion into a scene, once a file."""
+    folder = tmp_path_factory.mktemp("kept")
+
+    def taken(scene: bpy.types.Scene) -> bpy.types.Action:
+        with registered():
+            scene.mocap.folder = str(folder / "Aufnahmen ü")
+            take_capture(scene, solved.read)
+            return take_motion(bpy.context, solved.files)
+
+    return KeptScene(folder / "solved.blend", taken)
+
+
 @pytest.fixture
 def mocap(scene: bpy.types.Scene, tmp_path: Path) -> Iterator[bpy.types.PropertyGroup]:
-    blender_addon.register()
-    scene.mocap.folder = str(tmp_path / "Aufnahmen ü")
-    yield scene.mocap
-    blender_addon.unregister()
+    with registered():
+        scene.mocap.folder = str(tmp_path / "Aufnahmen ü")
+        yield scene.mocap
 
 
 @pytest.fixture
-def solved_take(mocap: bpy.types.PropertyGroup, solved: SolvedCapture) -> bpy.types.Action:
+def solved_take(mocap: bpy.types.PropertyGroup, kept_solve: KeptScene[bpy.types.Action]) -> bpy.types.Action:
     """Return the take in the scene of its capture."""
-    take_capture(bpy.context.scene, solved.read)
-    return take_motion(bpy.context, solved.files)
+    return kept_solve.found()

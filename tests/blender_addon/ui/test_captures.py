@@ -11,6 +11,7 @@ from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import SolverOperator
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.synthesis.embedded.marker_demo import record_markers
+from tests.support.kept_scenes import KeptScene, registered
 
 FRAMES = 40
 
@@ -20,10 +21,27 @@ def recording(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_c3d(tmp_path_factory.mktemp("zweite") / "walk.c3d", record_markers(FRAMES).cloud)
 
 
+@pytest.fixture(scope="module")
+def kept_solve(
+    kept_solve: KeptScene[bpy.types.Action], recording: Path, tmp_path_factory: pytest.TempPathFactory
+) -> KeptScene[bpy.types.Action]:
+    """Import a recording of markers beside the solved capture of cameras, once."""
+    folder = tmp_path_factory.mktemp("kept")
+
+    def imported(_: bpy.types.Scene) -> bpy.types.Action:
+        scene = kept_solve.opened()
+        with registered():
+            scene.mocap.folder = str(folder)
+            assert bpy.ops.mocap.import_capture(filepath=str(recording)) == {"FINISHED"}
+            return kept_solve.found()
+
+    return KeptScene(folder / "both.blend", imported)
+
+
 @pytest.fixture
-def both(solved_take: bpy.types.Action, mocap: bpy.types.PropertyGroup, recording: Path) -> bpy.types.PropertyGroup:
+def both(solved_take: bpy.types.Action, mocap: bpy.types.PropertyGroup) -> bpy.types.PropertyGroup:
     """Return a scene with a solved capture of cameras and, imported after it, a recording of markers."""
-    assert bpy.ops.mocap.import_capture(filepath=str(recording)) == {"FINISHED"}
+    mocap.folder = str(Path(mocap.capture.file).parents[1])  # where it was imported
     return mocap
 
 

@@ -23,6 +23,7 @@ from solver_backend.io.markers.trc_writer import write_trc
 from solver_backend.job import Job
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import MarkerCloud
+from tests.support.kept_scenes import KeptScene, registered
 
 FRAMES = 40
 
@@ -37,9 +38,22 @@ def take(cloud: MarkerCloud, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_c3d(tmp_path_factory.mktemp("Aufnahme ü") / "walk.c3d", cloud)
 
 
+@pytest.fixture(scope="module")
+def kept_import(take: Path, tmp_path_factory: pytest.TempPathFactory) -> KeptScene[None]:
+    """Import the recording into a scene, once."""
+    folder = tmp_path_factory.mktemp("kept")
+
+    def imported(scene: bpy.types.Scene) -> None:
+        with registered():
+            scene.mocap.folder = str(folder)
+            assert bpy.ops.mocap.import_capture(filepath=str(take)) == {"FINISHED"}
+
+    return KeptScene(folder / "imported.blend", imported)
+
+
 @pytest.fixture
-def imported(mocap: bpy.types.PropertyGroup, take: Path) -> bpy.types.PropertyGroup:
-    assert bpy.ops.mocap.import_capture(filepath=str(take)) == {"FINISHED"}
+def imported(mocap: bpy.types.PropertyGroup, kept_import: KeptScene[None]) -> bpy.types.PropertyGroup:
+    mocap.folder = str(Path(mocap.capture.file).parents[1])  # where it was imported
     return mocap.capture
 
 
