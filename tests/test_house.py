@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+from collections.abc import Iterator
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -34,13 +35,22 @@ def files_of_tests() -> list[Path]:
     return sorted((ROOT / "tests").rglob("*.py"))
 
 
+def statements(tree: ast.AST) -> Iterator[ast.AST]:
+    """Yield every statement of a tree; what expressions hold is passed over, which is most of it."""
+    for field in ("body", "orelse", "finalbody", "handlers", "cases"):
+        held = getattr(tree, field, ())
+        for node in held if isinstance(held, list) else ():
+            yield node
+            yield from statements(node)
+
+
 @cache
 def found_in(path: Path) -> tuple[list[str], list[str]]:
     """Return the full names that a file imports, also inside functions and for types, and its classes."""
     package = dotted(path).split(".")[: None if path.name == "__init__.py" else -1]
     names: list[str] = []
     classes: list[str] = []
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in statements(ast.parse(path.read_text(encoding="utf-8"))):
         if isinstance(node, ast.Import):
             names += [alias.name for alias in node.names]
         elif isinstance(node, ast.ImportFrom):

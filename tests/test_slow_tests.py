@@ -19,18 +19,23 @@ def test_slow(): assert False, "it ran"
 """
 
 
-@pytest.mark.parametrize(
-    ("arguments", "shown_last"),
-    [([""], "1 passed, 1 deselected"), (["", "--all"], "1 failed, 1 passed"), (["test_one.py"], "1 failed, 1 passed")],
-    ids=["a folder", "all", "a file"],
-)
-def test_what_runs(tmp_path: Path, arguments: list[str], shown_last: str) -> None:
+RUNS = """import sys, pytest
+for call in sys.argv[1:]:
+    pytest.main(call.split("|"))
+    print("== ended", flush=True)
+"""
+"""Calls of pytest in one process, which imports what they need once."""
+
+
+def test_what_runs(tmp_path: Path) -> None:
     (tmp_path / "test_one.py").write_text(FILE)
-    path, *options = arguments
-    settings = ["--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"), "-p", "tests.conftest"]
-    command = [sys.executable, "-m", "pytest", "-q", *settings, *options, str(tmp_path / path)]
-    shown = subprocess.run(command, cwd=ROOT, capture_output=True, text=True).stdout
-    assert shown.splitlines()[-1].startswith(shown_last), shown
+    settings = ["-q", "--rootdir", str(ROOT), "-c", str(ROOT / "pyproject.toml"), "-p", "tests.conftest"]
+    a_folder, a_file = str(tmp_path), str(tmp_path / "test_one.py")
+    calls = ["|".join([*settings, *given]) for given in ([a_folder], [a_folder, "--all"], [a_file])]
+    done = subprocess.run([sys.executable, "-c", RUNS, *calls], cwd=ROOT, capture_output=True, text=True)
+    last = [shown.splitlines()[-1] for shown in done.stdout.split("== ended\n")[:-1]]
+    expected = ["1 passed, 1 deselected", "1 failed, 1 passed", "1 failed, 1 passed"]
+    assert [line.split(" in ")[0] for line in last] == expected, done.stdout + done.stderr
 
 
 @pytest.mark.parametrize("area", AREAS)

@@ -17,7 +17,7 @@ from solver_backend.io.native.motion_file import read_motion
 from tests.support.worn_markers import WornMarkers, worn_markers
 
 LABELS = marker_layout("PLUGIN_GAIT_39")
-FRAMES = 60
+FRAMES = 40
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +28,7 @@ def worn() -> WornMarkers:
 @pytest.fixture(scope="module")
 def take(worn: WornMarkers, tmp_path_factory: pytest.TempPathFactory) -> Path:
     points = worn.cloud.positions.copy()
-    points[20:26, LABELS.index("LFIN")] = np.nan
+    points[14:18, LABELS.index("LFIN")] = np.nan
     points = np.concatenate([points, points[:, :2] + 0.02], axis=1)
     labels = (*(f"Anna:{label}" for label in LABELS), "Anna:LHJC", "Anna:wand")
     cloud = type(worn.cloud)(points, worn.cloud.fps, labels)
@@ -68,7 +68,7 @@ def test_a_known_motion_is_recovered(worn, solved):
     assert motion.keypoints3d is None and motion.reprojection_px is None
     distance = 1000 * np.linalg.norm(motion.markers[:, :-1] - worn.cloud.positions, axis=-1)
     missing = np.isnan(motion.marker_residual_mm[:, :-1])
-    assert missing.sum() == 6 and missing[20:26, LABELS.index("LFIN")].all()
+    assert missing.sum() == 4 and missing[14:18, LABELS.index("LFIN")].all()
     np.testing.assert_allclose(motion.marker_residual_mm[:, :-1][~missing], distance[~missing], atol=1e-2)
     assert np.median(distance) < 5.0
     assert distance[missing].mean() < 25.0
@@ -94,8 +94,8 @@ def test_command_line_and_report_speak_of_markers(take, solved, capsys):
 @pytest.mark.slow
 def test_a_stretch_of_markers_is_solved_again(take, solved):
     out = take.with_name("stretch.npz")
-    assert main(["solve", str(take), "--resolve", str(solved), "--frames", "20", "40", "--out", str(out)]) == 0
+    assert main(["solve", str(take), "--resolve", str(solved), "--frames", "14", "28", "--out", str(out)]) == 0
     before, after = read_motion(solved), read_motion(out)
     assert before.markers is not None and after.markers is not None
-    np.testing.assert_array_equal(after.markers[:15], before.markers[:15])
+    np.testing.assert_array_equal(after.markers[:10], before.markers[:10])
     assert after.marker_labels == before.marker_labels

@@ -29,7 +29,7 @@ from tests.support.short_solves import cut
 from tests.support.stick_body import stick_body
 
 FRAMES, FPS = 61, 60.0
-QUICK = SolveSettings(contacts=False)
+QUICK = SolveSettings(contacts=False, iterations=6)
 TAIL, WINGS = [f"tail{i}" for i in range(8)], [f"{side}_wing{i}" for side in ("left", "right") for i in range(4)]
 CHAINS = ((TAIL, "pelvis", (0.0, -0.05, -0.12)), (WINGS[:4], "spine3", (0.15, 0.1, -0.1)),
           (WINGS[4:], "spine3", (-0.15, 0.1, -0.1)))  # fmt: skip
@@ -163,7 +163,7 @@ def test_a_prior_of_another_latent_size_solves_a_capture(method):
     capture = cut(demo_capture(), 100, 161)
     prior = narrow_prior()
     assert prior.encode(load_sposer().sample(3, seed=0)).shape == (3, 24)
-    motion = solve(capture, SolveSettings(method=method), prior=prior).motion
+    motion = solve(capture, SolveSettings(method=method, iterations=6), prior=prior).motion
     error = np.linalg.norm(motion.joints - capture.truth["joints"], axis=-1)
     assert error.mean() < (0.05 if method == "global" else 0.1)
     assert motion.provenance["prior"] == {"name": "narrow", "weights": "narrow"}

@@ -137,19 +137,20 @@ def test_sider_is_equivariant_and_reversible():
 @pytest.mark.parametrize("count", [2, 3])
 def test_jacobians_equal_central_differences(angle, count):
     keys = keys_apart(angle, count, (1,), d=4, seed=count)[0]
-    for t in TIMES:
-        x, jacobians = with_jacobians(keys, t)
-        np.testing.assert_allclose(x, ip.sider_n(keys, t), atol=1e-13)
-        for j in range(count):
+    at_all_times = np.broadcast_to(keys, (len(TIMES), count, 4))
+    x, jacobians = with_jacobians(at_all_times, TIMES)
+    np.testing.assert_allclose(x, ip.sider_n(at_all_times, TIMES), atol=1e-13)
+    for j in range(count):
 
-            def moved(key, j=j, t=t):
-                return ip.sider_n(np.concatenate([keys[:j], key[None], keys[j + 1 :]]), t)
+        def moved(key, j=j):
+            spoiled = np.concatenate([keys[:j], key[None], keys[j + 1 :]])
+            return ip.sider_n(np.broadcast_to(spoiled, (len(TIMES), count, 4)), TIMES)
 
-            basis, numeric = numeric_jacobian(moved, keys[j], 3e-4)
-            np.testing.assert_allclose(
-                jacobians[j] @ basis, numeric, rtol=1e-6, atol=2e-9 * max(1, np.abs(numeric).max())
-            )
-            np.testing.assert_allclose(x @ jacobians[j] @ basis, 0.0, atol=1e-11 * max(1, np.abs(numeric).max()))
+        basis, numeric = numeric_jacobian(moved, keys[j], 3e-4)
+        for t in range(len(TIMES)):
+            largest = max(1, np.abs(numeric[t]).max())
+            np.testing.assert_allclose(jacobians[t, j] @ basis, numeric[t], rtol=1e-6, atol=2e-9 * largest)
+            np.testing.assert_allclose(x[t] @ jacobians[t, j] @ basis, 0.0, atol=1e-11 * largest)
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-3, 0.3, 0.8])
@@ -221,9 +222,9 @@ def test_sider_is_smooth_within_its_window(count, order):
     binomial = np.array([comb(order, i) * (-1) ** (order - i) for i in range(order + 1)], dtype=float)
 
     def jump(t, h):
-        right = sum(w * ip.sider_n(keys, t + i * h) for i, w in enumerate(binomial))
-        left = sum(w * ip.sider_n(keys, t - (order - i) * h) for i, w in enumerate(binomial))
-        return np.linalg.norm(right - left) / h**order
+        times = t + h * np.arange(-order, order + 1)
+        points = ip.sider_n(np.broadcast_to(keys, (len(times), *keys.shape)), times)
+        return np.linalg.norm(binomial @ points[order:] - binomial @ points[: order + 1]) / h**order
 
     for t in (*(i / (count - 1) for i in range(1, count - 1)), 0.37, 0.71):
         assert jump(t, 0.005) < 0.6 * jump(t, 0.01)

@@ -33,6 +33,12 @@ def demo() -> MarkerCloud:
     return record_markers(90, seed=5).cloud
 
 
+@pytest.fixture(scope="module")
+def labelled(demo: MarkerCloud) -> LabelledTake:
+    """Return the demo's markers without names, named by the network."""
+    return label_take(MarkerCloud(demo.positions, demo.fps), load_network(), fit_average_person)
+
+
 def test_a_real_walk_gets_its_labels_back(shared_data):
     cloud = read_markers(shared_data / "markers" / "cmu_pairs" / "02_01.c3d").cloud
     bare = stripped(cloud, 3)
@@ -58,29 +64,24 @@ def test_a_spoiled_walk_keeps_most_and_is_seldom_wrong(shared_data):
 
 
 @pytest.mark.slow
-def test_the_order_of_columns_does_not_matter(demo):
-    bare = MarkerCloud(demo.positions, demo.fps)
+def test_the_order_of_columns_does_not_matter(demo, labelled):
     order = np.random.default_rng(0).permutation(demo.positions.shape[1])
-    network = load_network()
-    here = label_take(bare, network, fit_average_person)
-    there = label_take(MarkerCloud(demo.positions[:, order], demo.fps), network, fit_average_person)
-    same = here.labels[:, order] == there.labels
+    there = label_take(MarkerCloud(demo.positions[:, order], demo.fps), load_network(), fit_average_person)
+    same = labelled.labels[:, order] == there.labels
     assert same.mean() > 0.99
 
 
-def test_no_marker_is_at_two_places_of_a_frame(demo):
-    take = label_take(MarkerCloud(demo.positions, demo.fps), load_network(), fit_average_person)
-    for frame in take.labels[::30]:
+def test_no_marker_is_at_two_places_of_a_frame(labelled):
+    for frame in labelled.labels[::30]:
         markers = frame[(frame >= 0) & (frame < GHOST)]
         assert len(set(markers.tolist())) == len(markers)
 
 
-def test_what_a_person_tells_binds_the_whole_stretch(demo):
+def test_what_a_person_tells_binds_the_whole_stretch(demo, labelled):
     bare = MarkerCloud(demo.positions, demo.fps)
     network = load_network()
-    before = label_take(bare, network, fit_average_person)
-    column = int(np.flatnonzero((before.labels[0] >= 0) & (before.labels[0] < GHOST))[0])
-    other = next(name for i, name in enumerate(MARKERS) if not (before.labels == i).any())
+    column = int(np.flatnonzero((labelled.labels[0] >= 0) & (labelled.labels[0] < GHOST))[0])
+    other = next(name for i, name in enumerate(MARKERS) if not (labelled.labels == i).any())
     after = label_take(bare, network, fit_average_person, user_labels={(column, 0): other})
     mine = after.tracklets.number[:, column] == after.tracklets.number[0, column]
     assert (after.labels[mine, column] == MARKERS.index(other)).all()
@@ -232,10 +233,9 @@ def test_more_points_than_can_be_compared_are_named(demo):
 
 
 @pytest.mark.slow
-def test_frames_read_in_smaller_parts_say_the_same(demo, monkeypatch):
-    bare, network = MarkerCloud(demo.positions, demo.fps), load_network()
-    whole = label_take(bare, network, fit_average_person)
+def test_frames_read_in_smaller_parts_say_the_same(demo, labelled, monkeypatch):
+    bare = MarkerCloud(demo.positions, demo.fps)
     monkeypatch.setattr("solver_backend.labelling.frame_landmarks._PAIRS", 3 * demo.positions.shape[1] ** 2)
-    parts = label_take(bare, network, fit_average_person)
-    assert np.array_equal(whole.labels, parts.labels)
-    assert np.allclose(whole.landmarks, parts.landmarks, atol=1e-4)
+    parts = label_take(bare, load_network(), fit_average_person)
+    assert np.array_equal(labelled.labels, parts.labels)
+    assert np.allclose(labelled.landmarks, parts.landmarks, atol=1e-4)

@@ -45,8 +45,7 @@ def own_character(body: BodyFile, broader: float, shoulders: float) -> bpy.types
     bpy.context.scene.collection.objects.link(skin_of)
     for j, name in enumerate(names):
         group = skin_of.vertex_groups.new(name=name)
-        for v in np.flatnonzero(followed == j):
-            group.add([int(v)], 1.0, "REPLACE")
+        group.add(np.flatnonzero(followed == j).tolist(), 1.0, "REPLACE")
     skin_of.modifiers.new("Armature", "ARMATURE").object = rig
     bpy.context.view_layer.update()
     return rig

@@ -61,30 +61,35 @@ class Painter:
             if not np.isfinite(xy).all():
                 continue
             radius = float(cameras.K[view, 0, 0]) * RADIUS_M / z
-            cover = self._disc((height, width), xy, radius)
-            infrared = np.maximum(infrared, np.minimum(6.0 * cover, 1.0) * FULL)
-            ring = self._disc((height, width), xy, radius + 3.0) > 0
-            depth[ring] = z - self.surface_m * z / ray
-            depth[infrared >= FULL] = 0.0
+            window = _around(xy, radius + 3.0, (height, width))
+            bright, deep = infrared[window], depth[window]  # views
+            cover, ring = (self._disc(window, xy, r) for r in (radius, radius + 3.0))
+            bright[:] = np.maximum(bright, np.minimum(6.0 * cover, 1.0) * FULL)
+            deep[ring > 0] = z - self.surface_m * z / ray
+            deep[bright >= FULL] = 0.0
         infrared = np.clip(infrared + rng.normal(0, 40, infrared.shape), 0, FULL).astype(np.uint16)
         noisy = depth + rng.normal(0, self.depth_sigma_m, depth.shape)
         millimetres = np.where(depth > 0, np.round(1000 * noisy), 0).astype(np.uint16)
         return SensorFrame(cameras.names[view], infrared, millimetres, time, time, number)
 
-    def _disc(self, shape: tuple[int, int], xy: np.ndarray, radius: float) -> np.ndarray:
-        """Return the share of each pixel that a disc covers."""
-        height, width = shape
-        cover = np.zeros(shape)
-        x0, x1 = max(int(xy[0] - radius) - 1, 0), min(int(xy[0] + radius) + 3, width)
-        y0, y1 = max(int(xy[1] - radius) - 1, 0), min(int(xy[1] + radius) + 3, height)
-        if x0 >= x1 or y0 >= y1:
-            return cover
+    def _disc(self, window: tuple[slice, slice], xy: np.ndarray, radius: float) -> np.ndarray:
+        """Return the share of each pixel of a window that a disc covers."""
         steps = (np.arange(self.fine) + 0.5) / self.fine - 0.5
-        x = (np.arange(x0, x1)[:, None] + steps).ravel() - xy[0]
-        y = (np.arange(y0, y1)[:, None] + steps).ravel() - xy[1]
+        rows, columns = (np.arange(part.start, part.stop) for part in window)
+        x = (columns[:, None] + steps).ravel() - xy[0]
+        y = (rows[:, None] + steps).ravel() - xy[1]
         inside = (x**2 + y[:, None] ** 2 <= radius**2).astype(float)
-        cover[y0:y1, x0:x1] = inside.reshape(y1 - y0, self.fine, x1 - x0, self.fine).mean(axis=(1, 3))
-        return cover
+        return inside.reshape(len(rows), self.fine, len(columns), self.fine).mean(axis=(1, 3))
+
+
+def _around(xy: np.ndarray, radius: float, shape: tuple[int, int]) -> tuple[slice, slice]:
+    """Return the rows and columns of a picture that hold a disc; none where it lies outside."""
+    ranges = [
+        (max(int(at - radius) - 1, 0), min(int(at + radius) + 3, size))
+        for at, size in zip(xy, shape[::-1], strict=True)
+    ]
+    (x0, x1), (y0, y1) = ranges
+    return slice(y0, max(y0, y1)), slice(x0, max(x0, x1))
 
 
 def spread_points(count: int, seed: int = 0, cameras: Cameras | None = None, apart_px: float = 16.0) -> np.ndarray:

@@ -15,7 +15,7 @@ from solver_backend.types import Capture, Motion
 from tests.support.handed_take import handed_take
 from tests.support.short_solves import QUICK
 
-FRAMES, FIRST, LAST, PINNED = 30, 8, 22, 15
+FRAMES, FIRST, LAST, PINNED = 20, 5, 15, 10
 BODY = 21
 """Joints after the root that are no fingers."""
 INDEX = 30

@@ -25,7 +25,7 @@ LABELS = marker_layout("PLUGIN_GAIT_39")
 
 @pytest.fixture(scope="module")
 def worn():
-    return worn_markers(LABELS, 60, fps=15.0, step=4)
+    return worn_markers(LABELS, 40, fps=10.0, step=6)
 
 
 @pytest.fixture(scope="module")

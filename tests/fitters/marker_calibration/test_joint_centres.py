@@ -28,16 +28,16 @@ SETTINGS = SolveSettings(contacts=False)
 FRAMES = 90
 
 
-def recorded(labels, sigma_m=0.003):
+def recorded(labels, sigma_m=0.003, frames=FRAMES):
     """Return a skeleton's points of the demo's person and its true joints."""
     truth, body, rng = demo_capture().truth, load_body(), np.random.default_rng(4)
     places = {label: place for label, place in joint_centre_places(labels).items() if place}
     landmarks = marker_landmarks(body, tuple(places.values()))
     subject = Subject(body, landmarks, truth["betas"], 0.0 * rng.normal(size=(len(places), 3)))
-    chosen = slice(0, 2 * FRAMES, 2)
+    chosen = slice(0, 2 * frames, 2)
     local = exp_so3(truth["body_pose"][chosen, :63].reshape(-1, 21, 3))
     posed = PosedFrames(exp_so3(truth["global_orient"][chosen]), local, truth["transl"][chosen])
-    points = pose(subject, posed).points + sigma_m * rng.normal(size=(FRAMES, len(places), 3))
+    points = pose(subject, posed).points + sigma_m * rng.normal(size=(frames, len(places), 3))
     return MarkerCloud(points, 30.0, tuple(places)), truth["joints"][chosen]
 
 
@@ -47,7 +47,7 @@ def error_mm(motion, joints):
 
 @pytest.mark.parametrize("labels", [pytest.param(SUIT, marks=pytest.mark.slow), POSE2SIM], ids=["suit", "pose2sim"])
 def test_joint_centres_make_a_body(labels):
-    cloud, joints = recorded(labels)
+    cloud, joints = recorded(labels, frames=50)
     motion = solve(Capture("points", markers=cloud), SETTINGS).motion
     assert error_mm(motion, joints).max() < 15
     assert np.abs(motion.betas).max() < 3

@@ -25,8 +25,8 @@ from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, SMPL_JOINTS, MarkerCloud
 
 LABELS = marker_layout("CMU_41")
-FRAMES, FPS = 90, 60.0
-AWAY = slice(40, 55)
+FRAMES, FPS = 60, 60.0
+AWAY = slice(28, 38)
 """Frames in which no marker is seen."""
 
 
@@ -70,7 +70,7 @@ def test_the_motion_tells_what_it_tells_of_views(solution):
     motion = solution.motion
     assert motion.reprojection_px is None and motion.joint_set is None
     np.testing.assert_array_equal((motion.flags & FLAG_UNSEEN) > 0, np.isin(np.arange(FRAMES), np.r_[AWAY]))
-    assert (motion.joint_sigma > 0).all() and motion.joint_sigma[AWAY].mean() > motion.joint_sigma[:30].mean()
+    assert (motion.joint_sigma > 0).all() and motion.joint_sigma[AWAY].mean() > motion.joint_sigma[:20].mean()
     assert motion.provenance["markers"] == list(LABELS) and (np.array(motion.provenance["sigma_mm"]) >= 3.0).all()
     assert {"marker_median_mm", "marker_rmse_mm", "outliers_percent"} <= set(motion.provenance["statistics"])
     assert motion.provenance["status"] == solution.status

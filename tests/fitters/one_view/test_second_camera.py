@@ -15,6 +15,7 @@ from solver_backend.job import Job
 from solver_backend.types import Capture, Motion
 from tests.support.limb_errors import limb_errors
 from tests.support.one_view_situations import parts
+from tests.support.short_motion import short_motion
 from tests.support.walking_take import circling
 
 FRAMES, TOGETHER = 90, 25
@@ -76,8 +77,8 @@ def test_a_job_keeps_where_it_starts(tmp_path: Path) -> None:
         Job(tmp_path / "trial", tmp_path / "both.npz", start=tmp_path / "both.npz")
 
 
-def test_what_is_no_start_is_refused(two: Capture, first: Motion) -> None:
-    _, keypoints = parts(two)
+def test_what_is_no_start_is_refused(two: Capture) -> None:
+    first, (_, keypoints) = short_motion(FRAMES), parts(two)
     with pytest.raises(MotionInvalid, match="start at has 90 frames, the capture 30"):
         solve(replace(two, keypoints=keypoints.frames(0, 30), truth={}), start=first)
     with pytest.raises(JobInvalid, match="several cameras"):

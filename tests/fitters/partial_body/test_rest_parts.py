@@ -22,10 +22,19 @@ ARMS = ("LUPA", "LELB", "LFRM", "LWRA", "LFIN", "RUPA", "RELB", "RFRM", "RWRA", 
 SETTINGS = SolveSettings(contacts=False)
 
 
+def worn_by_all(frames):
+    take = worn_markers((*LEGS, *REST, *ARMS), frames, fps=30.0, step=2)
+    return take, solve(Capture("whole", markers=take.cloud), SETTINGS).motion
+
+
 @pytest.fixture(scope="module")
 def whole():
-    take = worn_markers((*LEGS, *REST, *ARMS), 120, fps=30.0, step=2)
-    return take, solve(Capture("whole", markers=take.cloud), SETTINGS).motion
+    return worn_by_all(120)
+
+
+@pytest.fixture(scope="module")
+def short():
+    return worn_by_all(60)
 
 
 def part_of(take, labels):
@@ -38,8 +47,8 @@ def error_mm(motion, truth, names):
     return 1000 * np.linalg.norm(motion.joints[:, columns] - truth[:, columns], axis=-1).mean()
 
 
-def test_a_whole_body_has_nothing_at_rest(whole):
-    _, motion = whole
+def test_a_whole_body_has_nothing_at_rest(short):
+    _, motion = short
     assert motion.resting is None and not (motion.flags & FLAG_RESTING).any()
     assert not recorded_diagnostics(motion)
 
@@ -64,8 +73,8 @@ def test_what_stands_above_feet_alone_is_assumed(labels, knees):
     assert "place_assumed" in [item.code for item in recorded_diagnostics(motion)]
 
 
-def test_legs_alone(whole, tmp_path):
-    take, full = whole
+def test_legs_alone(short, tmp_path):
+    take, full = short
     motion = solve(Capture("legs", markers=part_of(take, LEGS)), SETTINGS).motion
     at = SMPL_JOINTS.index
     for side in ("left", "right"):

@@ -54,7 +54,7 @@ def test_half_size_and_started_apart(tmp_path: Path) -> None:
 
 
 def test_half_size_and_other_lengths(tmp_path: Path) -> None:
-    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
+    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5, stop=181)
     for path in sorted((tmp_path / "pose" / f"{NAMES[2]}_json").iterdir())[-7:]:
         path.unlink()
     capture = load_capture(tmp_path)
@@ -101,7 +101,7 @@ def test_a_camera_that_stopped_halfway_is_of_the_same_rate(tmp_path: Path) -> No
 
 
 def test_calibrations_as_written_are_not_searched(tmp_path: Path) -> None:
-    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5)
+    write_apart(tmp_path, [0, 0, 0, 0], [1, 1, 1, 1], factor=0.5, stop=61)
     capture = load_capture(tmp_path, as_calibrated=True)
     assert not any("corrected" in item.code for item in capture.problems)
     np.testing.assert_allclose(capture.require_multiview()[0].K, replace(CAMERAS).K)
