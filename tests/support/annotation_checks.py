@@ -61,22 +61,28 @@ def _checked_function(function: Callable[..., Any]) -> Callable[..., Any]:
         thread = threading.get_ident()
         return results.pop(thread) if thread in results else function(*args, **kwargs)
 
-    with_checks = beartype(conf=CONF)(run_or_take)
+    # Made ready by the first call, which many functions never see.
+    with_checks: Callable[..., Any] | None = None
+    all_places = of_result = _all_at_once([])
+    by_name: dict[str, Look] = {}
+    by_place, of_rest = list[Look](), _nothing
     passed: dict[Hashable, set[Hashable]] = {}  # what results of arguments that passed looked like
-    by_place, by_name, of_result = _looks(function)
-    num_places = len(by_place)
-    of_rest = by_name.get("*", _nothing)
-    all_places, of_result = _all_at_once(by_place), _all_at_once([of_result])
     config = jaxtyping.config
 
     @functools.wraps(function)
     def call(*args: Any, **kwargs: Any) -> Any:
+        nonlocal with_checks, all_places, of_result, by_name, by_place, of_rest
         if config.jaxtyping_disable:
             return function(*args, **kwargs)
-        if kwargs or len(args) != num_places:
+        if with_checks is None:
+            by_place, by_name, look_at_result = _looks(function)
+            of_rest = by_name.get("*", _nothing)
+            all_places, of_result = _all_at_once(by_place), _all_at_once([look_at_result])
+            with_checks = beartype(conf=CONF)(run_or_take)
+        if kwargs or len(args) != len(by_place):
             parts: list[Hashable] = [look(value) for look, value in zip(by_place, args, strict=False)]
-            if len(args) > num_places:
-                parts += map(of_rest, args[num_places:])
+            if len(args) > len(by_place):
+                parts += map(of_rest, args[len(by_place) :])
             for name, value in kwargs.items():
                 parts += name, by_name.get(name, _exact)(value)
             given = tuple(parts)
