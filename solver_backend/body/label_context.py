@@ -14,6 +14,8 @@ from solver_backend.body.marker_layouts import Family, LayoutFile, keys_of, labe
 
 _AXES = ("OALP", "OXYZ", "OAPL")
 _NUMBERED = re.compile(r"(?P<stem>[A-Za-z]*[ ._-]?)(?P<number>\d{1,3})")
+MOST_READ = 10_000
+"""Names whose places are kept, about a megabyte: recordings of a session have the same."""
 COUNTED, LAST_VERTEBRA = 8, 12
 """Names of one stem with a number that show somebody counted, where one is beyond the last vertebra of any kind."""
 
@@ -101,6 +103,15 @@ def _sided(file: LayoutFile, names: Iterable[str], letters: Letters) -> int:
 
 def _by_side(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
     """Return the places of a name by its words, or by a listed name beside a side that stands apart."""
+    known = file.places_read
+    if (name, letters) not in known:
+        if len(known) >= MOST_READ:
+            known.clear()
+        known[name, letters] = _read(file, name, letters)
+    return known[name, letters]
+
+
+def _read(file: LayoutFile, name: str, letters: Letters) -> tuple[str, ...]:
     if parted := file.words.sides.apart(spelt(name), letters):
         side, stem = parted
         if found := file.names.get(side + label_key(stem)):

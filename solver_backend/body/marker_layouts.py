@@ -5,10 +5,11 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from pathlib import Path
 from typing import Any
 
+from solver_backend.body.label_sides import Letters
 from solver_backend.body.label_words import LabelWords, words_of_file
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.json_file import read_json_file
@@ -63,6 +64,11 @@ class LayoutFile:
     """Words of several languages, and the places that they name."""
     families: dict[str, Family]
     """Names of systems by the system."""
+
+    @cached_property
+    def places_read(self) -> dict[tuple[str, Letters], tuple[str, ...]]:
+        """Places by names and sides' letters that were read before."""
+        return {}
 
     def place_of(self, label: str) -> str | None:
         """Return the place that a label names, None where it names none.
