@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
+
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
@@ -23,11 +25,7 @@ class SensorLens:
         self.R, self.t = one.R[0], one.t[0]
         self.centre = one.centres[0]
         self.focal = np.array([one.K[0, 0, 0], one.K[0, 1, 1]])
-        width, height = self.size
-        # One pixel more on each side, so that every point of the picture lies between four of the table.
-        u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
-        px = np.stack([u, v], axis=-1)[None]
-        self._table = undistort(one.K, one.distortion, px, one.distortion_model)[0]
+        self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.distortion_model)
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
         """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table; NaN outside the picture."""
@@ -73,3 +71,17 @@ class SensorLens:
         J[:, 2, 2] = sigma_depth
         turned = self.R.T @ J
         return turned @ np.swapaxes(turned, 1, 2)
+
+
+@lru_cache(maxsize=8)
+def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
+    """Return (h + 2, w + 2, 2) of a lens given as bytes, a second of work for four sensors; it must not be written to.
+
+    One pixel more on each side, so that every point of the picture lies between four of the table.
+    """
+    width, height = size
+    u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
+    lens = np.frombuffer(K).reshape(1, 3, 3), np.frombuffer(distortion).reshape(1, 8)
+    table = undistort(*lens, np.stack([u, v], axis=-1)[None], model)[0]
+    table.flags.writeable = False
+    return table
