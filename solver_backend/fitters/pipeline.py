@@ -168,12 +168,10 @@ def resolve_range(
     """Solve some frames of an earlier motion again, through poses that a person pinned; see ``solve_range``.
 
     Raises:
-        JobInvalid: the take does not have the frame range.
-        MotionInvalid: the motion belongs to another take or body.
+        JobInvalid, MotionInvalid: the take does not have the frame range; the motion is of another take or body.
         TooFewViews, NoDetections, BackendMissing: as in ``solve``.
     """
-    if capture.num_frames:
-        frame_range.check(capture.num_frames)  # before anything is measured
+    frame_range.check(capture.num_frames or frame_range.last + 1)  # before anything is measured
     problem = prepare(capture, settings, progress, person=person_of(without_fingers(motion)))
     return solve_again(problem, first_subject(problem, settings), motion, frame_range, settings, progress)
 
