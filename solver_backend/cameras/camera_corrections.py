@@ -22,8 +22,9 @@ row vectors do; ``x = R x_cam + t``; ``x_cam = R (x - t)``."""
 SHAPES = {
     "squeezed": "squeezed to 3/4 of their width", "widened": "widened to 4/3", "half as wide": "squeezed to half width",
     "twice as wide": "of half the rows", "square": "squeezed into a square", "boxed": "in a square with bars",
-    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3", "middle 3/4": "cut to 3/4 about their middle",
-    "middle 2/3": "cut to 2/3 about their middle", "middle half": "cut to half about their middle",
+    "cut to 16:9": "cut to 16:9", "cut to 4:3": "cut to 4:3", "cut to a square": "cut to a square",
+    "middle 3/4": "cut to 3/4 about their middle", "middle 2/3": "cut to 2/3 about their middle",
+    "middle half": "cut to half about their middle",
 }  # fmt: skip
 """What recorded pictures may be against those calibrated, and how it is reported: anamorphic lenses and pixels that are
 no squares, fields of interlaced video, square inputs of detectors, modes of a camera that use a part of its sensor."""
@@ -128,7 +129,7 @@ def _reshaped(cameras: Cameras, c: int, shape: str) -> Cameras:
     new = {
         **{middle: size * share for middle, share in _MIDDLES.items()},
         "boxed": np.full(2, size.max()), "cut to 16:9": np.array([width, width * 9 / 16]),
-        "cut to 4:3": np.array([height * 4 / 3, height]),
+        "cut to 4:3": np.array([height * 4 / 3, height]), "cut to a square": np.full(2, size.min()),
     }.get(shape, size * scale)  # fmt: skip
     K, sizes = cameras.K.copy(), cameras.image_size.copy()
     K[c, :2] *= scale[:, None]

@@ -24,6 +24,10 @@ PairReading = tuple[int, CameraCorrection, int, CameraCorrection]
 """Two cameras, and how each is read."""
 
 
+View = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""(F, J, 2) normalised points of a camera, NaN where unseen, with its rotation and translation."""
+
+
 class ReadingScores:
     """Agreement of readings; that of two cameras is computed once for each way to read them."""
 
@@ -114,13 +118,28 @@ class ReadingScores:
     def _pair(self, a: int, b: int, reading: list[CameraCorrection]) -> float:
         key = (a, reading[a], b, reading[b])
         if key not in self._pairs:
-            self._pairs[key] = pair_agreement(
-                *self._camera(a, reading[a]), *self._camera(b, reading[b]), self._off_line
-            )
+            self._pairs[key] = pair_agreement(*self.view(a, reading[a]), *self.view(b, reading[b]), self._off_line)
         return self._pairs[key]
 
-    def _camera(self, c: int, correction: CameraCorrection) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Return (F, J, 2) normalised points, NaN where unseen, with rotation and translation of a camera so read."""
+    def of_pose(self, reading: list[CameraCorrection], c: int, R: np.ndarray, t: np.ndarray) -> float:
+        """Return the same as ``of`` with another pose of one camera."""
+        views = [self.view(k, r) for k, r in enumerate(reading)]
+        views[c] = views[c][0], R, t
+        shares = [
+            pair_agreement(*views[a], *views[b], self._off_line) if c in (a, b) else self._pair(a, b, reading)
+            for a, b in self._compared
+        ]
+        known = [share for share in shares if np.isfinite(share)]
+        return float(np.mean(known)) if known else 0.0
+
+    def within_picture(self, c: int, correction: CameraCorrection) -> float:
+        """Return the share of a camera's keypoints that lie in its pictures as they are so read."""
+        width, height = corrected(self.cameras.subset([c]), [correction]).image_size[0]
+        u, v = self._xy[c][self._seen[c]].T
+        return float(np.mean((u > -1) & (v > -1) & (u < width) & (v < height))) if len(u) else 0.0
+
+    def view(self, c: int, correction: CameraCorrection) -> View:
+        """Return points and pose of a camera so read."""
         points = self._points(CameraCorrection(correction.factor, correction.turn, shape=correction.shape))
         R, t = self._turned(_pose(correction))
         return points[c], R[c], t[c]
