@@ -20,10 +20,13 @@ from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.files import LONGEST_HEADING, read_text
 
-_COLUMN = re.compile(
-    r"(?P<name>.*\w)[ ._-]+(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|prob|c|p|v)", re.I
-)
+_COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c|p|v)"
+_COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
 """``nose.x``, ``left_knee_y``, ``left knee confidence``."""
+_COORD_FIRST = re.compile(rf"{_COORD}(?P<name>\d+|[ ._-]+\w.*)", re.I)
+"""``x1``, ``v_32``, ``x_NOSE``, as scripts around MediaPipe write them."""
+_NUMBERED = re.compile(r"(?:(?:pose[ _]?)?(?:landmarks?|keypoints?|points?|joints?|lm|kpt?|pt)[ ._-]?)?(\d{1,4})", re.I)
+"""A point's number in the order of a joint set: ``12``, ``landmark_12``, ``kp12``."""
 FRAMES = ("frame", "frame_idx", "frame_index", "frame_number", "frame_id", "frameid", "frame_no", "index", "")
 """Headings of the frame's number, in small letters; several rows of one frame are several people."""
 CAMERAS = ("camera", "camera_id", "camera_name", "cam", "cam_id", "view", "view_id", "video")
@@ -37,8 +40,7 @@ _START_BYTES = 1 << 16
 
 def is_table(path: Path) -> bool:
     """Whether a file begins with such a heading row; positions in space, with z and no score, are none."""
-    columns = _points(heading_of(path))
-    whole = [coords for coords in columns.values() if {"x", "y"} <= coords.keys()]
+    whole = _whole_points(heading_of(path)).values()
     return len(whole) >= LEAST_POINTS and not any("z" in coords and "likelihood" not in coords for coords in whole)
 
 
@@ -159,8 +161,8 @@ def column_of(heading: list[str], names: Sequence[str]) -> int | None:
 
 
 def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFrames:
-    points = _points(heading)
-    names = [name for name, coords in points.items() if {"x", "y"} <= coords.keys()]
+    points = _whole_points(heading)
+    names, named = _in_order(list(points))
     frame = column_of(heading, FRAMES)
     try:
         numbers = [row if frame is None else int(float(cells[frame])) for row, cells in enumerate(rows)]
@@ -172,10 +174,19 @@ def _frames(heading: list[str], rows: list[list[str]], path: Path) -> CameraFram
     values = values.reshape(len(rows), len(names), len(_COORDS))
     values[..., 2] = np.where(np.isfinite(values[..., :2]).all(-1), values[..., 2], 0.0)
     frames: dict[int, People] = {number: [] for number in numbers}
-    for number, points in zip(numbers, values, strict=True):
-        if (points[:, 2] > 0).any():
-            frames[number].append(points)
-    return CameraFrames.in_memory(frames, path, tuple(names))
+    for number, person in zip(numbers, values, strict=True):
+        if (person[:, 2] > 0).any():
+            frames[number].append(person)
+    return CameraFrames.in_memory(frames, path, tuple(names) if named else ())
+
+
+def _in_order(names: list[str]) -> tuple[list[str], bool]:
+    """Return points in the order of their columns and True, or of their numbers and False where each has the next."""
+    numbers = [int(found[1]) if (found := _NUMBERED.fullmatch(name)) else -1 for name in names]
+    first = min(numbers, default=-1)
+    if first in (0, 1) and sorted(numbers) == list(range(first, first + len(names))):
+        return [name for _, name in sorted(zip(numbers, names, strict=True))], False
+    return names, True
 
 
 def _values(rows: list[list[str]], columns: list[int | None]) -> np.ndarray:
@@ -208,11 +219,16 @@ def _cells(line: str) -> list[str]:
         return []
 
 
-def _points(heading: list[str]) -> dict[str, dict[str, int]]:
-    """Return the column of each coordinate of each point."""
-    points: dict[str, dict[str, int]] = {}
-    for column, name in enumerate(heading):
-        if found := _COLUMN.fullmatch(name.strip()) if len(name) <= LONGEST_HEADING else None:
-            coord = found["coord"].lower()
-            points.setdefault(found["name"], {}).setdefault(coord if coord in "xyz" else "likelihood", column)
-    return points
+def _whole_points(heading: list[str]) -> dict[str, dict[str, int]]:
+    """Return the column of each coordinate of each point that has x and y; its name may stand after the coordinate."""
+    for pattern in (_COLUMN, _COORD_FIRST):
+        points: dict[str, dict[str, int]] = {}
+        for column, name in enumerate(heading):
+            if found := pattern.fullmatch(name.strip()) if len(name) <= LONGEST_HEADING else None:
+                coord = found["coord"].lower()
+                point = points.setdefault(found["name"].lstrip(" ._-"), {})
+                point.setdefault(coord if coord in "xyz" else "likelihood", column)
+        points = {name: coords for name, coords in points.items() if {"x", "y"} <= coords.keys()}
+        if len(points) >= LEAST_POINTS:
+            return points
+    return {}

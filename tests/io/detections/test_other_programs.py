@@ -72,8 +72,10 @@ def test_ultralytics_writes_shares_of_the_picture(deeper, tmp_path):
 
 
 def test_positions_in_space_are_no_detections(tmp_path):
-    write_table(tmp_path / "walk.csv", [["frame", *(f"{n}_{x}" for n in COCO for x in "xyz")], [0, *range(51)]])
-    assert not is_table(tmp_path / "walk.csv")
+    for form in ("{n}_{x}", "{x}{k}"):
+        heading = [form.format(n=n, x=x, k=k) for k, n in enumerate(COCO) for x in "xyz"]
+        write_table(tmp_path / "walk.csv", [["frame", *heading], [0, *range(51)]])
+        assert not is_table(tmp_path / "walk.csv")
     np.save(tmp_path / "walk.npy", np.full((9, 17, 3), 800.0))
     assert camera_sources(tmp_path) == {}
 
@@ -207,6 +209,17 @@ def test_points_by_number_are_in_the_order_of_the_joint_set(tmp_path: Path) -> N
     write_table(tmp_path / "cam01.csv", [["frame", "keypoint_id", "x", "y", "score"], *rows[::-1]])
     found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
     np.testing.assert_allclose(found.xy[0, :, 0], POINTS[0, ..., :2], rtol=1e-6)
+
+
+@pytest.mark.parametrize("form", ["{x}{k}", "{x}_{k}", "{k}_{x}", "landmark_{k}_{x}", "{x}_{name}"])
+def test_columns_that_number_the_points_or_begin_with_the_coordinate(form: str, tmp_path: Path) -> None:
+    """As scripts around MediaPipe write them: x1, y1, v1 ..."""
+    heading = [form.format(x=x, k=k + 1, name=n.upper()) for k, n in enumerate(COCO) for x in "xyv"]
+    heading, columns = ["frame", *heading[::-1]], [*range(51)][::-1]
+    write_table(tmp_path / "cam01.csv", [heading, *([f, *POINTS[0, f].ravel()[columns]] for f in range(FRAMES))])
+    found = read_detections(camera_sources(tmp_path), joint_set=JointSet.COCO_17)
+    np.testing.assert_allclose(found.xy[0, :, 0], POINTS[0, ..., :2], rtol=1e-6)
+    np.testing.assert_allclose(found.confidence[0, :, 0], POINTS[0, ..., 2], rtol=1e-6)
 
 
 def test_rows_of_points_in_space_are_no_detections(tmp_path: Path) -> None:
