@@ -37,7 +37,8 @@ def by_subject(labels: Sequence[str]) -> tuple[str, ...]:
 def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
     """Return ``Subject:name`` by label of the subjects that wear the places of a body, empty unless there are several.
 
-    Half of the places of each are the others' too: parts of one person under several names share none.
+    Half of the places of the one with the fewest are the others' too: parts of one person under several names share
+    none.
     """
     groups: dict[str, dict[str, str]] = {}
     for label in labels:
@@ -48,7 +49,7 @@ def _people(labels: Sequence[str], pattern: re.Pattern[str]) -> dict[str, str]:
     people = [subject for subject, places in worn.items() if len(places) >= LEAST_MARKERS]
     shared = frozenset[str].intersection(*(worn[subject] for subject in people)) if len(people) > 1 else frozenset()
     apart = sum(len(worn[subject]) for subject in people)
-    if len(people) < 2 or any(2 * len(shared) < len(worn[subject]) for subject in people):
+    if len(people) < 2 or 2 * len(shared) < min(len(worn[subject]) for subject in people):
         return {}
     if apart < 2 * len(_places(list(labels))):  # most are known as they are
         return {}

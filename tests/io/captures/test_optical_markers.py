@@ -115,6 +115,16 @@ def test_two_people_are_told_apart_whatever_their_labels_share(tmp_path, cloud, 
     np.testing.assert_allclose(capture.markers.positions[:, :39], cloud.positions + [2.0, 0.0, 0.0], atol=1e-5)
 
 
+@pytest.mark.parametrize("form", ["P01_{}", "{}-P01", "P01.{}"])
+def test_two_people_may_wear_different_sets(form):
+    """A whole body beside somebody's legs: most places of the second are the first one's too, not the reverse."""
+    legs = [label for label in LABELS if label[1:] in ("ASI", "PSI", "THI", "KNE", "TIB", "ANK", "HEE", "TOE")]
+    labels = [*map(form.format, LABELS), *(form.replace("1", "2").format(label) for label in legs)]
+    assert {label.partition(":")[0] for label in by_subject(labels)} == {"P01", "P02"}
+    parts = [f"Legs_{label}" if label in legs else f"Rest_{label}" for label in LABELS]
+    assert list(by_subject(parts)) == parts
+
+
 def test_sides_and_numbers_of_one_person_are_no_people(tmp_path, cloud):
     for labels in (LABELS, [f"Anna_{label}" for label in LABELS], [f"{label[:1]}_{label[1:]}" for label in LABELS]):
         capture = load_capture(write_c3d(tmp_path / "one.c3d", replace(cloud, labels=tuple(labels)), overwrite=True))
