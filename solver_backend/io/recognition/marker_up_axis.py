@@ -32,10 +32,17 @@ _LEVELS = tuple(
         "ASI|ASIS|PSI|PSIS|SACR|SACRUM|FWT|BWT|HIP|HIPS|PELVIS|MIDHIP|UPLEG|UPPERLEG|HJC|SPINEBASE",
         "(F|B|FR|TOP)?(HD|HEAD|HEA|SHO|SHOULD|SHOULDER|ACR|ACROMION)|CLAV|STRN|STERN|STERNUM|C7|T8|T10|IJ|PX|NOSE|NECK|"
         "UPPERARM|SJC",
+        "(F|B|FR|TOP)?(HD|HEAD|HEA)|NOSE|ARIEL",
+        "SHO|SHOULD|SHOULDER|ACR|ACROMION|CLAV|C7|IJ|NECK|SJC",
+        "STRN|PX|XIPH|XIPHOID|T8|T10|T12",
     )
 )
-"""Labels of feet, knees, pelvis, and of head, shoulders and chest."""
-_COMPARED = {(3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8)}
+"""Labels of feet, knees, pelvis, and of head, shoulders and chest; of an upper body alone head, shoulders and lower
+chest."""
+_COMPARED = {
+    (3, 0): (0.5, 1.4, 2.5), (3, 2): (0.2, 0.5, 1.2), (2, 0): (0.3, 0.9, 1.5), (1, 0): (0.15, 0.4, 0.8),
+    (4, 6): (0.15, 0.4, 0.7), (4, 5): (0.07, 0.2, 0.4), (5, 6): (0.05, 0.2, 0.4),
+}  # fmt: skip
 """Levels whose heights are compared, the surest first (knees are beside the pelvis of one who sits), and the metres of
 their distance: the least of children of one metre, who may crouch, an adult's, and the most of the tallest."""
 

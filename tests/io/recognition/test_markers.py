@@ -105,6 +105,20 @@ def test_up_axis_of_legs_away_from_any_floor(labels: tuple[str, ...], axis: str)
     assert (found.name, found.note.code) == (axis, "marker_axis_by_body")
 
 
+@pytest.mark.parametrize("labels", [("LFHD", "RFHD", "T10"), ("C7", "LSHO", "STRN")], ids=["head", "shoulders"])
+@pytest.mark.parametrize("axis", ["y", "z", "x"])
+def test_up_axis_of_an_upper_body_whose_arms_are_spread(labels: tuple[str, ...], axis: str) -> None:
+    """The box around it is longest across, and one hand is at the origin."""
+    heights = {"LFHD": 1.65, "RFHD": 1.65, "C7": 1.48, "LSHO": 1.43, "STRN": 1.2, "T10": 1.2}
+    arms = ("LUPA", "LELB", "LWRA", "RUPA", "RELB", "RWRA")
+    points = np.random.default_rng(4).normal(0, 0.03, (20, len(labels) + 6, 3))
+    points[:, : len(labels), 2] += [heights[label] for label in labels]
+    points[:, len(labels) :, 2] += 1.4
+    points[..., 0] += [*([0.8] * len(labels)), 1.0, 1.3, 1.6, 0.6, 0.3, 0.0]
+    found = find_up_axis(points @ rotation_to_z_up(axis), (*labels, *arms), "", None, "y")
+    assert (found.name, found.note.code) == (axis, "marker_axis_by_body")
+
+
 def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
     """Y down, half a metre below the camera: nothing speaks for the usual axis."""
     names = ("Nose", "LShoulder", "LHip", "LKnee", "LAnkle")
