@@ -10,6 +10,7 @@ from solver_backend.body.markers import placement_precision
 from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.marker_calibration.calibration_equations import PlacementPrior, calibration_equations
 from solver_backend.fitters.marker_calibration.calibration_state import CalibrationState
+from solver_backend.fitters.marker_calibration.first_size import first_shape
 from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.measurements.markers import SIGMA_M
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -44,6 +45,8 @@ ROBUST_SCALE = 4.0
 SHAPE_LIMIT = 3.5
 """Deviations that a shape coefficient reaches where parts of the body have no markers: markers
 on the rest do not separate all coefficients, and those that they leave open run away."""
+BEYOND_START = 0.5
+"""Deviations beyond the shape of the markers' size, where that is larger: a child's legs alone. Chosen by hand."""
 HELD = 1e6
 """Precision of a coefficient held at its limit: 64 frames of 14 markers give about 4,000."""
 KNOWN = 1e12
@@ -74,9 +77,10 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
         progress: called as stages advance.
     """
     subject = Subject.average(problem.body, problem.measurements.landmarks, like)
-    if settings.betas is not None:
-        subject = replace(subject, betas=constant(settings.betas, subject.betas))
-    frames = varied_frames(problem.measurements.points, FRAMES)
+    points = problem.measurements.points
+    start = first_shape(problem.body, problem.measurements.landmarks, points)
+    subject = replace(subject, betas=constant(start if settings.betas is None else settings.betas, subject.betas))
+    frames = varied_frames(points, FRAMES)
     progress(STAGE, 0, 3)
     states = fit_to_points(problem, subject, frames)
     progress(STAGE, 1, 3)
@@ -96,7 +100,8 @@ def calibrate(problem: Problem, like: Array, settings: SolveSettings, progress: 
         state = fit(state, placement, scale)
     if settings.betas is None and uninformed_parts(problem.body, problem.measurements):
         # An active set: a wall inside the fit stops its steps short, poses and places included.
-        while (held := held_at_limit(placement, to_numpy(state.subject.betas))) is not None:
+        limit = np.maximum(SHAPE_LIMIT, np.abs(start) + BEYOND_START)
+        while (held := held_at_limit(placement, to_numpy(state.subject.betas), limit)) is not None:
             placement = held
             state = fit(state, placement, settings.robust_scale)
     progress(STAGE, 3, 3)
@@ -144,14 +149,16 @@ def placement_prior(subject: Subject, settings: SolveSettings) -> PlacementPrior
     return PlacementPrior(constant(shape, like), constant(mean, like), constant(places, like))
 
 
-def held_at_limit(placement: PlacementPrior, betas: np.ndarray) -> PlacementPrior | None:
-    """Return the prior that holds coefficients at ``SHAPE_LIMIT`` which are beyond it; None where no other one is."""
+def held_at_limit(
+    placement: PlacementPrior, betas: np.ndarray, limit: float | np.ndarray = SHAPE_LIMIT
+) -> PlacementPrior | None:
+    """Return the prior that holds coefficients at a limit which are beyond it; None where no other one is."""
     precision, mean = to_numpy(placement.shape), to_numpy(placement.shape_mean)
-    beyond = (np.abs(betas) > SHAPE_LIMIT) & (precision < HELD)
+    beyond = (np.abs(betas) > limit) & (precision < HELD)
     if not beyond.any():
         return None
     precision = np.where(beyond, HELD, precision)
-    mean = np.where(beyond, np.sign(betas) * SHAPE_LIMIT, mean)
+    mean = np.where(beyond, np.sign(betas) * limit, mean)
     return replace(
         placement, shape=constant(precision, placement.shape), shape_mean=constant(mean, placement.shape_mean)
     )
