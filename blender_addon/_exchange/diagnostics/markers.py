@@ -120,6 +120,11 @@ _FRAMES_AND_COUNTS: dict[str, DiagnosticEntry] = {
         "A file that was thinned out has new times and the old header.",
         "Give the frame rate if that is wrong.",
     ),
+    "marker_rates_contradict": warning(
+        "The file states several frame rates: {rate:g} is read, but {others}",
+        "A program that thinned out or converted the file renewed some entries and not others.",
+        "Compare the take's length in seconds with the real one; if the rate is wrong, give it with --fps.",
+    ),
     "live_recording_unfinished": warning(
         "The live recording was not finished: it ends with frame {count}, at {time:.2f} s",
         "Blender or the computer ended while it was recording.",

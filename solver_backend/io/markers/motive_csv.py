@@ -25,7 +25,7 @@ from solver_backend.io.markers.text_table import (
     header_cells,
     number_in,
     number_table,
-    rate_of,
+    stated_rate,
     triples,
     with_whole_decimals,
 )
@@ -88,20 +88,21 @@ def read_motive_csv(
     rows = with_whole_decimals(rows, len(header[-1]), 1, path)
     values = _table(rows, at + 2, path, comma=delimiter != "," or quoted)
     rate = next((v for k in ("export", "capture") if (v := number_in(meta.get(f"{k} frame rate"))) is not None), None)
+    rate, contradicted = stated_rate(rate, values[:, 1:2].ravel())
     numbers = values[:, 0] if values.size else np.zeros(0)
     source = MarkerSource(
         path=path,
         format=f"Motive CSV {meta.get('format version', '')}".strip(),
         positions=triples(values, columns),
         labels=labels,
-        rate=rate if rate is not None else (rate_of(values[:, 1]) if values.shape[1] > 1 else None),
+        rate=rate,
         default_unit="m",
         default_up_axis="y",
         unit=meta.get("length units", ""),
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 0,
         bodies=None if bodies is None else bodies.poses(values),
         notes=(*notes, *of_bodies),
-        problems=frame_problems(numbers, number_in(meta.get("total exported frames"))),
+        problems=(*frame_problems(numbers, number_in(meta.get("total exported frames"))), *contradicted),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 

@@ -26,7 +26,7 @@ from solver_backend.io.markers.text_table import (
     frame_problems,
     number_in,
     number_table,
-    rate_of,
+    stated_rate,
     triples,
     with_whole_decimals,
 )
@@ -73,7 +73,8 @@ def read_qualisys_tsv(
     count = len(labels) or int(min(max(stated or 0, 0), values.shape[1] // 3))
     before = 2 if "FRAME" in header or _has_frame_columns(values, count) else 0
     numbers = values[:, 0] if before else np.arange(1.0, len(values) + 1)
-    rate = number_in(" ".join(header.get("FREQUENCY", [])))
+    times = values[:, 1] if before else np.zeros(0)
+    rate, contradicted = stated_rate(number_in(" ".join(header.get("FREQUENCY", []))), times)
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
         problems = (diagnostic("marker_names_not_as_stated", stated=stated, count=count),)
@@ -83,13 +84,13 @@ def read_qualisys_tsv(
         format="Qualisys TSV",
         positions=triples(values, range(before, before + 3 * count, 3)),
         labels=(*labels, *[""] * (count - len(labels))),
-        rate=rate if rate is not None or not before else rate_of(values[:, 1]),
+        rate=rate,
         default_unit="mm",
         default_up_axis="z",
         first_frame=int(numbers[0]) if len(numbers) and np.isfinite(numbers[0]) else 1,
         events=events,
         bodies=_bodies_beside(path, len(values)),
-        problems=(*problems, *frame_problems(numbers, frames)),
+        problems=(*problems, *frame_problems(numbers, frames), *contradicted),
     )
     return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
 

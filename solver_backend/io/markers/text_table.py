@@ -11,6 +11,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
+from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 MISSING = frozenset(("", "null", "none", "n/a", "na", "-", "--", "1.#qnan", "-1.#ind", "1.#ind", "-nan(ind)"))
 """Cells that stand for no value, beside every spelling of NaN and a spreadsheet's errors (``#N/A``, ``#NV``)."""
@@ -24,6 +25,9 @@ _MINUS = str.maketrans("\N{MINUS SIGN}", "-")
 _GROUPS = re.compile(r"(?<=\d)[ '\N{RIGHT SINGLE QUOTATION MARK}\N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}](?=\d{3})")
 """What separates thousands in France and Switzerland: ``1 779,46``, ``1'779.46``."""
 _WHOLE, _DIGITS = re.compile(r"[-+]?\d+"), re.compile(r"\d+")
+OTHER_RATE = 0.3
+"""Share by which the rate of a column of times differs from a stated one that it contradicts: times have few decimals,
+and a step of 4 ms may be written as 0.00 or 0.01."""
 LARGEST = 1e30
 """Numbers that are larger, or infinite, are missing: nothing in a recording is that large."""
 
@@ -193,6 +197,23 @@ def rate_of(times: np.ndarray) -> float | None:
     mean = float(times[-1] - times[0]) / len(steps)
     rates = [1.0 / s for s in (step, mean) if abs(s - step) < 0.01 * step]
     return next((float(round(rate)) for rate in rates if abs(rate - round(rate)) < 1e-4 * rate), rates[-1])
+
+
+def stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None, tuple[Diagnostic, ...]]:
+    """Return the frame rate of a file, and a diagnostic where its header and its column of times differ.
+
+    Args:
+        stated: frames a second that the header states, None where it does not.
+        times: (F,) seconds; empty where the file has none.
+    """
+    timed = rate_of(times)
+    if stated is None or stated <= 0:
+        return (timed if timed is not None else stated), ()
+    if timed is None or abs(timed - stated) <= OTHER_RATE * stated:
+        return stated, ()
+    # A file that was thinned out has new times and the old header; times in another unit give no frame rate.
+    used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
+    return used, (diagnostic("marker_rate_not_as_stated", stated=stated, timed=timed, fps=used),)
 
 
 def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnostic, ...]:

@@ -25,11 +25,10 @@ from solver_backend.io.markers.text_table import (
     is_number,
     number_in,
     number_table,
-    rate_of,
+    stated_rate,
     triples,
     with_whole_decimals,
 )
-from solver_backend.io.recognition.range_checks import FRAME_RATES
 
 FILE_TYPE = "pathfiletype"
 """How the files begin, in small letters."""
@@ -73,7 +72,7 @@ def read_trc(
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
         problems = (diagnostic("marker_count_not_as_stated", stated=stated, count=count),)
-    rate, rate_problems = _rate(header, values)
+    rate, rate_problems = stated_rate(number_in(header.get("datarate")), values[:, 1:2].ravel())
     numbers = values[:, 0] if len(values) else np.zeros(0)
     source = MarkerSource(
         path=path,
@@ -132,17 +131,3 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
     if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
         return [row[::2] for row in rows]
     return rows
-
-
-def _rate(header: dict[str, str], values: np.ndarray) -> tuple[float | None, tuple[Diagnostic, ...]]:
-    """Return the frame rate, and a diagnostic where the header and the column of times differ."""
-    stated = number_in(header.get("datarate"))
-    timed = rate_of(values[:, 1]) if values.shape[1] > 1 else None
-    if stated is None or stated <= 0:
-        return (timed if timed is not None else stated), ()
-    # Times have few decimals: a step of 4 ms may be written as 0.00 or 0.01.
-    if timed is not None and abs(timed - stated) > 0.3 * stated:
-        # A file that was thinned out has new times and the old header; times in another unit give no frame rate.
-        used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
-        return used, (diagnostic("marker_rate_not_as_stated", stated=stated, timed=timed, fps=used),)
-    return stated, ()

@@ -175,6 +175,24 @@ def test_a_header_that_states_channels_instead_of_samples(tmp_path: Path) -> Non
     np.testing.assert_allclose(read_c3d(tmp_path / "take.c3d").cloud.positions, points / 1000, atol=1e-7)
 
 
+@pytest.mark.parametrize(
+    ("group", "entry", "value", "named"),
+    [("POINT", "RATE", 50.0, "POINT:RATE 50"), ("TRIAL", "CAMERA_RATE", 200.0, "TRIAL:CAMERA_RATE 200"),
+     ("ANALOG", "RATE", 2000.0, "ANALOG:RATE over the samples of a frame 200")],
+)  # fmt: skip
+def test_entries_that_state_another_frame_rate_are_named(
+    tmp_path: Path, group: str, entry: str, value: float, named: str
+) -> None:
+    file = C3dBytes(standing(), LABELS, channels=("Fx", "Fy"), samples=10)
+    file.more = {"ANALOG": {"RATE": file.reals(1000.0)}, "TRIAL": {"CAMERA_RATE": file.reals(100.2)}}
+    assert take(tmp_path / "as_it_should_be.c3d", file).report.problems == ()
+    file.more = {**file.more, group: {entry: file.reals(value)}}
+    assert (
+        f"several frame rates: 100 is read, but {named}" in words(take(tmp_path / "take.c3d", file).report.problems)[0]
+    )
+    assert read_c3d(tmp_path / "take.c3d", fps=50.0).report.problems == ()
+
+
 def test_the_first_frame_and_one_frame(tmp_path: Path) -> None:
     points = standing(1)
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, first=479))

@@ -11,7 +11,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
-from tests.support.words import words
+from tests.support.words import facts, words
 
 MARKERS = ("Ann:HeadTop", "Ann:LToe")
 FIRST = np.array([[0.1, 1.6, -0.2], [0.12, 0.03, 0.25]])
@@ -143,10 +143,15 @@ def test_unlabelled_markers(tmp_path: Path) -> None:
 
 
 def test_rates(tmp_path: Path) -> None:
-    for rates, fps in (("Capture Frame Rate,240.0", 240.0), ("Other,1", pytest.approx(120.0, rel=1e-3))):
+    for rates, fps in (("Capture Frame Rate,120.0", 120.0), ("Other,1", pytest.approx(120.0, rel=1e-3))):
         text = csv_text(measured(), rows(numbers(FIRST)), rates=rates)
         assert read_motive_csv(write(tmp_path / "t.csv", text)).cloud.fps == fps
-    path = write(tmp_path / "t.csv", csv_text(measured(), rows(numbers(FIRST)), rates="Capture Frame Rate,0"))
+    thinned = csv_text(measured(), rows(numbers(FIRST)), rates="Export Frame Rate,240.0")
+    found = read_motive_csv(write(tmp_path / "t.csv", thinned))
+    assert found.cloud.fps == 120.0
+    assert facts(found.report.problems) == ("The header states 240 Hz, the times 120; 120 is used.",)
+    untimed = [f"{i},,{numbers(FIRST)}" for i in range(3)]
+    path = write(tmp_path / "t.csv", csv_text(measured(), untimed, rates="Capture Frame Rate,0"))
     with pytest.raises(FileDamaged, match="frame rate of 0"):
         read_motive_csv(path)
 

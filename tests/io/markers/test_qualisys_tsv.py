@@ -37,6 +37,12 @@ def test_frames_with_and_without_numbers(tmp_path: Path, numbered: bool, names: 
     assert [(event.label, event.time) for event in found.report.events] == [("clap", 0.005)]
 
 
+def test_times_of_another_rate_than_the_header_count(tmp_path: Path) -> None:
+    found = read_qualisys_tsv(write(tmp_path / "t.tsv", [f"{i}\t{i / 100:.5f}\t{CELLS}" for i in range(1, 4)]))
+    assert found.cloud.fps == 100.0
+    assert facts(found.report.problems) == ("The header states 200 Hz, the times 100; 100 is used.",)
+
+
 @pytest.mark.parametrize("missing", ["\t\t", "null\tnull\tnull", "0.000\t0.000\t0.000", "NaN\tNaN\tNaN"])
 @pytest.mark.parametrize("numbered", [True, False])
 def test_missing_markers(tmp_path: Path, missing: str, numbered: bool) -> None:
