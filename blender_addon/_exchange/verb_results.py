@@ -136,6 +136,7 @@ class MotionSummary(TypedDict):
 
     frames: int
     fps: float
+    duration_s: float
     solve_s: float
     reprojection_median_px: float | None
     marker_median_mm: float | None

@@ -43,7 +43,8 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]
     marker_error = marker_error[np.isfinite(marker_error)]
     flags = np.zeros(motion.num_frames, np.uint8) if motion.flags is None else motion.flags
     data: MotionSummary = {
-        "frames": motion.num_frames, "fps": motion.fps, "solve_s": round(solve_s, 2),
+        "frames": motion.num_frames, "fps": motion.fps, "duration_s": round(motion.num_frames / motion.fps, 3),
+        "solve_s": round(solve_s, 2),
         "reprojection_median_px": round(float(np.median(error)), 3) if error.size else None,
         "marker_median_mm": round(float(np.median(marker_error)), 3) if marker_error.size else None,
         "unseen_frames": int(np.count_nonzero(flags & FLAG_UNSEEN)),
@@ -53,7 +54,8 @@ def describe_motion(motion: Motion, solve_s: float) -> tuple[str, MotionSummary]
     if motion.markers is not None and motion.reprojection_px is None:
         residual, measured = (data["marker_median_mm"], "mm"), "markers"
     lines = [
-        f"Solved {data['frames']} frames at {motion.fps:g} fps in {solve_s:.1f} s",
+        f"Solved {data['frames']} frames, {data['duration_s']:.1f} s at {motion.fps:g} frames a second, "
+        f"in {solve_s:.1f} s",
         f"  residual    {residual[0]} {residual[1]} (median)",
         f"  to look at  {data['unsure_frames']} frames far from the {measured} or hardly known, "
         f"{data['unseen_frames']} bridged",

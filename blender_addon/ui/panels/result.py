@@ -93,6 +93,10 @@ def _draw_outcome(layout: bpy.types.UILayout, context: bpy.types.Context) -> Non
         return
     box.label(text=f"Solved in {result['solve_s']:.1f} s", icon="CHECKMARK", translate=False)
     column = box.column(align=True)
+    if result.get("fps"):
+        seconds = result["frames"] / result["fps"]
+        length = f"{counted(result['frames'], 'frame')}, {seconds:.1f} s at {result['fps']:g} fps"
+        wrapped(column, context, length, "TIME")
     if result.get("reprojection_median_px") is not None:
         wrapped(column, context, f"{result['reprojection_median_px']:.1f} px from the detections (median)", "DOT")
     if result.get("marker_median_mm") is not None:
