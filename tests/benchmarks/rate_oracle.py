@@ -18,7 +18,7 @@ from tests.support.foreign_clips import cmu_limbs
 from tests.support.recordings import recordings_folder
 
 SMOOTHING_S = 0.045
-"""As ``time_plausibility``."""
+"""As ``report.frame_rate.balance``."""
 FALSE = 2
 """Clips that may be taken for others at their own rate, as by what ships."""
 PENALTY = 1.0

@@ -18,11 +18,13 @@ _LIBRARY = "mesh2motion_cc0/app_fork_glb/static/animations/human-base-animations
 
 
 def cmu_take(path: Path) -> KnownMotion:
-    """Read a take of ``motion_cmu/asfamc``: its joints with their zero pose at rest, Z up."""
+    """Read a take of ``motion_cmu``: its joints with their zero pose at rest, Z up."""
     with np.load(path) as clip:
         names, parents = tuple(str(name) for name in clip["names"]), tuple(int(p) for p in clip["parents"])
         offsets, rotvec = clip["offsets"].astype(float), clip["rotvec"].astype(float)
-        rotvec[:, 0], root, fps = clip["root_rotvec"], clip["root"].astype(float), float(clip["fps"])
+        root, fps = clip["root"].astype(float), float(clip["fps"])
+        if "root_rotvec" in clip:
+            rotvec[:, 0] = clip["root_rotvec"]
     local = exp_so3(rotvec)
     G, joints, rest = np.empty_like(local), np.empty((*local.shape[:2], 3)), np.zeros((len(names), 3))
     for j, parent in enumerate(parents):
@@ -35,18 +37,44 @@ def cmu_take(path: Path) -> KnownMotion:
     return KnownMotion(PosedSkeleton(G, joints), rest, parents, names, fps)
 
 
-_LIMBS = {"shoulder": "humerus", "elbow": "radius", "wrist": "wrist", "hip": "femur", "knee": "tibia", "ankle": "foot"}
-"""Of each landmark the joint of CMU's skeletons, after the side's letter."""
+_PARTS = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+_LIMBS = (
+    ("l", "r", ("humerus", "radius", "wrist", "femur", "tibia", "foot")),
+    ("Left", "Right", ("Arm", "ForeArm", "Hand", "UpLeg", "Leg", "Foot")),
+    ("l", "r", ("Shldr", "ForeArm", "Hand", "Thigh", "Shin", "Foot")),
+)
+"""How the skeletons of CMU's takes call their sides, and the joint at each of these parts."""
 
 
 def cmu_limbs(path: Path) -> tuple[np.ndarray, float]:
-    """Return (F, 17, 3) of COCO's points, Z up, of a take of ``motion_cmu/asfamc``, NaN for the face; and its rate."""
+    """Return (F, 17, 3) of COCO's points, Z up, of a take of ``motion_cmu``, NaN for the face; and its rate."""
     take, names = cmu_take(path), JointSet.COCO_17.keypoints
+    left, right, joints = next(limbs for limbs in _LIMBS if limbs[0] + limbs[2][0] in take.names)
     points = np.full((len(take.posed.joints), len(names), 3), np.nan)
-    for part, joint in _LIMBS.items():
-        for side in ("left", "right"):
-            points[:, names.index(f"{side}_{part}")] = take.posed.joints[:, take.names.index(side[0] + joint)]
+    for part, joint in zip(_PARTS, joints, strict=True):
+        for side, prefix in (("left", left), ("right", right)):
+            points[:, names.index(f"{side}_{part}")] = take.posed.joints[:, take.names.index(prefix + joint)]
     return points, take.fps
+
+
+_MARKERS = {
+    "shoulder": ("SHO",), "elbow": ("ELB",), "wrist": ("WRA", "WRB"), "hip": ("ASI", "PSI"), "knee": ("KNE",),
+    "ankle": ("ANK",),
+}  # fmt: skip
+"""Of each landmark the markers of Plug-in Gait around it, after the side's letter."""
+
+
+def ui_prmd_limbs(path: Path) -> tuple[np.ndarray, float]:
+    """Return (F, 17, 3) of COCO's points, Z up, near the markers of a clip of UI-PRMD; and its rate."""
+    with np.load(path) as clip:
+        labels, positions = [str(label) for label in clip["labels"]], 1e-4 * clip["positions_01mm"].astype(float)
+        fps = float(clip["fps"])
+    points = np.full((len(positions), len(JointSet.COCO_17.keypoints), 3), np.nan)
+    for part, markers in _MARKERS.items():
+        for side in ("left", "right"):
+            columns = [labels.index(side[0].upper() + marker) for marker in markers]
+            points[:, JointSet.COCO_17.keypoints.index(f"{side}_{part}")] = positions[:, columns].mean(axis=1)
+    return points, fps
 
 
 def write_cmu_skeleton(path: Path, take: KnownMotion) -> Path:

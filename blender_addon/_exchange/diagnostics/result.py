@@ -241,9 +241,9 @@ RESULT: dict[str, DiagnosticEntry] = {
         "Look at the feet in the baked scene.",
     ),
     "frame_rate_implausible": warning(
-        "The frame rate of {rate:g} a second seems too {way}: on the feet people move so at about {likely:g}",
+        "The frame rate of {rate:g} a second seems too {way}: people {movement} so at about {likely:g}",
         "The recording was converted, filmed in slow motion or thinned out, or the rate was assumed.",
-        "Compare the take's length in seconds with the real one; give the rate with --fps.",
+        "Compare the take's length in seconds with the real one; if the rate is wrong, give it: --fps {likely:g}.",
     ),
     "stature_odd": warning(
         "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
