@@ -21,6 +21,9 @@ FLOOR_M = 0.3
 """Feet of somebody who stands are this near to the level 0."""
 LYING_M = 0.4
 """Somebody who lies on the floor is lower than this."""
+PERSON_FACTOR = 2.0
+"""By so much less and more than people's may two parts of a body be apart: those of somebody who is coiled up, and the
+tallest in a unit that is not far off."""
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
 
@@ -82,7 +85,7 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
     body = _standing_along(positions, labels, UPRIGHT)
     # Who stands on the hands has them at 0.
     afloat = not abs(_lowest(positions, expected)) <= FLOOR_M
-    if body is None and not stated and afloat and raised_part(positions, labels)[0] is not None:
+    if body is None and not stated and afloat and _person_raised(positions, labels) is not None:
         body = _standing_along(positions, labels, LEANING)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
@@ -111,7 +114,7 @@ def _axis(name: str, code: str, problem: Diagnostic | None = None) -> UpAxis:
 def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) -> str | None:
     """Return the axis along which the body is so many times as long, with the sign of the end where the head is."""
     frames = positions[:: max(1, len(positions) // 500)]
-    raised, _ = raised_part(positions, labels)
+    raised = _person_raised(positions, labels)
     if raised is not None:
         up = quantile(raised, 0.5, 0, "nearest")
         length, sign = np.abs(up), np.nan_to_num(np.sign(up))
@@ -122,6 +125,18 @@ def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) 
     if sign[axis] == 0 or not length[axis] > ratio * np.delete(length, axis).max():
         return None
     return ("" if sign[axis] > 0 else "-") + "xyz"[axis]
+
+
+def _person_raised(positions: np.ndarray, labels: Sequence[str]) -> np.ndarray | None:
+    """Return ``raised_part`` where its ends are as far apart as a person's are, within ``PERSON_FACTOR``.
+
+    Labels of two parts may be of two people, or of a prop.
+    """
+    raised, (least, _, most) = raised_part(positions, labels)
+    if raised is None:
+        return None
+    apart = float(quantile(np.linalg.norm(raised, axis=-1), 0.5, 0, "nearest"))
+    return raised if least / PERSON_FACTOR <= apart <= most * PERSON_FACTOR else None
 
 
 def raised_part(positions: np.ndarray, labels: Sequence[str]) -> tuple[np.ndarray | None, tuple[float, float, float]]:

@@ -133,6 +133,16 @@ def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
     assert (found.name, found.problem and found.problem.code) == ("y", "body_across_usual_axis")
 
 
+@pytest.mark.parametrize("axis", ["y", "z", "x"])
+def test_parts_that_are_no_persons_distance_apart_name_no_axis(axis: str) -> None:
+    """A shoe and a hat at the two ends of a room, beside somebody whose markers have names of their own."""
+    body = standing()
+    props = np.zeros((len(body), 2, 3)) + [[-3.0, 0.0, 0.4], [5.0, 0.0, 0.5]]
+    labels = (*[f"M{i}" for i in range(body.shape[1])], "TOE", "HEAD")
+    found = find_up_axis(np.concatenate([body, props], 1) @ rotation_to_z_up(axis), labels, "", None, axis)
+    assert (found.name, found.problem) == (axis, None)
+
+
 @pytest.mark.parametrize(("unit", "stated"), [("inch", ""), ("cm", "mm"), ("foot", ""), ("mm", "cm"), ("m", "mm")])
 def test_a_unit_by_how_far_parts_of_a_body_are_apart(unit: str, stated: str) -> None:
     """51 inches from head to feet are half a metre in centimetres, which markers of legs could be."""
