@@ -93,6 +93,12 @@ class ComparedViews:
         """How they agree in the lenses as calibrated, see ``fit_epipolar``."""
         return fit_epipolar(self.cameras, self.xy)
 
+    def without_one(self) -> list[ComparedViews]:
+        """Return what is left without each camera in turn, nothing where that would be two views."""
+        count = len(self.cameras)
+        rest = [[c for c in range(count) if c != left] for left in range(count)] if count > LEAST_CAMERAS else []
+        return [ComparedViews(self.cameras.subset(kept), self.xy[kept]) for kept in rest]
+
 
 def compared_points(cameras: Cameras, keypoints: Keypoints2D) -> tuple[Cameras, np.ndarray] | None:
     """Return cameras and (C, F, J, 2) pixels that are compared, NaN where unseen; None where they are too few.

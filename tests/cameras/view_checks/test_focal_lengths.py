@@ -53,6 +53,14 @@ def test_views_that_disagree_for_another_reason_show_no_focal_length() -> None:
     assert report_focal_lengths(CAMERAS, late) == ()
 
 
+def test_a_view_of_somebody_else_for_a_third_of_the_take_shows_no_focal_length() -> None:
+    """A poster beside the person, which the detector took for her."""
+    keypoints = demo_capture(120).require_multiview()[1]
+    xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+    xy[1, 40:80], confidence[1, 40:80] = xy[1, :1] + [300.0, 20.0], 0.9
+    assert report_focal_lengths(CAMERAS, replace(keypoints, xy=xy, confidence=confidence)) == ()
+
+
 def test_calibrations_that_are_a_little_off_are_no_evidence() -> None:
     rng = np.random.default_rng(0)
     for _ in range(6):
