@@ -24,13 +24,15 @@ from tests.benchmarks.spoiled_views.lie_rows import FULL, ROWS, Found, found_of
 WITHIN = 1.15
 """Times the unspoiled error up to which a take is as good as that: as ``bench_spoiled`` has it."""
 PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "lies.md"
-MENDED, HARMLESS, NAMED, REFUSED, SILENT = "mended", "harmless", "named", "refused", "silent"
+MENDED, HARMLESS, NAMED, REFUSED, STATED, SILENT = "mended", "harmless", "named", "refused", "stated", "silent"
 _HEAD = """# Lies
 
 Valid recordings that are wrong, each made of the embedded demo's first 120 frames, written as a trial of Pose2Sim and
 solved by the command line without options. *Mended*: within 1.15 times the error of the same frames unspoiled, with a
 diagnostic that those do not have. *Harmless*: the same, without one. *Named*: farther off, with a warning that the
-unspoiled frames do not have. *Silent*: farther off, or at another rate, without one. Every warning was looked for on
+unspoiled frames do not have. *Stated*: at another rate, without a warning, but console, report and JSON each state the
+take's seconds, its rate and where the rate is from: an animated person, as the demo's, [shows no
+rate](frame_rates.md). *Silent*: farther off, or at another rate, without any of these. Every warning was looked for on
 the console, in the report and in the JSON.
 
 ```sh
@@ -63,6 +65,7 @@ def run() -> list[Metric]:
     return [
         *errors,
         Metric("silent", states.count(SILENT), "rows", rel_tol=0.0),
+        Metric("stated", states.count(STATED), "rows", rel_tol=0.0),
         Metric("refused", states.count(REFUSED), "rows", rel_tol=0.0),
         Metric("lacking", sum(bool(row.missing) for row in found.values()), "rows", rel_tol=0.0),
     ]
@@ -95,7 +98,9 @@ def state_of(name: str, found: Mapping[str, Found]) -> str:
         return REFUSED
     if row.error_mm <= WITHIN * found[FULL].error_mm and not ROWS[name].of_time:
         return MENDED if new else HARMLESS
-    return NAMED if new and row.says else SILENT
+    if new and row.says:
+        return NAMED
+    return STATED if ROWS[name].of_time and row.length_stated else SILENT
 
 
 def line_of(name: str, found: Mapping[str, Found]) -> str:

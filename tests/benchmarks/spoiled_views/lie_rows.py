@@ -60,6 +60,8 @@ class Found:
     """Where a warning does not stand, of console, report and JSON."""
     says: str = ""
     """First sentence of the first one."""
+    length_stated: bool = False
+    """Whether console, report and JSON each state how long the take is at which rate, and where the rate is from."""
 
 
 def _known(name: str) -> Spoil:
@@ -132,11 +134,22 @@ def found_of(lie: Lie, folder: Path) -> Found:
     motion = read_motion(out)
     found = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity != "note"]
     notes = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity == "note"]
-    missing = _lacking(outcome, html.unescape(report.read_text("utf-8")), found, motion.fps)
+    page = html.unescape(report.read_text("utf-8"))
+    missing = _lacking(outcome, page, found, motion.fps)
     named = tuple(dict.fromkeys(item.code for item in (*found, *notes)))
+    says = sentence(found[0], motion.fps) if found else ""
     return Found(
-        False, error_mm(motion.joints, joints), named, missing, sentence(found[0], motion.fps) if found else ""
+        False, error_mm(motion.joints, joints), named, missing, says, _states_length(outcome, page, motion.fps)
     )
+
+
+def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
+    """Return whether console, report and JSON state the take's seconds, its rate and where that is from."""
+    seconds, origin = FRAMES / fps, f"{fps:g} frames a second, from "
+    console = f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames a second" in outcome.text and origin in outcome.text
+    report = f"{FRAMES} frames at {fps:g} fps ({seconds:.1f} s)" in page and origin in page
+    codes = [item.code for item in read_diagnostics(outcome.data["diagnostics"])]
+    return console and report and outcome.data["duration_s"] == round(seconds, 3) and "frame_rate_configured" in codes
 
 
 def _lacking(outcome: Outcome, page: str, found: list[Diagnostic], fps: float) -> tuple[str, ...]:

@@ -19,10 +19,11 @@ def test_states_of_rows() -> None:
         "lenses 10 % long": Found(error_mm=44.0, named=("focal_lengths_off",), says="All are long"),
         "one late": Found(error_mm=44.0, named=("usual",), says="It is usual"),
         "rate halved": Found(error_mm=8.0),
+        "rate doubled": Found(error_mm=8.0, length_stated=True),
         "other layout": Found(True, named=("result_refused",), says="Nobody is seen"),
     }
     states = [state_of(name, found) for name in found]
-    assert states == ["harmless", "mended", "harmless", "named", "silent", "silent", "refused"]
+    assert states == ["harmless", "mended", "harmless", "named", "silent", "silent", "stated", "refused"]
     assert line_of("cm for m", found) == "| cm for m | mended | 8.5 | `unit_by_person` | nothing |"
 
 
