@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.people.detections import Detections
-from solver_backend.people.take_cuts import report_cuts, take_cuts
+from solver_backend.people.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.words import words
 
@@ -33,3 +33,12 @@ def test_a_whole_take_at_a_third_of_its_rate_and_a_jump_in_one_view_are_none() -
     one.xy[1:] = rows(*range(60, 180)).xy[1:]
     assert take_cuts(one) == []
     assert take_cuts(rows(1, 2)) == []
+
+
+def test_frames_in_the_order_of_texts() -> None:
+    for first, count in ((0, 40), (1, 120)):
+        texts = sorted(range(first, first + count), key=str)
+        [found] = words(report_order(rows(*[frame - first + 60 for frame in texts])))
+        assert "as texts (1, 10, 2)" in found
+    assert report_order(rows(*range(60, 180))) == () == report_order(rows(*range(0, 360, 3)))
+    assert report_order(rows(*range(8))) == () == report_order(rows(*[60] * 40))

@@ -83,6 +83,11 @@ _FRAMES: dict[str, DiagnosticEntry] = {
         "The file holds a calibration pose or a picture.",
         "Choose a longer recording for a motion.",
     ),
+    "frames_in_text_order": warning(
+        "The frames are in the order of their names as texts ({first}, {third}, {second}), and not of their numbers",
+        "A detector looked at pictures whose numbers have no leading zeros, in the order of their names.",
+        "Run the detector on pictures whose numbers have leading zeros.",
+    ),
     "takes_joined": warning(
         "The person jumps in all views at frame {cuts}: several takes may follow one another",
         "The files hold takes that were recorded one after another, or a cut film.",

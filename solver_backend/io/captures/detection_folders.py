@@ -12,7 +12,7 @@ import numpy as np
 from solver_backend.cameras.view_checks.epipolar_fit import ComparedViews
 from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
 from solver_backend.cameras.view_checks.undistorted_pixels import report_undistorted
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
@@ -33,7 +33,7 @@ from solver_backend.people.camera_assignment import assigned_by_views
 from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
-from solver_backend.people.take_cuts import report_cuts, take_cuts
+from solver_backend.people.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0
@@ -114,6 +114,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         length_problems,
         in_time.problems,
         report_cuts(take_cuts(detections), detections.num_frames),
+        report_order(detections),
         person.problems,
     )
     capture = Capture(
@@ -130,10 +131,11 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         + rate_notes
         + in_time.notes
         + person.notes
-        + scaled
+        + notes_in(scaled)
         + world.notes
         + world.check.notes(),
         problems=sum(problems, ())
+        + warnings_in(scaled)
         + world.problems
         + world.check.problems()
         + report_focal_lengths(world.cameras, person.keypoints, compared)
