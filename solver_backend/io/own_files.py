@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.world_settings import OFF, ON
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
@@ -59,13 +59,13 @@ def _in_another_world(capture: Capture, options: ReadOptions) -> Capture:
     cameras, scaled = scale_world(capture.cameras, capture.keypoints, options)
     level = replace(options, level=ON if options.level == ON else OFF)
     world = fit_world(cameras, capture.keypoints, level, options.up_axis)
-    notes = (*capture.notes, *scaled, *world.notes)
+    notes = (*capture.notes, *notes_in(scaled), *world.notes)
     known = (
         {"stature_m": options.stature or capture.stature_m, "floor_from_person": world.from_person}
         if (len(cameras) == 1)
         else {}
     )
-    problems = (*capture.problems, *world.problems)
+    problems = (*capture.problems, *warnings_in(scaled), *world.problems)
     return replace(capture, cameras=world.cameras, notes=notes, problems=problems, truth={}, **known)
 
 

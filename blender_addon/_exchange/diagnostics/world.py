@@ -65,6 +65,12 @@ WORLD: dict[str, DiagnosticEntry] = {
         "that the person is {stature:g} m tall",
         "The person's stature was given.",
     ),
+    "stature_contradicts": warning(
+        "By the calibration the person is {size:.2f} m tall, and not {stature:g} m, which was given: all sizes and "
+        "places are taken {scale:.3g} times",
+        "The stature is wrong, or the size of the board's squares was.",
+        "Check both; without --stature the calibration's scale stays.",
+    ),
     "up_by_person": warning(
         "The person stands along {axis} of the calibration's world: {axis} is taken as up",
         "The calibration has another up axis than Z, or is relative to a camera or a board.",

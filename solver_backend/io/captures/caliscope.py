@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.files import read_text, read_toml
@@ -82,8 +82,15 @@ def _read(path: Path, options: ReadOptions) -> Capture:
         cameras=world.cameras,
         keypoints=keypoints,
         sources=(str(source), str(calibration.source)),
-        notes=(*calibration.notes, *notes, *rate_note, *scaled, *world.notes, *world.check.notes()),
-        problems=(*calibration.problems, *problems, *rate_problems, *world.problems, *world.check.problems()),
+        notes=(*calibration.notes, *notes, *rate_note, *notes_in(scaled), *world.notes, *world.check.notes()),
+        problems=(
+            *calibration.problems,
+            *problems,
+            *rate_problems,
+            *warnings_in(scaled),
+            *world.problems,
+            *world.check.problems(),
+        ),
     )
     return bring_capture_to_one_time(capture, options)
 

@@ -16,7 +16,12 @@ from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level,
 from solver_backend.io.recognition.one_camera import fit_one_camera
 from solver_backend.io.recognition.person_scale import scale_from_stature
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.io.recognition.world_check import WorldCheck, check_world, nothing_checked
+from solver_backend.io.recognition.world_check import (
+    PLAUSIBLE_STATURE_M,
+    WorldCheck,
+    check_world,
+    nothing_checked,
+)
 from solver_backend.people.person_selection import SelectedPerson
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -24,6 +29,9 @@ SURELY_UPRIGHT = np.cos(np.radians(6.0))
 """Cosine of a person's angle with Z within which a world whose floor is under the feet is not looked at closer."""
 SAME_SCALE = 0.2
 """Logarithm of a scale up to which people found before it stay the same."""
+OTHER_STATURE, STATURE_SIGMAS = 0.06, 3.0
+"""Logarithm of a scale, and its standard deviations, beyond which a calibration in which the person has a possible size
+contradicts a stature that was given; within them it is a board that was measured badly."""
 
 
 @dataclass(frozen=True)
@@ -43,7 +51,7 @@ class WorldFit:
 def scale_world(
     cameras: Cameras, keypoints: Keypoints2D, settings: WorldSettings
 ) -> tuple[Cameras, tuple[Diagnostic, ...]]:
-    """Return the cameras in the scale that was asked for, and a note where that is another one.
+    """Return the cameras in the scale that was asked for, a note where that is another one, and what is doubtful of it.
 
     A world ``s`` times as large leaves every picture as it is: ``x_cam = R x + t`` becomes ``R x + s t``.
 
@@ -63,8 +71,12 @@ def scale_world(
         note = diagnostic("scale_as_asked", scale=settings.scale)
         return replace(cameras, t=cameras.t * settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
-    note = diagnostic("scale_by_stature", scale=scale, percent=100 * share, stature=settings.stature)
-    return replace(cameras, t=cameras.t * scale), (note,)
+    found = [diagnostic("scale_by_stature", scale=scale, percent=100 * share, stature=settings.stature)]
+    calibrated = settings.stature / scale
+    contradicts = abs(np.log(scale)) > max(OTHER_STATURE, STATURE_SIGMAS * share)
+    if contradicts and PLAUSIBLE_STATURE_M[0] < calibrated < PLAUSIBLE_STATURE_M[1]:
+        found.append(diagnostic("stature_contradicts", size=calibrated, stature=settings.stature, scale=scale))
+    return replace(cameras, t=cameras.t * scale), tuple(found)
 
 
 def find_people(

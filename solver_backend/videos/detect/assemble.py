@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.cameras.camera_corrections import resized
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
@@ -148,9 +148,9 @@ def assembled(
     fitted = fit_world(cameras, person.keypoints, world)
     return Capture(
         name, fitted.cameras, person.keypoints, footage=footage, sources=(*sources, str(calibration.source)),
-        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *scaled, *fitted.notes,
+        notes=(*calibration.notes, *size_notes, *detections.notes, *person.notes, *notes_in(scaled), *fitted.notes,
                *fitted.check.notes()),
-        problems=(*calibration.problems, *detections.problems, *person.problems, *fitted.problems,
+        problems=(*calibration.problems, *detections.problems, *person.problems, *warnings_in(scaled), *fitted.problems,
                   *fitted.check.problems()),
         stature_m=one.stature_m, floor_from_person=one.floor_from_person or fitted.from_person,
         focal_sigma=one.focal_sigma,

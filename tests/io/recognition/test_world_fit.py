@@ -163,6 +163,18 @@ def test_the_world_is_scaled_to_a_stature(short: Capture) -> None:
     assert scale_world(squares, short.keypoints, WorldSettings())[0] is squares
 
 
+@pytest.mark.parametrize(("stature", "contradicts"), [(1.5, True), (1.7, False), (1.8, False), (2.0, True)])
+def test_a_stature_that_the_calibration_contradicts_is_doubted(
+    short: Capture, stature: float, contradicts: bool
+) -> None:
+    _, found = scale_world(short.cameras, short.keypoints, WorldSettings(stature=stature))
+    assert ("stature_contradicts" in {item.code for item in found}) is contradicts
+    _, own_unit = scale_world(
+        replace(short.cameras, t=3.3 * short.cameras.t), short.keypoints, WorldSettings(stature=1.5)
+    )
+    assert [item.code for item in own_unit] == ["scale_by_stature"]
+
+
 def test_people_are_found_again_in_another_scale(short: Capture) -> None:
     class Person:
         keypoints = short.keypoints
