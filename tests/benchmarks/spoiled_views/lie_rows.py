@@ -19,6 +19,7 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.progress import silent
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.synthesis.embedded.demo import demo_capture
+from tests.benchmarks.spoiled_views.further_lies import FURTHER_LIES
 from tests.benchmarks.spoiled_views.kinds import KINDS, Recording, in_unit
 from tests.benchmarks.spoiled_views.lies import LIES, mirrored, still
 from tests.benchmarks.spoiled_views.more_lies import MORE_LIES
@@ -28,7 +29,9 @@ from tests.support.trial_files import write_trial
 FRAMES, FPS = 120, 60.0
 SQUAT = 63
 """Frame of the demo in which the hips are lowest, 0.63 m over the floor."""
-SCALED, FULL = 1.25, "as it should be"
+SCALED, SLIGHTLY_SCALED, FULL = 1.25, 1.1, "as it should be"
+AS_TEXT = tuple(sorted(range(FRAMES), key=str))
+"""Frames in the order of texts."""
 _BEGIN = 24
 """Letters of a sentence by which it is found again in a text that breaks lines."""
 Spoil = Callable[[Recording, np.random.Generator], Recording]
@@ -43,6 +46,12 @@ class Lie:
     """What its configuration says; the true rate is ``FPS``."""
     of_time: bool = False
     """Whether time is what is wrong, which poses laid over the truth frame by frame do not show."""
+    of_size: bool = False
+    """Whether the size alone is wrong, and still a person's."""
+    words: tuple[str, ...] = ()
+    """What is added to the command."""
+    order: tuple[int, ...] | None = None
+    """Frames of the truth, where they are not all in their order."""
     held: int | None = None
     """Frame that the person holds, where the truth is that frame throughout."""
 
@@ -62,10 +71,12 @@ class Found:
     """First sentence of the first one."""
     length_stated: bool = False
     """Whether console, report and JSON each state how long the take is at which rate, and where the rate is from."""
+    size_stated: bool = False
+    """Whether console, report and JSON each state how tall the person is."""
 
 
 def _known(name: str) -> Spoil:
-    made = (KINDS | LIES | MORE_LIES)[name]
+    made = (KINDS | LIES | MORE_LIES | FURTHER_LIES)[name]
     return lambda recording, rng: made(recording, rng, 0)
 
 
@@ -100,6 +111,13 @@ ROWS: dict[str, Lie] = {
     "lenses 10 % long": Lie(_known("lenses 10 % long")),
     "one lens 10 % long": Lie(_known("one lens 10 % long")),
     "sides exchanged": Lie(_known("sides exchanged")),
+    "scaled by 1.1": Lie(lambda r, g: in_unit(r, SLIGHTLY_SCALED), of_size=True),
+    "stature of 1.5 m given": Lie(_known(FULL), words=("--stature", "1.5")),
+    "one moved 20 cm": Lie(_known("one moved 20 cm")),
+    "frames sorted as text": Lie(_known("frames sorted as text"), order=AS_TEXT),
+    "a poster for the person": Lie(_known("a poster for the person")),
+    "lower legs exchanged": Lie(_known("lower legs exchanged")),
+    "elbow and wrist exchanged": Lie(_known("elbow and wrist exchanged")),
     "rate doubled": Lie(_known(FULL), fps=2 * FPS, of_time=True),
     "rate halved": Lie(_known(FULL), fps=FPS / 2, of_time=True),
     "pictures dropped": Lie(_known("pictures dropped")),
@@ -123,7 +141,7 @@ def found_of(lie: Lie, folder: Path) -> Found:
         calibrated=spoiled.cameras.names, config=f"[project]\nframe_rate = {lie.fps:g}\n",
     )  # fmt: skip
     out, report = folder / "motion.npz", folder / "report.html"
-    words = ["solve", str(folder / "trial"), "--out", str(out), "--report", str(report)]
+    words = ["solve", str(folder / "trial"), "--out", str(out), "--report", str(report), *lie.words]
     try:
         outcome = function_of("solve")(parse(words), silent)
     except MocapError as error:
@@ -131,6 +149,8 @@ def found_of(lie: Lie, folder: Path) -> Found:
     joints = np.asarray(capture.truth["joints"])
     if lie.held is not None:
         joints = np.repeat(joints[lie.held : lie.held + 1], FRAMES, axis=0)
+    if lie.order is not None:
+        joints = joints[list(lie.order)]
     motion = read_motion(out)
     found = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity != "note"]
     notes = [item for item in read_diagnostics(outcome.data["diagnostics"]) if item.severity == "note"]
@@ -138,9 +158,8 @@ def found_of(lie: Lie, folder: Path) -> Found:
     missing = _lacking(outcome, page, found, motion.fps)
     named = tuple(dict.fromkeys(item.code for item in (*found, *notes)))
     says = sentence(found[0], motion.fps) if found else ""
-    return Found(
-        False, error_mm(motion.joints, joints), named, missing, says, _states_length(outcome, page, motion.fps)
-    )
+    stated = _states_length(outcome, page, motion.fps), _states_size(outcome, page)
+    return Found(False, error_mm(motion.joints, joints), named, missing, says, *stated)
 
 
 def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
@@ -150,6 +169,14 @@ def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
     report = f"{FRAMES} frames at {fps:g} fps ({seconds:.1f} s)" in page and origin in page
     codes = [item.code for item in read_diagnostics(outcome.data["diagnostics"])]
     return console and report and outcome.data["duration_s"] == round(seconds, 3) and "frame_rate_configured" in codes
+
+
+def _states_size(outcome: Outcome, page: str) -> bool:
+    """Return whether console, report and JSON state the person's stature."""
+    diagnostics = read_diagnostics(outcome.data["diagnostics"])
+    tall = [item.values["stature"] for item in diagnostics if item.code == "person_triangulated"]
+    texts = [f"about {stature:.2f} m tall" for stature in tall]
+    return bool(texts) and all(text in place for text in texts for place in (outcome.text, page))
 
 
 def _lacking(outcome: Outcome, page: str, found: list[Diagnostic], fps: float) -> tuple[str, ...]:
