@@ -43,3 +43,10 @@ def test_undistorted_pixels_of_a_wide_lens_are_reported(k1: float) -> None:
 
 def test_the_demos_lenses_are_left_alone() -> None:
     assert report_undistorted(CAMERAS, KEYPOINTS) == ()
+
+
+def test_a_view_that_follows_somebody_who_crosses_is_no_witness() -> None:
+    keypoints = demo_capture(120).require_multiview()[1]
+    xy = keypoints.xy.copy()
+    xy[3, 20:50] = xy[3, 20:50][::-1] + [260.0, 0.0]
+    assert report_undistorted(CAMERAS, replace(keypoints, xy=xy)) == ()
