@@ -9,13 +9,16 @@ from solver_backend.types.shapes import Float
 REACH = 5
 """Frames by which footage is off at most: further off, hands are not at the wrists they are looked for."""
 LEAST_FRAMES = 20
-"""Frames that show a hand and its wrist."""
+"""Frames that show a hand and its wrist; chosen by hand."""
 SURE = 0.3
-"""Confidence from which a wrist counts."""
+"""Confidence from which a wrist counts; chosen by hand."""
 MOVES = 0.5
-"""Hands move enough where their errors at the best shift are less than this share of those at the worst one."""
+"""Hands move enough where their errors at the best shift are less than this share of those at the worst one. By
+``python -m tests.benchmarks.hands.late_footage``: no shift of hands that rest is invented up to 0.7, 7 of 16 at 1.0; of
+112 known shifts 1 is wrong at 0.3, 5 at 0.5 and 6 at 0.7, and 26, 11 and 6 are missed."""
 AGREE = 0.75
-"""Share of the hands of all views that must be nearer to their wrists with the shift than without."""
+"""Share of the hands of all views that must be nearer to their wrists with the shift than without. By the same command:
+at 0.9 twice as many shifts are missed and as many are wrong, at 0.5 four fewer are missed and one more is wrong."""
 
 
 def footage_shift(
