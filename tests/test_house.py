@@ -101,6 +101,26 @@ def test_no_modules_import_each_other_in_a_ring(package: str) -> None:
         pytest.fail(" -> ".join(ring.args[1]))
 
 
+@pytest.mark.parametrize("package", PRODUCT)
+def test_no_folders_beside_each_other_import_each_other_in_a_ring(package: str) -> None:
+    files = {dotted(path): path for path in (ROOT / package).rglob("*.py") if path.name != "__main__.py"}
+    folders = {name: (name if path.name == "__init__.py" else name.rpartition(".")[0]) for name, path in files.items()}
+    graphs: dict[str, dict[str, set[str]]] = {}
+    for name, path in files.items():
+        for other in set(imported(path)) & files.keys():
+            ours, theirs = folders[name].split("."), folders[other].split(".")
+            depth = next((d for d, (a, b) in enumerate(zip(ours, theirs, strict=False)) if a != b), 0)
+            if depth:  # they part below a common folder
+                graph = graphs.setdefault(".".join(ours[:depth]), {})
+                graph.setdefault(ours[depth], set()).add(theirs[depth])
+    assert graphs
+    for parent, graph in graphs.items():
+        try:
+            TopologicalSorter(graph).prepare()
+        except CycleError as ring:
+            pytest.fail(f"{parent}: {' -> '.join(ring.args[1])}")
+
+
 def test_a_class_name_has_one_home() -> None:
     """The add-on's copy of the exchange library is a copy, no second home."""
     homes: dict[str, list[str]] = {}

@@ -8,12 +8,12 @@ import numpy as np
 
 from assets_procedural.arrays import Array
 from assets_procedural.detail.eyes import put_in_eye
-from assets_procedural.detail.features import NONE
 from assets_procedural.detail.mouth import close_lips
 from assets_procedural.detail.nails import put_on_nails
 from assets_procedural.detail.patches import HalfBody
 from assets_procedural.detail.toes import part_toes
 from assets_procedural.detail.wrist import round_ulna
+from assets_procedural.mesh.features import NONE
 from assets_procedural.mesh.meshing import SymmetricMesh, check_closed, mirror_half
 from assets_procedural.mesh.remeshing import on_grid
 

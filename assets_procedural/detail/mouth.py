@@ -9,8 +9,8 @@ from __future__ import annotations
 import numpy as np
 
 from assets_procedural.arrays import Array
-from assets_procedural.detail.features import LIPS, NONE
 from assets_procedural.detail.patches import HalfBody, Oval, Patch, replace, rings_to_faces, surface_around
+from assets_procedural.mesh.features import LIPS, NONE
 
 SEAM_Y, CORNER_M = 1.5217, 0.0220
 """Height of the seam and half the mouth's width in the fitted mesh, metres, floor at y = 0."""

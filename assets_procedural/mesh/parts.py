@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from assets_procedural.detail import features
 from assets_procedural.layout import ANKLE, CUFF, NECKLINE
+from assets_procedural.mesh import features
 
 SKIN, SUIT, LIPS, EYEBALL, IRIS, PUPIL, NAIL = range(7)
 MATERIAL_NAMES = ("skin", "suit", "lips", "eyeball", "iris", "pupil", "nail")
@@ -49,7 +49,7 @@ def face_materials(part: np.ndarray, feature: np.ndarray) -> np.ndarray:
 
     Args:
         part: (F,) from ``face_parts``.
-        feature: (F,) numbers of ``detail.features``.
+        feature: (F,) numbers of ``features``.
     """
     plain = np.where(np.isin(part, (0, 4, 5, 8, 9)), SKIN, SUIT)
     of_feature = {

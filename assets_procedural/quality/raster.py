@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from assets_procedural.arrays import Array
+from assets_procedural.skeleton.skinning import vertex_normals
 
 _KEY, _FILL, _TOP = np.array([-0.45, 0.55, 0.70]), np.array([0.87, 0.11, 0.44]), np.array([0.0, 1.0, 0.0])
 _BACKGROUND = np.array([0.90, 0.91, 0.93])
@@ -57,16 +58,6 @@ def render(vertices: Array, faces: Array, colours: Array, view: RasterView, over
     image = np.where(np.isfinite(depth)[..., None], _shade(normal) * colour, _BACKGROUND).clip(0, 1) ** (1 / 1.6)
     blocks = image.reshape(height // oversample, oversample, width // oversample, oversample, 3)
     return np.round(255 * blocks.mean(axis=(1, 3))).astype(np.uint8)
-
-
-def vertex_normals(vertices: Array, faces: Array) -> Array:
-    """Return the (V, 3) unit normals, faces weighing by area."""
-    corners = vertices[faces]
-    face_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    out = np.zeros_like(vertices)
-    for k in range(3):
-        np.add.at(out, faces[:, k], face_normal)
-    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)
 
 
 def _fill(xy: Array, z: Array, normals: Array, tint: Array, depth: Array, normal: Array, colour: Array) -> None:

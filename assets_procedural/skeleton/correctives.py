@@ -15,8 +15,7 @@ from scipy.spatial.transform import Rotation
 
 from assets_procedural.arrays import Array
 from assets_procedural.layout import CHILDREN, JOINT, MIRROR_JOINT, PARENTS
-from assets_procedural.quality.raster import vertex_normals
-from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, volume
+from assets_procedural.skeleton.skinning import linear_blend, pose_skeleton, vertex_areas, vertex_normals, volume
 from solver_backend.types import SMPL_JOINTS
 
 NUM_FEATURES = 9 * (len(PARENTS) - 1)

@@ -122,3 +122,13 @@ def linear_blend(vertices: Array, weights: Array, turns: Array, shifts: Array) -
     """Return the (V, 3) linearly blended vertices."""
     blend = (weights @ turns.reshape(len(turns), 9)).reshape(-1, 3, 3)
     return np.einsum("vab,vb->va", blend, vertices) + weights @ shifts
+
+
+def vertex_normals(vertices: Array, faces: Array) -> Array:
+    """Return the (V, 3) unit normals, faces weighing by area."""
+    corners = vertices[faces]
+    face_normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    out = np.zeros_like(vertices)
+    for k in range(3):
+        np.add.at(out, faces[:, k], face_normal)
+    return out / np.maximum(np.linalg.norm(out, axis=1, keepdims=True), 1e-15)

@@ -78,8 +78,8 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     """Solve frames of a motion again that came without its recording: AMASS, or one of ours from elsewhere."""
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.pipeline import resolve_motion
+    from solver_backend.io.motions.motion_checks import check_motion
     from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.io.recognition.motion_checks import check_motion
     from solver_backend.report.diagnose import by_gravity, recorded_diagnostics
 
     assert job.resolve is not None

@@ -55,10 +55,10 @@ def calibrate_wand_arguments(verb: argparse.ArgumentParser) -> None:
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
     from solver_backend.camera_calibration.formats.write import format_of, write_calibration
-    from solver_backend.sensors.clock.trigger import triggered
-    from solver_backend.sensors.gravity.gamma import Gamma, ground_from_gamma, on_ground
-    from solver_backend.sensors.gravity.gamma_clouds import gamma_clouds
+    from solver_backend.sensors.trigger import triggered
     from solver_backend.sensors.wand.from_sensors import is_sensor_folder, sensor_clouds
+    from solver_backend.sensors.wand.gamma import Gamma, ground_from_gamma, on_ground
+    from solver_backend.sensors.wand.gamma_clouds import gamma_clouds
     from solver_backend.sensors.wand.leds import Wand
     from solver_backend.sensors.wand.result import WandOptions, in_world
     from solver_backend.sensors.wand.session import calibrate_by_wand

@@ -17,6 +17,7 @@ from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeToo
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
+from solver_backend.fitters.hands.wide_motion import with_hands, without_fingers
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
@@ -39,7 +40,6 @@ from solver_backend.fitters.methods import (
 )
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.build_motion import build_motion
-from solver_backend.fitters.output.wide_motion import with_hands, without_fingers
 from solver_backend.fitters.own_points import solve_with_points, without_points
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem

@@ -3,10 +3,10 @@
 from __future__ import annotations
 
 from solver_backend.exchange.progress import Progress
+from solver_backend.fitters.hands.wide_motion import with_fingers_of, without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.splice_range import spliced
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.output.wide_motion import with_fingers_of, without_fingers
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.frame_range import solve_range
 from solver_backend.fitters.settings import SolveSettings

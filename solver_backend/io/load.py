@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid
+from solver_backend.io.motions.motion_checks import checked_motion
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
-from solver_backend.io.recognition.motion_checks import checked_motion
 from solver_backend.io.recognition.range_checks import checked
 from solver_backend.io.registry import CAPTURES, MOTIONS
 from solver_backend.types import Capture, Motion

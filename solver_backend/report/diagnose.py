@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
-from solver_backend.io.recognition.motion_checks import check_motion
+from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.report.explained import without_explained
 from solver_backend.report.plausibility import plausibility
 from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of

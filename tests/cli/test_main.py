@@ -14,9 +14,9 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import Cancelled, NoDetections
 from solver_backend.fitters.settings import SolveSettings
+from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.types import JointSet
 from tests.support import cli_stand_ins
 from tests.support.cli_stand_ins import FRAMES, StandIns

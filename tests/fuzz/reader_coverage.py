@@ -30,7 +30,7 @@ _READERS = (
     "solver_backend/camera_calibration/boards/board.py",
     "solver_backend/videos/detect/answers.py",
     "solver_backend/cameras/noise_map.py",
-    "solver_backend/videos/detect/video_detections.py",
+    "solver_backend/videos/video_detections.py",
     "solver_backend/camera_calibration/intrinsics/known_lenses.py",
     "solver_backend/camera_calibration/intrinsics/library.py",
     "solver_backend/sensors/devices/recorded.py",

@@ -25,10 +25,10 @@ from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.answers import read_arrays, read_head
-from solver_backend.videos.detect.video_detections import VideoDetections, read_detections, write_detections
 from solver_backend.videos.pipeline.records import NAME as STEPS
 from solver_backend.videos.pipeline.records import Records
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
+from solver_backend.videos.video_detections import VideoDetections, read_detections, write_detections
 from tests.fuzz import odd_bodies, odd_motions, odd_values
 from tests.fuzz.target import Target, Write, file, nothing
 from tests.support.calibration_files import json_text, toml_text

@@ -11,10 +11,9 @@ import pytest
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, JobInvalid
 from solver_backend.io.calibration import Calibration, calibrations_in, opencv_cameras, read_calibration
-from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.calibration.yaml_storage import parse_yaml
 from solver_backend.io.files import read_json
-from solver_backend.io.recognition.up_axis import UP_AXES
+from solver_backend.io.recognition.up_axis import UP_AXES, with_up_axis
 from solver_backend.types import Cameras
 from tests.support.calibration_files import json_text, qca_text, toml_text, write_easymocap, yaml_camera
 from tests.support.scenes import ring_of_cameras

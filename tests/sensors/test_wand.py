@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid, FileDamaged, MocapError
-from solver_backend.sensors.clock.trigger import INTERLEAVE_S, triggered
+from solver_backend.sensors.trigger import INTERLEAVE_S, triggered
 from solver_backend.sensors.wand.coverage import Coverage
 from solver_backend.sensors.wand.errors import TimesInvalid, WandAmbiguous, WandInvalid, WandNotSeen
 from solver_backend.sensors.wand.interpolation import values_and_velocities

@@ -12,11 +12,11 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration import read_calibration
-from solver_backend.sensors.clock.trigger import triggered
 from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
 from solver_backend.sensors.devices.recording_files import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
 from solver_backend.sensors.devices.source import SensorFolder
 from solver_backend.sensors.errors import PicturesDiffer
+from solver_backend.sensors.trigger import triggered
 from solver_backend.sensors.wand.errors import WandAmbiguous
 from solver_backend.sensors.wand.from_sensors import sensor_views
 from solver_backend.sensors.wand.result import WandOptions

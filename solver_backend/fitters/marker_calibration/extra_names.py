@@ -19,6 +19,7 @@ from solver_backend.fitters.marker_calibration.attach_unknown import (
     bone_offsets,
 )
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M
+from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, loose_groups
 from solver_backend.fitters.marker_calibration.nameless_points import (
     in_words_of,
     missing_markers,
@@ -29,7 +30,6 @@ from solver_backend.fitters.marker_calibration.rough_motion import rough_markers
 from solver_backend.fitters.marker_calibration.subject_record import matched, subject_of
 from solver_backend.fitters.measurements.markers import measured_at
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.labelling.outputs import MARKERS

@@ -23,6 +23,7 @@ from solver_backend.fitters.marker_calibration.exchanged_sides import check_side
 from solver_backend.fitters.marker_calibration.exchanged_wrists import exchanged_wrists
 from solver_backend.fitters.marker_calibration.handedness import check_handedness
 from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels, gathered
+from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, loose_groups
 from solver_backend.fitters.marker_calibration.off_place import distances, off_place
 from solver_backend.fitters.marker_calibration.one_body import check_one_body
 from solver_backend.fitters.marker_calibration.person_doubts import (
@@ -39,7 +40,6 @@ from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.single_frame.fit import posed
 from solver_backend.geometry.arrays import Array, to_numpy

@@ -8,10 +8,10 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.exchange.props import Prop
+from solver_backend.fitters.marker_calibration.rigid_groups import LEAST_MARKERS
 from solver_backend.fitters.props.prop_equations import PropEquations
 from solver_backend.fitters.props.prop_start import LEAST_SIGMA_M, MOST_SIGMA_M, start_prop
 from solver_backend.fitters.props.prop_state import PropState
-from solver_backend.fitters.props.rigid_groups import LEAST_MARKERS
 from solver_backend.fitters.props.unrest import unrest_of
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.rotations import log_so3

@@ -15,8 +15,9 @@ from solver_backend.io.calibration.meant_entries import meant_entries
 from solver_backend.io.calibration.opencv_cameras import MatrixFile, opencv_cameras, read_matrix_file
 from solver_backend.io.calibration.qualisys import read_qualisys
 from solver_backend.io.calibration.toml_cameras import read_toml_cameras
-from solver_backend.io.calibration.units import in_metres, with_up_axis
+from solver_backend.io.calibration.units import in_metres
 from solver_backend.io.files import LARGEST_TEXT
+from solver_backend.io.recognition.up_axis import with_up_axis
 
 FORMATS = (
     "Pose2Sim, anipose or caliscope .toml, Qualisys .qca.txt, OpenCV .yml, .yaml or .json, NeRF's transforms.json, "

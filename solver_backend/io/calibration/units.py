@@ -1,4 +1,4 @@
-"""Length unit and up-axis of a calibration's world."""
+"""Length unit of a calibration's world."""
 
 from __future__ import annotations
 
@@ -9,8 +9,6 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.recognition.length_unit import metres_in
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.types import Cameras
 
 WIDEST_ARRAY_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
@@ -54,14 +52,3 @@ def _rig_width(entries: list[CameraEntry]) -> float:
         if apart.max() > OTHER_UNIT * others.max() > 0:
             return float(others.max())
     return float(apart.max())
-
-
-def with_up_axis(cameras: Cameras, up_axis: str) -> Cameras:
-    """Return the cameras in a world rotated so that ``up_axis`` of the old one becomes Z.
-
-    ``x_cam = R x_old + t = (R Aᵀ) x_new + t`` with ``x_new = A x_old``.
-
-    Raises:
-        JobInvalid: the axis is unknown.
-    """
-    return replace(cameras, R=cameras.R @ rotation_to_z_up(up_axis).T)

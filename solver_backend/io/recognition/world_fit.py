@@ -11,11 +11,10 @@ from solver_backend.cameras.camera_corrections import unrolled
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
-from solver_backend.io.calibration.units import with_up_axis
 from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
 from solver_backend.io.recognition.one_camera import fit_one_camera
 from solver_backend.io.recognition.person_scale import scale_from_stature
-from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.io.recognition.up_axis import rotation_to_z_up, with_up_axis
 from solver_backend.io.recognition.world_check import (
     PLAUSIBLE_STATURE_M,
     WorldCheck,

@@ -9,8 +9,8 @@ import numpy as np
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
-from solver_backend.sensors.gravity.gamma import Ground
 from solver_backend.sensors.wand.coverage import LEAST_IN_CELL
+from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.result import WandCalibration
 
 

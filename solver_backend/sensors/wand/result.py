@@ -8,8 +8,8 @@ import numpy as np
 
 from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras
 from solver_backend.exchange.diagnostics import diagnostic, sentence
-from solver_backend.sensors.gravity.gamma import Ground
 from solver_backend.sensors.wand.coverage import Coverage
+from solver_backend.sensors.wand.gamma import Ground
 from solver_backend.sensors.wand.leds import Wand
 from solver_backend.videos.sync.clocks import Clocks
 

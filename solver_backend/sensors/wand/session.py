@@ -11,7 +11,6 @@ from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETE
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.sensors.clock.wand_clocks import coarse_clocks, common_moments, flat_of
 from solver_backend.sensors.wand.coverage import coverage_of
 from solver_backend.sensors.wand.depth_scale import depth_sigma
 from solver_backend.sensors.wand.errors import WandAmbiguous, WandNotSeen
@@ -26,6 +25,7 @@ from solver_backend.sensors.wand.start import (
     require_proportion,
 )
 from solver_backend.sensors.wand.views import Moments, WandView
+from solver_backend.sensors.wand.wand_clocks import coarse_clocks, common_moments, flat_of
 from solver_backend.videos.sync.clocks import Clocks
 
 MOST_CROWDED = 0.5

@@ -21,9 +21,9 @@ from solver_backend.people.detections import Detections
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, Keypoints2D
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.resample import at_times, common_times
+from solver_backend.videos.video_detections import VideoDetections
 
 CROPPED_SHARE = 0.02
 """Pictures that differ by less from the calibration's were cut to whole blocks by a coder."""

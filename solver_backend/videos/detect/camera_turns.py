@@ -17,9 +17,9 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.calibration import Calibration
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import in_video_pixels
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.video_detections import VideoDetections
 
 WIDTH_PX = 640
 """Pictures are looked at in this width: a feature is located to a twentieth of such a pixel."""

@@ -22,10 +22,10 @@ from solver_backend.videos.detect.choice import WORKER, DetectorChoice
 from solver_backend.videos.detect.errors import DetectorOutputsUnknown
 from solver_backend.videos.detect.process import DetectorProcess
 from solver_backend.videos.detect.tracking import tracked
-from solver_backend.videos.detect.video_detections import VideoDetections, read_detections, write_detections
 from solver_backend.videos.files.identity import file_hash, recording_hash, require_different
 from solver_backend.videos.files.probe import PICTURES_FPS, VideoInfo, probe
 from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.video_detections import VideoDetections, read_detections, write_detections
 
 _POLL_S = 0.2
 """Seconds from one look at the detectors to the next; chosen by hand."""

@@ -9,10 +9,10 @@ import numpy as np
 
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.read import read_pictures
 from solver_backend.videos.files.write import write_video
+from solver_backend.videos.video_detections import VideoDetections
 
 HEIGHT = 720
 """Pixels of a preview's shorter side at most."""

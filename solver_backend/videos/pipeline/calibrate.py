@@ -24,10 +24,10 @@ from solver_backend.io.recognition.one_camera import stand_camera
 from solver_backend.people.one_view import select_in_one_view
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import assembled, everybody
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 from solver_backend.videos.pipeline.pictures import draw_boards
 from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.video_detections import VideoDetections
 
 ONE_CAMERA = "one camera"
 """Method of a calibration of a single camera."""

@@ -12,12 +12,12 @@ from solver_backend.camera_calibration.check.calibration_check import Calibratio
 from solver_backend.camera_calibration.opencv import opencv
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.preview import draw_people
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.read import read_pictures
 from solver_backend.videos.pipeline.canvas import COLOURS, FAINT, INK, SIDE, Canvas, mosaic
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.speeds import speeds
+from solver_backend.videos.video_detections import VideoDetections
 
 LOOKED_AT = 240
 """The picture that is shown is one of so many first ones, so that a long video is not read to its middle."""

@@ -12,7 +12,6 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.errors import VideoWithoutSound
 from solver_backend.videos.files.probe import probe
 from solver_backend.videos.files.sound import read_sound
@@ -27,6 +26,7 @@ from solver_backend.videos.sync.sound import FLOOR_S as SOUND_FLOOR_S
 from solver_backend.videos.sync.sound import PIECE_S as SOUND_PIECE_S
 from solver_backend.videos.sync.sound import onsets
 from solver_backend.videos.sync.speeds import clocks_by_speeds
+from solver_backend.videos.video_detections import VideoDetections
 
 WAYS = ("auto", "keypoints", "clap", "sound", "flash", "none")
 """How clocks may be found; ``auto`` is by keypoints, or by sound where those show nothing."""

@@ -9,11 +9,11 @@ import pytest
 
 from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.props import POSE_POINTS
+from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, loose_groups, mirrored_labels
+from solver_backend.fitters.marker_calibration.rigid_groups import rigid_groups
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.props.loose_groups import BonePoses, loose_groups, mirrored_labels
 from solver_backend.fitters.props.prop_equations import PropEquations
 from solver_backend.fitters.props.prop_state import SIZE, PropState
-from solver_backend.fitters.props.rigid_groups import rigid_groups
 from solver_backend.fitters.props.solve_prop import solve_prop
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3, log_so3

@@ -13,8 +13,8 @@ import numpy as np
 from solver_backend.videos.detect import detect_videos
 from solver_backend.videos.detect.choice import chosen_detector
 from solver_backend.videos.detect.errors import DetectorFailed
-from solver_backend.videos.detect.video_detections import VideoDetections, write_detections
 from solver_backend.videos.files.identity import recording_hash
+from solver_backend.videos.video_detections import VideoDetections, write_detections
 from tests.fuzz.target import Target, Write
 from tests.fuzz.verbs.running import in_a_copy, run_verb, verb_target
 from tests.fuzz.verbs.views import FRAMES, short_views

@@ -17,11 +17,11 @@ from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration import read_calibration
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline import calibrate
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, KnownOfCameras, calibrate_take
 from solver_backend.videos.pipeline.layout import CalibrationFootage, FoundFolder, FoundTake
 from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.video_detections import VideoDetections
 from tests.support.walking_take import circling
 
 

@@ -13,7 +13,6 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import diagnostic, read_diagnostics
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.videos.detect.choice import chosen_detector
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
 from solver_backend.videos.pipeline.errors import NoVideos
@@ -23,6 +22,7 @@ from solver_backend.videos.pipeline.records import Records
 from solver_backend.videos.pipeline.run import go
 from solver_backend.videos.pipeline.settings import RoadSettings
 from solver_backend.videos.sync.clocks import Clocks
+from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots
 

@@ -12,7 +12,6 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.video_detections import VideoDetections
 from solver_backend.videos.files.errors import VideoWithoutSound
 from solver_backend.videos.files.sound import Sound
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
@@ -24,6 +23,7 @@ from solver_backend.videos.sync.signals import PairLag, Signal, pair_lag
 from solver_backend.videos.sync.sound import FLOOR_S, PIECE_S, onsets
 from solver_backend.videos.sync.speeds import clocks_by_speeds
 from solver_backend.videos.sync.synchronise import by_flash, by_sound, in_step, synchronise
+from solver_backend.videos.video_detections import VideoDetections
 from tests.support.videos import write_timed_video
 
 FPS = 60.0

@@ -15,8 +15,8 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.amass import read_amass
+from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.io.recognition.motion_checks import check_motion
 from solver_backend.types import SMPL_JOINTS, Motion
 from tests.support.scenes import small_motion
 

@@ -11,7 +11,7 @@ import numpy as np
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.fitters.marker_calibration.attach_unknown import REACH_M, RESIDUAL_M, bone_offsets
-from solver_backend.fitters.props.rigid_groups import rigid_groups
+from solver_backend.fitters.marker_calibration.rigid_groups import rigid_groups
 from solver_backend.types import MarkerCloud
 
 SEPARATOR = ":"

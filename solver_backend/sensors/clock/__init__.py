@@ -1,1 +1,0 @@
-"""When sensors expose: by a trigger, or by how the wand moves."""

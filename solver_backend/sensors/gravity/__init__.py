@@ -1,1 +1,0 @@
-"""Which way is up and where the floor is, from three markers laid down as a Γ."""
