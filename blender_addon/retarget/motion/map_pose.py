@@ -32,6 +32,8 @@ def map_pose(target: Target, actor_rest: np.ndarray, given: dict[str, tuple[floa
         upper, lower, end = (target.index(role) for role in roles)
         if min(upper, lower, end) >= 0:
             _align_limb(A, target, actor_rest, (upper, lower, end), limb)
+        elif min(upper, lower) >= 0:
+            _align_straight(A, target, actor_rest, (upper, lower), limb)
     for c, name in enumerate(target.names):
         if name in given:
             S = target.R_stage_armature
@@ -53,6 +55,13 @@ def foot_ball(target: Target, foot: int) -> np.ndarray:
     if np.isfinite(target.ends[foot]).all():
         return target.ends[foot]
     return target.heads[foot] + _BALL_BEFORE_ANKLE * target.heads[foot, 2] * FORWARD
+
+
+def _align_straight(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int], limb: str) -> None:
+    """Turn a limb without hand or foot, taken to be straight at rest: tails of bones show nothing."""
+    first, second = target.heads[list(bones)]
+    own = rest[[JOINT_OF[role] for role in LIMBS[limb]]]
+    A[bones[0]], A[bones[1]] = limb_turns(np.stack([first, second, 2 * second - first]), own, limb.endswith("arm"))
 
 
 def _align_limb(A: np.ndarray, target: Target, rest: np.ndarray, bones: tuple[int, int, int], limb: str) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.curves import action_curves
+from blender_addon.body.posed_body import pose_joints
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.errors import MapInvalid, TargetUnsuitable
 from blender_addon.retarget.actor_rig import read_actor
@@ -179,6 +180,21 @@ def test_half_a_rig_plays_what_it_has(scene, files: Files) -> None:
     rig, _ = mixamo(leave_out=("LeftArm", "RightArm", "Neck"))
     done = play(rig, files, rig_map=named_preset("mixamo", rig.data.bones.keys()))
     assert "no bones for head, left_upper_arm" in " ".join(done.notes) and done.deviation_mm < 1.0
+
+
+def test_arms_without_hands_point_where_the_bodys_do(scene, files: Files) -> None:
+    """At rest they hang by 50 degrees, by which they were off throughout."""
+    rig, _ = mixamo("tall", arms_down_deg=50.0, leave_out=("LeftHand", "RightHand"))
+    done = play(rig, files, rig_map=named_preset("mixamo", rig.data.bones.keys()))
+    assert "no bones for left_hand, right_hand" in " ".join(done.notes)
+    rest = files.body.rest_joints(files.motion.betas)
+    _, joints = pose_joints(rest, files.motion.rotvec, files.motion.transl)
+    for side, shoulder, elbow in (("Left", 16, 18), ("Right", 17, 19)):
+        names = [f"{PREFIX}{side}{part}" for part in ("Arm", "ForeArm")]
+        heads = shown(rig, names, times(files)).heads
+        ways, own = heads[names[1]] - heads[names[0]], joints[:, elbow] - joints[:, shoulder]
+        cosine = (ways * own).sum(-1) / np.linalg.norm(ways, axis=-1) / np.linalg.norm(own, axis=-1)
+        assert np.degrees(np.arccos(cosine.min())) < 3.0
 
 
 def test_too_little_of_a_rig_is_refused_and_left_alone(scene, files: Files) -> None:
