@@ -111,7 +111,8 @@ def _usable_bones(armature: bpy.types.Object, rig_map: RigMap, notes: list[str])
         hint = " ".join(
             [*rig_map.doubts, "The pelvis and one whole limb are the least; choose a preset or fill the table."]
         )
-        raise MapInvalid(f"The map has no bones for {', '.join(missing)}.", where=armature.name, hint=hint)
+        what = f"The map has no bones for {', '.join(missing)}" if bones else "No bones of a person are recognised"
+        raise MapInvalid(f"{what}.", where=armature.name, hint=hint)
     if missing := [role for role in JOINT_OF if role not in bones]:
         notes.append(f"The rig has no bones for {', '.join(missing)}: what they do is left out.")
     locked = {role: bone for role, bone in bones.items() if _is_locked(there[bone], role)}

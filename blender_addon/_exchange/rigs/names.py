@@ -29,7 +29,15 @@ _NOT_BODY = frozenset({
     "breast", "skirt", "cloth", "prop", "weapon", "tweak", "master", "heel",
 })  # fmt: skip
 """Words of bones that are none of these parts."""
-_LEFT, _RIGHT = frozenset({"l", "left", "lft", "lt"}), frozenset({"r", "right", "rgt", "rt"})
+_LEFT = frozenset({
+    "l", "left", "lft", "lt", "li", "links", "gauche", "izq", "izquierda", "izquierdo", "sx", "sinistra", "sinistro",
+    "esquerda", "esquerdo",
+})  # fmt: skip
+_RIGHT = frozenset({
+    "r", "right", "rgt", "rt", "re", "rechts", "droite", "droit", "der", "derecha", "derecho", "dx", "destra", "destro",
+    "direita", "direito",
+})  # fmt: skip
+"""Sides in English, German, French, Spanish, Italian and Portuguese."""
 _GLUED = ("left", "right", "l", "r")
 """Sides that may stand before a part without a space, the longest first: ``lhumerus``, ``righthand``."""
 _OF_A_SIDE = frozenset(

@@ -37,6 +37,8 @@ def found(skeleton: Skeleton, wanted: dict[str, str]) -> dict[str, str]:
     [
         ("lhumerus", "left", ["humerus"]), ("rradius", "right", ["radius"]), ("rfoot", "right", ["foot"]),
         ("leftupleg", "left", ["upleg"]), ("righthand", "right", ["hand"]), ("lowerback", "", ["lowerback"]),
+        ("Oberarm_li", "left", ["oberarm"]), ("Hand.rechts", "right", ["hand"]), ("main droite", "right", ["main"]),
+        ("mano_izq", "left", ["mano"]), ("Coscia_sx", "left", ["coscia"]), ("spine_re_li", "", ["spine"]),
         ("ring", "", ["ring"]), ("leg", "", ["leg"]), ("root", "", ["root"]), ("lforearm", "left", ["forearm"]),
     ],
 )  # fmt: skip
