@@ -101,9 +101,9 @@ class ReadingScores:
                 if key not in self._pairs:
                     alike.setdefault((_pose(key[1]), _pose(key[3])), []).append(key)
             for group in alike.values():
-                x_a = np.stack([self._camera(a, key[1])[0] for key in group])
-                x_b = np.stack([self._camera(b, key[3])[0] for key in group])
-                (_, R_a, t_a), (_, R_b, t_b) = self._camera(a, group[0][1]), self._camera(b, group[0][3])
+                x_a = np.stack([self.view(a, key[1])[0] for key in group])
+                x_b = np.stack([self.view(b, key[3])[0] for key in group])
+                (_, R_a, t_a), (_, R_b, t_b) = self.view(a, group[0][1]), self.view(b, group[0][3])
                 shares = pair_agreements(x_a, R_a, t_a, x_b, R_b, t_b, self._off_line)
                 self._pairs.update(zip(group, shares.tolist(), strict=True))
 
