@@ -12,7 +12,7 @@ import pytest
 from blender_addon.animation.takes import PATHS, take_file, takes_of
 from blender_addon.conventions.file_paths import file_of, sessions_folder
 from blender_addon.ui import locations, project_files
-from blender_addon.ui.operators.import_results import take_capture, take_motion
+from blender_addon.ui.operators.import_results import take_motion
 from tests.support.solved_capture import SolvedCapture
 
 
@@ -26,15 +26,16 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.fixture
-def unsaved(mocap, home: Path, solved: SolvedCapture) -> bpy.types.Action:
+def unsaved(mocap, solved_take: bpy.types.Action, home: Path, solved: SolvedCapture) -> bpy.types.Action:
     """Return a take of a scene that was never saved, with all its files in the session folder."""
     mocap.folder = ""
     folder = locations.files_folder(bpy.context.scene) / "source_1a2b"
     shutil.copytree(solved.folder, folder)
     (folder / "source.npz").unlink()
-    here = SolvedCapture(folder, {**solved.read, "capture": str(folder / "capture.npz")})
-    take_capture(bpy.context.scene, here.read)
-    return take_motion(bpy.context, here.files)
+    mocap.capture.file = str(folder / "capture.npz")
+    for key in PATHS:
+        solved_take[key] = str(folder / Path(solved_take[key]).name)
+    return solved_take
 
 
 def save(path: Path, **options: bool) -> None:
@@ -83,6 +84,7 @@ def test_saving_moves_everything_beside_the_file_and_later_takes_go_there(mocap,
     assert_works(unsaved, tmp_path / "shot")
     assert not session.exists() and locations.waits_for_saving(bpy.context.scene) == ""
     assert locations.files_folder(bpy.context.scene) == tmp_path / "shot" / "mocap"
+    mocap.solve.preset = "FAST"
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     assert mocap.review.take["motion_file"].startswith("//mocap/source_1a2b/take_02")
 
