@@ -10,7 +10,7 @@ from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.people.detections import Detections
 from solver_backend.people.person_selection import SelectedPerson
-from solver_backend.types import Keypoints2D
+from solver_backend.types import UNSEEN_POINT, Keypoints2D
 
 NEAR_SHARE = 0.4
 """Median distance of keypoints from one frame to the next, over the person's extent, up to which it is one person."""
@@ -57,7 +57,11 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         chosen = np.full((1, len(xy)), -1)
         points[track.frames], sure[track.frames] = xy[track.frames, track.rows], confidence[track.frames, track.rows]
         chosen[0, track.frames] = track.rows
-        keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps)
+        hands = None
+        if detections.hands is not None:
+            hands = np.full((1, len(xy), *detections.hands.shape[3:]), UNSEEN_POINT, detections.hands.dtype)
+            hands[0, track.frames] = detections.hands[0, track.frames, track.rows]
+        keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps, hands)
         notes = () if selected else _notes(kept, len(tracks), len(xy))
         own = [point.name for point in detections.own if not selected]
         problems = (diagnostic("own_points_one_view", joints=own),) if own else ()

@@ -1,5 +1,7 @@
 """People in one camera's picture: followed by where they are, whatever their place in the files."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -46,6 +48,21 @@ def test_the_largest_for_longest_comes_first_and_nobody_is_mixed_up() -> None:
     np.testing.assert_allclose(second.keypoints.xy[0], people[:, 1], atol=1e-3)
     assert first.notes[0].values == {"seen": 55, "of": 60} and first.notes[1].values == {"count": 1, "solvable": 1}
     assert words(first.notes)[0].endswith("is largest for longest, in 55 of 60 frames.") and not second.notes
+
+
+def test_hands_stay_with_their_person() -> None:
+    people, seen = two_people()
+    seen[20:25, 0] = False
+    found = detections(people, seen)
+    hands = np.ones((1, FRAMES, 2, 2, 21, 3), np.float32)
+    hands[..., :2] = found.xy[:, :, :, 9:11, None]  # each hand where its wrist is
+    first, second = select_in_one_view(replace(found, hands=hands), 30.0)
+    assert select_in_one_view(found, 30.0)[0].keypoints.hands is None
+    for person, there in ((first.keypoints, seen[:, 0]), (second.keypoints, seen[:, 1])):
+        assert person.hands is not None and np.isnan(person.hands[0, ~there, ..., :2]).all()
+        assert not person.hands[0, ~there, ..., 2].any()
+        wrists = np.repeat(person.xy[0, there, 9:11, None], 21, axis=2)
+        np.testing.assert_allclose(person.hands[0, there, ..., :2], wrists, atol=1e-3)
 
 
 def test_who_is_gone_for_long_is_somebody_new() -> None:
