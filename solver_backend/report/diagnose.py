@@ -40,7 +40,7 @@ def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | No
     found += [*_flagged(motion, capture.is_one_view), *plausibility(capture, motion, residuals)]
     if residuals is not None:
         found += [*_cameras(capture, residuals), *_keypoints(capture, residuals)]
-    return by_gravity(without_explained(found, motion.num_frames))
+    return by_gravity(without_explained(found, motion.num_frames, capture))
 
 
 def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:

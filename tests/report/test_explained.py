@@ -7,6 +7,8 @@ import pytest
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.diagnostics.diagnostic import Diagnostic, Remedy
 from solver_backend.report.explained import without_explained
+from solver_backend.synthesis.embedded.demo import demo_capture
+from solver_backend.types import Capture
 
 DOUBTS = [
     diagnostic("camera_sees_elsewhere", cameras=["cam03"]),
@@ -26,6 +28,23 @@ def test_only_the_explanation_stays() -> None:
     shifted = diagnostic("cameras_shifted", cameras=["cam03"], shifts=["cam03 by 30 px"])
     alone = list(without_explained([DOUBTS[0], shifted, corrected(99)], 100))
     assert [item.code for item in alone] == ["image_mirrored"]
+
+
+def test_what_was_compared_with_a_corrected_camera_is_no_doubt_of_the_others() -> None:
+    """Three phones, one a mirror: the two others seemed shifted against it, and all lenses too long."""
+    cameras, keypoints = demo_capture(30).require_multiview()
+    lenses = diagnostic("focal_lengths_off", cameras=cameras.names[1:], percent=14.0, way="long")
+    three = Capture(
+        "three", cameras=cameras.subset([1, 2, 3]), keypoints=keypoints.views([1, 2, 3]), footage=(None,) * 3
+    )
+    assert [i.code for i in without_explained([*DOUBTS, lenses, corrected(99)], 100, three)] == [
+        "earlier_warning", "image_mirrored"
+    ]  # fmt: skip
+    assert list(without_explained([*DOUBTS, lenses], 100, three)) == [*DOUBTS, lenses]
+    four = Capture("four", cameras=cameras, keypoints=keypoints, footage=(None,) * 4)
+    assert [i.code for i in without_explained([DOUBTS[1], corrected(99)], 100, four)] == [
+        "cameras_shifted", "image_mirrored"
+    ]  # fmt: skip
 
 
 @pytest.mark.parametrize(
