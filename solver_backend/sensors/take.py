@@ -68,7 +68,7 @@ def cloud_of(
         progress("Markers from sensors", len(builder.moments), max(len(builder.moments), expected))
     cloud = builder.cloud(folder.fps)
     if not cloud.positions.shape[1]:
-        hint = "; ".join(map(sentence, counted(gatherer.findings)))
+        hint = "; ".join(map(sentence, (*ended, *counted(gatherer.findings))))
         raise NoMarkers(
             "No sensor saw a marker in any frame.",
             where=str(folder.path),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -85,6 +86,21 @@ def test_a_sensor_that_was_unplugged_leaves_the_others(copy: Path) -> None:
     (copy / "recording.json").write_text(json.dumps(about))
     alone = cloud_of(open_folder(copy))
     assert [(item.code, item.where.cameras) for item in alone.findings] == [("sensor_missing", ("sensor1",))]
+
+
+@pytest.mark.parametrize("in_its_place", [None, os.mkfifo, Path.mkdir])
+def test_a_sensor_without_its_frames_is_named(copy: Path, in_its_place: Callable[[Path], None] | None) -> None:
+    for number, sensor in enumerate(CAMERAS.names):
+        (copy / sensor / "frames.bin").unlink()
+        if in_its_place is not None:
+            in_its_place(copy / sensor / "frames.bin")
+        if number == 0:
+            take = cloud_of(open_folder(copy))
+            assert take.frames == {"sensor1": FRAMES}
+            assert [(item.code, item.where.cameras) for item in take.findings] == [("sensor_ended", ("sensor0",))]
+    with pytest.raises(NoMarkers) as caught:
+        cloud_of(open_folder(copy))
+    assert "frames.bin is missing" in caught.value.hint
 
 
 def test_a_clock_of_its_own_and_one_that_jumps_are_put_right(copy: Path) -> None:

@@ -66,8 +66,13 @@ class RecordedSensor(OpenedDevice):
 
         Raises:
             RecordingInvalid: the index cannot be read.
-            SensorFailed: a picture is missing or damaged.
+            SensorFailed: a picture is missing or damaged, or the file of the pictures is no file.
         """
+        if self.kind == "raw" and not (self.folder / FRAMES).is_file():
+            raise SensorFailed(
+                f"Its {FRAMES} is missing, or a folder, a pipe or a device is in its place.", where=str(self.folder),
+                hint="Copy the file from the recording again.",
+            )  # fmt: skip
         rows = self.index()
         count = int(rows[-1, 0] - rows[0, 0]) + 1 if len(rows) else 0
         for at, lap, device, host in due_frames(rows[:, 1] - self.zero, self.start, repeat=self.repeat):
