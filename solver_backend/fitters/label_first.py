@@ -11,6 +11,7 @@ import numpy as np
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
     LEAST_NETWORK_PLACES,
+    MarkerNames,
     is_unnamed,
     least_markers,
     name_markers,
@@ -45,7 +46,7 @@ def needs_labels(cloud: MarkerCloud) -> bool:
     """Return whether too few markers are named for a solve, or as many points without names are seen as with."""
     if cloud.labels is None:
         return True
-    names = name_markers([label for label in cloud.labels if not is_unnamed(label)], places_by_side(cloud))
+    names = _names(cloud)
     if len(names.known) < least_markers(names.known.values()):
         return True
     if len(names.unknown) >= LEAST_MARKERS:
@@ -53,6 +54,11 @@ def needs_labels(cloud: MarkerCloud) -> bool:
     seen = np.isfinite(cloud.positions).all(-1).sum(0)
     nameless = [is_unnamed(label) for label in cloud.labels]
     return int(seen[nameless].sum()) >= int(seen[~np.array(nameless)].sum())
+
+
+def _names(cloud: MarkerCloud) -> MarkerNames:
+    """Return what the labels that somebody gave mean."""
+    return name_markers([label for label in cloud.labels or () if not is_unnamed(label)], places_by_side(cloud))
 
 
 def has_own_names(cloud: MarkerCloud) -> bool:
@@ -101,6 +107,8 @@ def labelled_capture(
     from solver_backend.labelling.point_network import load_network
 
     persistent = has_own_names(cloud)
+    if not always and (unread := _crowd(capture, persistent=persistent)) is not None:
+        return unread, None
     try:
         take = label_take(
             cloud, network or load_network(), fit_average_person, progress,
@@ -115,17 +123,59 @@ def labelled_capture(
         return replace(capture, problems=(*capture.problems, doubt)), None
     share = float(_named(take).mean()) if take.labels.size else 1.0
     if not (always or persistent) and share < LEAST_UNNAMED:
-        raise MarkersUnknown(
+        unlike = MarkersUnknown(
             f"The points have no names, and the labelling network, which knows whole bodies, names only "
             f"{100 * share:.0f} % of them: too few to find one person.", where=capture.name,
             hint="Label the take in the program that recorded it; or name it with `label`, correct the labels in "
             "Blender or with --labels, and solve the labelled file.",
         )  # fmt: skip
+        return _by_own_names(capture, unlike), None
     return replace(
         capture, markers=take.cloud(cloud),
         notes=(*without_doubt_of_labels(capture.notes), named_in(take, persistent=persistent)),
         problems=(*without_doubt_of_labels(capture.problems), *unnamed_in(take)),
     ), take  # fmt: skip
+
+
+def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
+    """Return the capture unread where so many points are seen that whatever the network names is too small a share.
+
+    None where the network can name enough of them.
+
+    Raises:
+        MarkersUnknown: they are too many, and too few have names of their own.
+    """
+    assert capture.markers is not None
+    seen = np.isfinite(capture.markers.positions).all(-1).sum(axis=1)
+    count = float(seen[seen > 0].mean()) if seen.any() else 0.0
+    if count * (LEAST_NAMED if persistent else LEAST_UNNAMED) <= GHOST:
+        return None
+    if persistent:
+        doubt = diagnostic("more_points_than_a_person", count=count, most=GHOST)
+        return replace(capture, problems=(*capture.problems, doubt))
+    return _by_own_names(capture, MarkersUnknown(
+        f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
+        f"markers of one person, {GHOST} at most.", where=capture.name,
+        hint="Label the points in the program that recorded them, each person under a prefix of their own, or leave "
+        "one person's points in the file.",
+    ))  # fmt: skip
+
+
+def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
+    """Return a half-labelled capture as it is where the names that it has are enough for a solve.
+
+    Raises:
+        MarkersUnknown: they are not.
+    """
+    cloud = capture.markers
+    assert cloud is not None
+    known = _names(cloud).known
+    if len(known) < least_markers(known.values()):
+        raise otherwise
+    there = np.isfinite(cloud.positions).all(-1)
+    nameless = there[:, [is_unnamed(label) for label in cloud.labels or ()]]
+    left_out = diagnostic("points_not_named", percent=100.0 * float(nameless.sum() / there.sum()))
+    return replace(capture, problems=(*capture.problems, left_out))
 
 
 def without_doubt_of_labels(found: Sequence[Diagnostic]) -> tuple[Diagnostic, ...]:

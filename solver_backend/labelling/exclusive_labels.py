@@ -8,6 +8,8 @@ from solver_backend.labelling.outputs import GHOST
 
 _TAKEN = -1e9
 """Evidence of a label that is taken: below any log-probability."""
+_EXCHANGES, _GAIN = 200, 1e-6
+"""Pairs of one round that are looked at, and the least evidence that an exchange gains; chosen by hand."""
 _ROUNDS = 4
 """Rounds of exchange at most; chosen by hand."""
 
@@ -81,9 +83,10 @@ def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, f
     gain = other + other.T - own[:, None] - own[None]
     gain[~together | fixed[:, None] | fixed[None]] = 0.0
     changed = False
-    for flat in np.argsort(-gain, axis=None)[:200]:
+    better = np.flatnonzero(gain > _GAIN)
+    for flat in better[np.argsort(-gain.ravel()[better])[:_EXCHANGES]]:
         a, b = np.unravel_index(flat, gain.shape)
-        if gain[a, b] <= 1e-6:
+        if gain[a, b] <= _GAIN:
             break
         if _may(labels, together, a, labels[b], b) and _may(labels, together, b, labels[a], a):
             labels[a], labels[b] = labels[b], labels[a]

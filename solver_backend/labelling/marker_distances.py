@@ -36,6 +36,8 @@ _BLOCK = 256
 """Frames at a time, which bounds memory; chosen by hand."""
 _PAIRS = _BLOCK * 60**2
 """Pairs of points that are measured at once: a thousand points are compared in one frame after the other."""
+_CELLS = 2**22
+"""Chains times places times partners that are weighed at once, 32 MB of each intermediate array; chosen by hand."""
 _SCALE_FROM_M = 0.3
 """Distance from which pairs count for the body's size, metres; chosen by hand."""
 _COUNTERPART = np.array([MARKERS.index(other_side(name)) for name in MARKERS])
@@ -98,13 +100,21 @@ def distances_of(positions: np.ndarray, frames: np.ndarray, tracklets: Tracklets
     size = int(np.clip(_PAIRS // max(positions.shape[1] ** 2, 1), 1, _BLOCK))
     for start in range(0, len(frames), size):
         part = frames[start : start + size]
-        points, number = positions[part], tracklets.number[part]
+        number = tracklets.number[part]
+        # Columns that a part of the frames shows stand first: a take of many short tracks shows few of them at a time.
+        shown = np.argsort(number < 0, axis=1, kind="stable")[:, : int((number >= 0).sum(1).max(initial=0))]
+        points, number = positions[part[:, None], shown], np.take_along_axis(number, shown, axis=1)
         chain = np.where(number >= 0, tracklets.chain[number], -1)
         both = (chain[:, :, None] >= 0) & (chain[:, None] >= 0)
         apart = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)[both]
         pair = (chain[:, :, None] * chains + chain[:, None])[both]
+        cells: slice | np.ndarray = slice(None)
+        count = chains * chains
+        if len(pair) < count:
+            cells, pair = np.unique(pair, return_inverse=True)
+            count = len(cells)
         for row, value in zip(sums, (np.ones_like(apart), apart, apart * apart), strict=True):
-            row += np.bincount(pair, value, chains * chains)
+            row[cells] += np.bincount(pair, value, count)
     count, total, square = sums.reshape(3, chains, chains)
     with np.errstate(invalid="ignore", divide="ignore"):
         mean = total / count
@@ -133,15 +143,39 @@ def distance_evidence(
         return np.zeros((chains, GHOST + 1))
     theirs = labels[partners]
     size = _size(found.mean[np.ix_(partners, partners)], table.mean[np.ix_(theirs, theirs)])
-    mean, change = found.mean[:, partners] / size, found.change[:, partners] / size
-    weight = np.isfinite(mean) & (partners[None] != np.arange(chains)[:, None])
-    long = np.minimum(found.seconds[:, partners] / LONG_S, 1.0)
+    mirrored = _of_the_other_side(found, partners, theirs)[:, theirs] / size
+    evidence = np.empty((chains, GHOST + 1))
+    rows = max(1, _CELLS // (len(table.mean) * len(partners)))
+    for start in range(0, chains, rows):
+        which = np.arange(start, min(start + rows, chains))
+        evidence[which] = _evidence_of(which, found, labels, partners, mirrored, size, table)
+    return evidence
+
+
+def _evidence_of(
+    which: np.ndarray, found: ChainDistances, labels: np.ndarray, partners: np.ndarray, mirrored: np.ndarray,
+    size: float, table: DistanceTable,
+) -> np.ndarray:  # fmt: skip
+    """Return the rows of ``distance_evidence`` for some of the chains.
+
+    Args:
+        which: (R,) numbers of the chains.
+        found: distances.
+        labels: (C,) label of each chain.
+        partners: numbers of the chains that are trusted.
+        mirrored: (P, partners) see ``_of_the_other_side``, of a person of middle size.
+        size: of the person over the table's.
+        table: what distances are.
+    """
+    theirs, pairs = labels[partners], np.ix_(which, partners)
+    mean, change = found.mean[pairs] / size, found.change[pairs] / size
+    weight = np.isfinite(mean) & (partners[None] != which[:, None])
+    long = np.minimum(found.seconds[pairs] / LONG_S, 1.0)
     # A short look may fall on any moment of what the pair does.
     moment = np.exp(2.0 * table.change[:, theirs])[None] * (1.0 - long[..., None].swapaxes(1, 2))
-    variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (C, P, partners)
+    variance = table.spread[:, theirs][None] ** 2 + PLACED_M**2 + moment  # (R, P, partners)
     measured = np.nan_to_num(mean)[:, None]
     log = _student(measured - table.mean[:, theirs][None], variance)
-    mirrored = _of_the_other_side(found, partners, theirs)[:, theirs] / size
     near = ALIKE_M**2 + (ALIKE_CHANGE * np.exp(table.change[:GHOST, theirs])) ** 2 + moment[:, :GHOST]
     alike = _student(measured - np.nan_to_num(mirrored)[None], np.minimum(variance[:, :GHOST], near))
     mixed = np.logaddexp(np.log(1.0 - ALIKE) + log[:, :GHOST], np.log(ALIKE) + alike)
@@ -149,10 +183,10 @@ def distance_evidence(
     off = np.log(change + FLOOR_M)[:, None] - table.change[:, theirs][None]
     log += (long * (long >= 0.3))[:, None] * _student(np.nan_to_num(off), table.change_spread[:, theirs][None] ** 2)
     # Whoever takes a partner's label gives it the own one: their distance stays that of the same two markers.
-    rows, them = np.arange(chains)[:, None], np.arange(len(partners))[None]
-    own = np.where((labels >= 0) & (labels < GHOST), labels, 0)[:, None]
-    exchanged = np.where(((labels >= 0) & (labels < GHOST))[:, None], log[rows, own, them], _log_mean_exp(log, axis=1))
-    log[rows, theirs[None], them] = exchanged
+    rows, them = np.arange(len(which))[:, None], np.arange(len(partners))[None]
+    named = ((labels[which] >= 0) & (labels[which] < GHOST))[:, None]
+    own = np.where(named[:, 0], labels[which], 0)[:, None]
+    log[rows, theirs[None], them] = np.where(named, log[rows, own, them], _log_mean_exp(log, axis=1))
     log = np.where(weight[:, None], log, 0.0)
     tempered = np.minimum(_SHARE, READINGS / np.maximum(weight.sum(1), 1.0))[:, None]
     by_place = tempered * log.sum(-1)

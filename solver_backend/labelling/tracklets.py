@@ -117,9 +117,10 @@ def _chains(positions: np.ndarray, column: np.ndarray, first: np.ndarray, last: 
     velocity = np.nan_to_num(end - positions[before, column])
     soon = max(1, round(JOIN_S * fps))
     by_first = np.argsort(first, kind="stable")
+    begins = first[by_first]
     follower, cost = np.full(count, -1), np.full(count, np.inf)
     for t in range(count):
-        low, high = np.searchsorted(first[by_first], (last[t] + 1, last[t] + soon + 1))
+        low, high = np.searchsorted(begins, (last[t] + 1, last[t] + soon + 1))
         rivals = by_first[low:high]
         if not len(rivals):
             continue

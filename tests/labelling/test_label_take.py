@@ -18,7 +18,7 @@ from solver_backend.io.markers.read import read_markers
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.frame_landmarks import MOST_POINTS
-from solver_backend.labelling.label_take import LabelledTake, label_take
+from solver_backend.labelling.label_take import LabelledTake, _frames_to_read, label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.labelling.tracklets import tracklets_of
@@ -134,6 +134,37 @@ def test_points_without_a_place_keep_the_names_that_somebody_gave_them():
     )  # fmt: skip
     assert take.cloud(source).labels == ("C7", "P8", "*2")
     assert take.cloud(MarkerCloud(points, 30.0)).labels == ("C7", "*1", "*2")
+
+
+def unread(*_: object) -> None:
+    raise AssertionError("the network read it")
+
+
+def test_a_crowd_is_not_read_in_vain():
+    """Of more points than a person's the network names too small a share, whatever they are."""
+    points = np.random.default_rng(0).uniform(-3, 3, (4, 120, 3))
+    with pytest.raises(MarkersUnknown, match=r"120 of them are seen at a time.*one person, 53 at most"):
+        labelled_capture(Capture("crowd", markers=MarkerCloud(points, 30.0)), network=unread)
+    own = MarkerCloud(points, 30.0, tuple(f"M{k}" for k in range(120)))
+    capture, take = labelled_capture(Capture("crowd", markers=own), network=unread)
+    assert take is None and capture.markers is own
+    assert "120 markers are seen at a time" in words(capture.problems)[-1]
+
+
+def test_a_person_who_is_labelled_in_a_crowd_is_solved_by_these_labels(demo):
+    crowd = np.random.default_rng(0).uniform(-3, 3, (len(demo.positions), 100, 3))
+    labels = (*demo.labels, *(f"*{k}" for k in range(100)))
+    half = MarkerCloud(np.concatenate([demo.positions, crowd], axis=1), demo.fps, labels)
+    capture, take = labelled_capture(Capture("crowd", markers=half), network=unread)
+    assert needs_labels(half) and take is None and capture.markers is half
+    assert "could not be named surely; they are left out" in words(capture.problems)[-1]
+
+
+def test_a_crowd_is_read_in_few_frames():
+    points = np.tile(np.random.default_rng(0).uniform(-3, 3, (1, 1000, 3)), (120, 1, 1))
+    points[:10, :2] = points[13:, 0] = points[21:, 1] = np.nan
+    read = _frames_to_read(np.isfinite(points).all(-1), tracklets_of(points, 60.0), 60.0)
+    assert read.tolist() == [0, 12, 50, 100]  # 12 is inside both short stretches
 
 
 def test_labels_of_part_of_a_body_are_not_made_up(demo):

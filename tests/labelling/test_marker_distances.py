@@ -12,6 +12,7 @@ from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.geometry.rotations import exp_so3
+from solver_backend.labelling import marker_distances
 from solver_backend.labelling.marker_distances import (
     NAME,
     DistanceTable,
@@ -79,6 +80,21 @@ def test_a_point_on_a_chair_beside_the_person_is_none_of_them(moving, table):
     found = distances_of(points, np.arange(0, 150, 2), tracks, FPS)
     evidence = distance_evidence(found, labels, labels != GHOST, table)
     assert (evidence[labels == GHOST].argmax(1) == GHOST).all()
+
+
+def test_columns_that_are_empty_for_now_and_parts_change_no_figure(moving, table, monkeypatch):
+    frames = np.arange(0, 150, 2)
+    tracks = tracklets_of(moving, FPS)
+    labels = np.arange(len(MARKERS))[tracks.column]
+    found = distances_of(moving, frames, tracks, FPS)
+    late = np.concatenate([moving, np.full((150, 300, 3), np.nan)], axis=1)
+    late[-20:, 53:55] = 1.0
+    again = distances_of(late, frames, tracklets_of(late, FPS), FPS)
+    for before, after in zip(vars(found).values(), vars(again).values(), strict=True):
+        np.testing.assert_allclose(after[:53, :53], before, atol=1e-6)
+    whole = distance_evidence(found, labels, labels != 5, table)
+    monkeypatch.setattr(marker_distances, "_CELLS", 20_000)
+    assert distance_evidence(found, labels, labels != 5, table).tobytes() == whole.tobytes()
 
 
 def test_two_that_exchange_their_labels_keep_their_distance(moving, table):
