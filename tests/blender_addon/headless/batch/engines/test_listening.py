@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 import shutil
+import socket
+import ssl
 import subprocess
 import sys
 import time
@@ -90,6 +92,26 @@ def certificates(tmp_path: Path) -> Iterator[Path]:
         del os.environ[name]
 
 
+def answers(port: int, folder: Path, *, shows: bool) -> bool:
+    """Return whether a scheduler sends anything to a client that trusts it, with a certificate of its own or without.
+
+    Dask's first message comes unasked. Under TLS 1.3 who is refused learns it when reading.
+    """
+    context = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+    context.check_hostname = False
+    context.load_verify_locations(folder / "ca.pem")
+    if shows:
+        context.load_cert_chain(folder / "cert.pem", folder / "key.pem")
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port), timeout=30.0) as plain,
+            context.wrap_socket(plain) as stream,
+        ):
+            return bool(stream.recv(1))
+    except ssl.SSLError:
+        return False
+
+
 def test_a_scheduler_that_speaks_tls_is_reached_with_the_certificates(certificates: Path, tmp_path: Path) -> None:
     files = [f"--tls-{name}={certificates / file}" for name, file in (
         ("ca-file", "ca.pem"), ("cert", "cert.pem"), ("key", "key.pem"),
@@ -108,7 +130,11 @@ def test_a_scheduler_that_speaks_tls_is_reached_with_the_certificates(certificat
 
         dask.config.refresh()
         with connected(str(tmp_path / "s.json"), 30.0, lambda: None) as client:
-            assert client.scheduler.address.startswith("tls://127.0.0.1:")
+            address = client.scheduler.address
+            assert address.startswith("tls://127.0.0.1:")
+        port = int(address.rpartition(":")[2])
+        assert answers(port, certificates, shows=True)
+        assert not answers(port, certificates, shows=False), "who shows no certificate is let in"
     finally:
         scheduler.terminate()
         scheduler.wait(30)
