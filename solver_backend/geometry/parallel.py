@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from typing import Any, TypeVar
@@ -19,22 +19,33 @@ TORCH_BLOCK = 2
 """Torch divides each operation among threads, which pays where blocks are this many times as large."""
 
 
-def map_blocks(function: Callable[[Item], Result], blocks: Sequence[Item], like: Any) -> list[Result]:
+def map_blocks(
+    function: Callable[[Item], Result], blocks: Sequence[Item], like: Any, done: Callable[[int], None] = lambda _: None
+) -> list[Result]:
     """Return ``[function(block) for block in blocks]``, in this order, on several threads of the CPU.
 
     Args:
         function: called once for each block; must not write to what another block reads.
         blocks: what to map.
         like: an array of the kind that the function works on.
+        done: called here with the number of blocks that are done, as they are; it may raise to end the work.
     """
     threads = min(MAX_THREADS, usable_cores())
     if is_torch_array(like):
         with torch_threads(threads, like):
-            return [function(block) for block in blocks]
+            return _collected(map(function, blocks), done)
     if min(threads, len(blocks)) < 2:
-        return [function(block) for block in blocks]
+        return _collected(map(function, blocks), done)
     with ThreadPoolExecutor(min(threads, len(blocks))) as pool:
-        return list(pool.map(function, blocks))
+        return _collected(pool.map(function, blocks), done)
+
+
+def _collected(results: Iterable[Result], done: Callable[[int], None]) -> list[Result]:
+    found = list[Result]()
+    for result in results:
+        found.append(result)
+        done(len(found))
+    return found
 
 
 def usable_cores() -> int:

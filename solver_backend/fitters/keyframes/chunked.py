@@ -159,6 +159,7 @@ def _stretch(
 def covariance_of_joints(
     model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
     constant_m: np.ndarray, chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
+    done: Callable[[int, int], None] = lambda number, total: None,
 ) -> Array:  # fmt: skip
     """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
 
@@ -173,9 +174,11 @@ def covariance_of_joints(
         chunk_windows: windows at a time.
         overlap: windows on both sides of them whose frames are looked at too.
         stride: see ``joint_covariance``.
+        done: called with the number of chunks that are done and of all.
     """
     first, found = layout.bounds[0], []
-    for chunk in chunks_of(layout.num_windows, overlap, chunk_windows, overlap):
+    chunks = chunks_of(layout.num_windows, overlap, chunk_windows, overlap)
+    for chunk in chunks:
         windows, some = layout.part(chunk.solved), keys.select(chunk.keys)
         part = model.part(chunk.keys)
         system = part.information(windows, some, scale).block_tridiagonal()
@@ -183,4 +186,5 @@ def covariance_of_joints(
         spread = packed(joint_covariance(model, windows, some, poses, system, inflation, constant_m, stride))
         low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]
         found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
+        done(len(found), len(chunks))
     return array_namespace(keys.z).concat(found)

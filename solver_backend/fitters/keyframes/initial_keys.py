@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
@@ -18,7 +19,9 @@ from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.rotations import quat_from_matrix
 
 
-def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> Keyframes:
+def initial_keys(
+    problem: Problem, subject: Subject, layout: KeyframeLayout, progress: Progress = silent
+) -> Keyframes:  # fmt: skip
     """Return keyframes fitted to the located points of the seen frames nearest to them, or taken from a rough motion.
 
     Those between frames that nobody saw lie on the geodesics from the last seen frame to the next.
@@ -28,7 +31,7 @@ def initial_keys(problem: Problem, subject: Subject, layout: KeyframeLayout) -> 
     before, after, share = _neighbours(known, layout.key_times)
     unique, inverse = np.unique(np.concatenate([before, after]), return_inverse=True)
     if rough is None:
-        states = fit_to_points(problem, subject, unique)
+        states = fit_to_points(problem, subject, unique, progress)
     else:
         states = rough.states.select(index(np.searchsorted(rough.frames, unique), rough.states.z))
     first, second = np.split(np.asarray(inverse).reshape(-1), 2)

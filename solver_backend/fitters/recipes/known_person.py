@@ -89,4 +89,4 @@ def solve_known_person(
         np.arange(0, problem.num_frames, plan.stride),
     )  # fmt: skip
     bundle = run_passes(bundle, plan.passes, progress, STAGE, plan.after)
-    return solved_take(bundle, plan.covariance_stride)
+    return solved_take(bundle, progress, plan.covariance_stride)

@@ -45,8 +45,8 @@ def solve_one_view(
     one = problem.measurements.one_view
     assert one is not None
     passes = passes_of(problem, settings)
-    bundle = start_take(problem, subject, settings, passes[0].schedule, each)
-    solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE))
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each, progress)
+    solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE), progress)
     joints = np.asarray(solved.subject.body.recorded_joints)
     solved = steady_depth(solved, one, problem.fps)
     solved = with_open_depth(solved, one, joints)

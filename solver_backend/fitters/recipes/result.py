@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from functools import partial
+
 import numpy as np
 
+from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes.chunked import covariance_of_joints
 from solver_backend.fitters.keyframes.posterior import keypoint_constant_m, marker_constant_m, noise_inflation
@@ -18,13 +21,16 @@ from solver_backend.geometry.arrays import to_numpy
 
 STAGE = "Global bundle"
 """Name of the passes over a whole take."""
+SPREAD = "Estimating deviations"
+"""Name of what follows them."""
 
 
-def solved_take(bundle: Bundle, stride: int = 1) -> MethodResult:
+def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodResult:
     """Return the poses of all frames and how the last pass ended.
 
     Args:
         bundle: after its last pass.
+        progress: called as covariances are formed.
         stride: see ``joint_covariance``.
     """
     assert bundle.solution is not None
@@ -41,7 +47,9 @@ def solved_take(bundle: Bundle, stride: int = 1) -> MethodResult:
     # Standing feet steady the solution, but how sure it is follows from what was measured.
     measured = bundle.with_objective([block.name for block in bundle.free.blocks], contacts=False).model
     constant_m = constant_m_of(problem)
-    covariance = covariance_of_joints(measured, layout, keys, frames, scale, inflation, constant_m, stride=stride)
+    covariance = covariance_of_joints(
+        measured, layout, keys, frames, scale, inflation, constant_m, stride=stride, done=partial(progress, SPREAD)
+    )
     feet = None if contacts is None else contacts.feet(names)
     return SolvedFrames(posed.subject, frames, layout.key_times, covariance, feet), bundle.solution.convergence
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from functools import partial
 
+from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.keyframes.chunked import Stretches, solve_in_single
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
 from solver_backend.fitters.keyframes.optimise import Schedule
@@ -15,8 +16,9 @@ from solver_backend.fitters.settings import SolveSettings
 
 
 def start_take(
-    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches
-) -> Bundle:
+    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches,
+    progress: Progress,
+) -> Bundle:  # fmt: skip
     """Return the bundle before its first pass.
 
     Args:
@@ -25,10 +27,11 @@ def start_take(
         settings: of the solve.
         schedule: of the first pass.
         each: how stretches of a long take are solved.
+        progress: called as frames are fitted.
     """
     window = problem.frames_of(settings.refine_window)
     layout = KeyframeLayout.even(problem.num_frames, window)
-    keys = initial_keys(problem, subject, layout)
+    keys = initial_keys(problem, subject, layout, progress)
     return Bundle.start(
         problem, subject, settings, layout, window, keys, schedule, partial(solve_in_single, each=each),
         keys_of_frames(problem, subject, layout, keys),

@@ -48,5 +48,5 @@ def solve_views(
 ) -> MethodResult:
     """Solve all keys of a take at once, with shape, bias, noise and standing feet learned between the passes."""
     passes = passes_of(problem, settings)
-    bundle = start_take(problem, subject, settings, passes[0].schedule, each)
-    return solved_take(run_passes(bundle, passes, progress, STAGE, after=(resolve_lost_limbs,)))
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each, progress)
+    return solved_take(run_passes(bundle, passes, progress, STAGE, after=(resolve_lost_limbs,)), progress)

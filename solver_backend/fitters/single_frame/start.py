@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
 from array_api_compat import array_namespace
 
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
@@ -46,6 +48,7 @@ _START_POSES: tuple[dict[str, tuple[float, float, float]], ...] = (
 )  # fmt: skip
 """Axis-angles in radians that a fit starts from: standing, arms up, arms forward, squatting, two steps."""
 
+STAGE = "Fitting single frames"
 POSE_SIGMA_M = 0.03
 """How far points may lie from a body whose shape is still unknown, beside their own error."""
 BLOCK_FRAMES = 64
@@ -72,12 +75,17 @@ def points_term(measurements: Measurements, frames: np.ndarray, like: Array) -> 
     return PositionTerm(constant(np.where(valid[..., None], points, 0.0), like), constant(weight, like))
 
 
-def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
+def fit_to_points(problem: Problem, subject: Subject, frames: np.ndarray, progress: Progress = silent) -> FrameStates:
     """Fit poses to the located points of these frames, from the lifter's pose or from the best start pose."""
     size = block_size(BLOCK_FRAMES, subject.betas)
     blocks = [frames[i : i + size] for i in range(0, len(frames), size)]
-    parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas)
+    done = partial(_report, progress, len(blocks))
+    parts = map_blocks(lambda f: _fit_block(problem, subject, f), blocks, subject.betas, done)
     return FrameStates.concatenate(parts)
+
+
+def _report(progress: Progress, total: int, done: int) -> None:
+    progress(STAGE, done, total)
 
 
 def _fit_block(problem: Problem, subject: Subject, frames: np.ndarray) -> FrameStates:
