@@ -90,10 +90,15 @@ def _done(options: argparse.Namespace, progress: Progress) -> CommandResult:
         asked.append(number)
         raise KeyboardInterrupt
 
+    def watched(stage: str, done: int, total: int) -> None:
+        if asked:  # Blender prints what is raised while it loads its own add-ons, and goes on
+            raise KeyboardInterrupt
+        progress(stage, done, total)
+
     cancelled = Cancelled(f"The {options.verb} was cancelled; nothing was left half-written.")
     before = {number: signal.signal(number, interrupt) for number in (signal.SIGTERM, signal.SIGINT)}
     try:
-        return _VERBS[options.verb](options, progress)
+        return _VERBS[options.verb](options, watched)
     except KeyboardInterrupt as stop:
         raise cancelled from stop
     except MocapError:

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -19,11 +20,13 @@ import pytest
 from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon._exchange.errors import JobInvalid
 from blender_addon._exchange.motion_file import write_motion
-from blender_addon._exchange.progress import silent
+from blender_addon._exchange.progress import Progress, silent
 from blender_addon.errors import SolverStopped
+from blender_addon.headless import main as headless
 from blender_addon.headless.blender_command import Command, run
 from blender_addon.headless.exit_codes import exit_code
 from blender_addon.headless.main import main
+from blender_addon.headless.result import CommandResult
 from blender_addon.headless.solver import run_solver
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run
@@ -110,6 +113,20 @@ def test_a_handler_that_python_does_not_know_is_no_obstacle(tmp_path: Path, monk
     real = signal.signal
     monkeypatch.setattr(signal, "signal", lambda number, handler: real(number, handler) and None)
     assert main(["export", str(tmp_path / "gone.npz"), "--out", str(tmp_path), "--format", "csv"]) == 3
+
+
+def test_a_signal_that_blender_swallows_ends_the_work_at_the_next_progress(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    def swallowing(_: object, progress: Progress) -> CommandResult:
+        with suppress(BaseException):
+            signal.raise_signal(signal.SIGINT)
+        progress("retargeting", 1, 2)
+        return {"event": "result", "outputs": []}
+
+    monkeypatch.setitem(headless._VERBS, "certificates", swallowing)
+    assert main(["certificates", "--out", str(tmp_path), "--json"]) == 130
+    assert said(capfd)["code"] == "cancelled"
 
 
 @pytest.mark.slow
