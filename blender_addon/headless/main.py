@@ -5,10 +5,8 @@ from __future__ import annotations
 import argparse
 import math
 import signal
-import sys
 import traceback
 from collections.abc import Callable
-from importlib.util import find_spec
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -20,12 +18,13 @@ from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
 from ..conventions.looks import PERSON_LOOK
-from ..errors import BakeFailed, BatchInvalid, BlenderMissing
+from ..errors import BakeFailed, BatchInvalid
 from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake
 from .batch.limits import TakeLimits
 from .batch.request import BatchRequest, Spread
 from .batch.run_batch import run_batch
+from .blender_module import require_blender
 from .body import BodyRequest, run_body
 from .certificates import run_certificates
 from .exit_codes import exit_code
@@ -135,7 +134,7 @@ def _export_markers(options: argparse.Namespace, progress: Progress) -> CommandR
 
 
 def _bake(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body,
         video=not (options.no_video or options.no_pictures), pictures=not options.no_pictures,
@@ -146,7 +145,7 @@ def _bake(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 
 def _render(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     request = BakeRequest(
         options.motion, options.out, options.capture, options.body, blend=False, overwrite=options.overwrite,
         look=options.look or PERSON_LOOK, footage_from=tuple(options.footage_from),
@@ -155,7 +154,7 @@ def _render(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 
 def _export(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     formats = tuple(dict.fromkeys(options.formats))
     request = ExportRequest(
         options.source,
@@ -171,7 +170,7 @@ def _export(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 
 def _retarget(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     targets = list(dict.fromkeys(options.target))
     request = RetargetRequest(
         options.source, targets[0], options.out or _beside(options.source), options.object, options.armature,
@@ -189,7 +188,7 @@ def _retarget(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 
 def _motion(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     request = MotionRequest(
         options.clip, options.out, options.armature, options.action, tuple(options.rest), options.python
     )
@@ -197,7 +196,7 @@ def _motion(options: argparse.Namespace, progress: Progress) -> CommandResult:
 
 
 def _add_hands(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     request = HandsRequest(
         options.hands_of, tuple(options.gloves), options.out, options.armature, tuple(options.rest), options.python
     )
@@ -210,7 +209,7 @@ def _of_motion(result: Any) -> CommandResult:
 
 
 def _body(options: argparse.Namespace, progress: Progress) -> CommandResult:
-    _require_blender()
+    require_blender()
     return run_body(
         BodyRequest(options.out, options.body, options.betas, options.fingers, options.look or PERSON_LOOK), progress
     )
@@ -219,7 +218,7 @@ def _body(options: argparse.Namespace, progress: Progress) -> CommandResult:
 def _batch(options: argparse.Namespace, progress: Progress) -> CommandResult:
     _use_certificates(options)
     if options.bake or options.render or options.export:
-        _require_blender()
+        require_blender(here=not (options.workers or options.scheduler))
     if (options.captures is None) == (options.watch is None):
         raise BatchInvalid(
             "A batch needs a folder of captures, or one to watch.", hint="batch FOLDER, or --watch FOLDER."
@@ -261,12 +260,6 @@ _VERBS: dict[str, Callable[[argparse.Namespace, Progress], CommandResult]] = {
     "export": _export, "retarget": _retarget, "motion": _motion, "add-hands": _add_hands, "body": _body,
     "batch": _batch, "studio": _studio, "certificates": _certificates,
 }  # fmt: skip
-
-
-def _require_blender() -> None:
-    if find_spec("bpy") is None:
-        hint = "Install the package 'bpy' into it."
-        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
 
 
 def _beside(source: Path) -> Path:

@@ -19,6 +19,7 @@ from .batch.request import Spread
 from .batch.run_batch import engine_for
 from .batch.shots import Shots, digest_of, require_all
 from .batch.source import Listed
+from .blender_module import signals_wait
 from .result import CommandResult
 from .solver import run_solver
 
@@ -142,6 +143,7 @@ def _require_engine(name: str) -> None:
     if find_spec("bpy") is None:
         hint = "Install the package 'bpy' into it, or film no 'rgb'."
         raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
-    from ..studio.engines import engine_id
+    with signals_wait():
+        from ..studio.engines import engine_id
 
     engine_id(name)

@@ -122,7 +122,7 @@ def test_a_signal_that_blender_swallows_ends_the_work_at_the_next_progress(
         with suppress(BaseException):
             signal.raise_signal(signal.SIGINT)
         progress("retargeting", 1, 2)
-        return {"event": "result", "outputs": []}
+        return {"event": "result", "outputs": [], "notes": []}
 
     monkeypatch.setitem(headless._VERBS, "certificates", swallowing)
     assert main(["certificates", "--out", str(tmp_path), "--json"]) == 130
