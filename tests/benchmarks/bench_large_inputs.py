@@ -3,8 +3,8 @@
 200 cameras, 500 people a picture, 1,000 labels, 100,000 JSON files, batches of up to 300 captures, and eight views of
 up to 36,000 frames. Each runs in a process of its own; CPU time of the process and of those it starts is counted, not
 the clock on the wall, and memory is the first process' own. LARGE_INPUTS names some of them, commas between;
-LARGE_INPUTS_RECORD is a file to which what was measured is added, and from which it is taken the next time. Linux
-alone: memory is read from /proc.
+LARGE_INPUTS_RECORD is a file to which what was measured is added, and from which it is taken the next time. Rows that
+are measured are written to docs/research-log/large_inputs.md. Linux alone: memory is read from /proc.
 """
 
 from __future__ import annotations
@@ -12,14 +12,33 @@ from __future__ import annotations
 import json
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import asdict
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from solver_backend.exchange.outputs import write_text
 from tests.benchmarks.large_inputs.inputs import INPUTS
 from tests.benchmarks.large_inputs.measured_run import Run, run_measured
 from tests.benchmarks.metric import BenchmarkSkipped, Metric, key_of
+
+PAGE = Path(__file__).resolve().parents[2] / "docs" / "research-log" / "large_inputs.md"
+_HEAD = """# Inputs larger than anybody films
+
+CPU time of the command and of the processes it starts, memory of the command's own process, and the longest CPU time
+between two lines of progress. What is refused has a name, and nothing is written.
+
+```sh
+python3 dev.py bench large_inputs --update
+```
+
+| input | outcome | CPU (s) | memory (MB) | without progress (s) | most of it |
+|---|---|---|---|---|---|
+"""
+
+
+_LONGEST = 36_000
+"""Frames of the longest take."""
 
 
 def run() -> list[Metric]:
@@ -30,12 +49,13 @@ def run() -> list[Metric]:
     record = Path(place) if place else None
     known = _recorded(record)
     chosen = [name for name in os.environ.get("LARGE_INPUTS", "").split(",") if name]
-    metrics = []
+    metrics, runs = [], dict[str, Run]()
     for name in dict.fromkeys([*known, *(chosen or INPUTS)]):
         found = known.get(name) or run_on(INPUTS[name])
         if record is not None and name not in known:
             with record.open("a", encoding="utf-8") as lines:
                 lines.write(json.dumps({"name": name, **asdict(found)}) + "\n")
+        runs[name] = found
         sys.stdout.write(f"  {name}: {found.line()}\n")
         sys.stdout.flush()
         key = key_of(name)
@@ -44,7 +64,36 @@ def run() -> list[Metric]:
             Metric(f"{key}_peak_mb", found.peak_mb, "MB", rel_tol=0.2),
             Metric(f"{key}_silence_s", found.silence_s, "s", rel_tol=0.5, abs_tol=1.0),
         ]
+    if record is not None or not chosen:
+        write_text(PAGE, page_of(runs), overwrite=True)
     return metrics
+
+
+def page_of(runs: Mapping[str, Run]) -> str:
+    """Return the page of what was measured."""
+    return _HEAD + "".join(_row(name, runs[name]) for name in INPUTS if name in runs) + _by_frame(runs)
+
+
+def _by_frame(runs: Mapping[str, Run]) -> str:
+    """Return what a frame of eight views costs between the shortest and the longest take that were measured."""
+    lengths = {int(name.split()[2]): run for name, run in runs.items() if name.startswith("8 views")}
+    if len(lengths) < 2:
+        return ""
+    (few, first), (many, last) = (edge(lengths.items(), key=lambda item: item[0]) for edge in (min, max))
+    cpu_s, mb = ((b - a) / (many - few) for a, b in ((first.cpu_s, last.cpu_s), (first.peak_mb, last.peak_mb)))
+    at = _LONGEST - many
+    return (
+        f"\nFrom {few:,} to {many:,} frames of eight views a frame costs {1e3 * cpu_s:.1f} ms of CPU time and "
+        f"{1e3 * mb:.0f} kB.\nBy that {_LONGEST:,} frames take {last.cpu_s + at * cpu_s:.0f} s and "
+        f"{last.peak_mb + at * mb:,.0f} MB.\n"
+    )
+
+
+def _row(name: str, run: Run) -> str:
+    """Return a row of the page."""
+    outcome = "done" if run.code == 0 else f"refused: {run.ended.partition('. ')[0].partition(': ')[0]}"
+    most = max(run.cpu_by_stage, key=lambda stage: run.cpu_by_stage[stage], default="") or "reading"
+    return f"| {name} | {outcome} | {run.cpu_s:.1f} | {run.peak_mb:,.0f} | {run.silence_s:.1f} | {most} |\n"
 
 
 def _recorded(record: Path | None) -> dict[str, Run]:

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 
 from solver_backend.cli.verb_table import VERBS
-from tests.kills.interrupts import interrupt_verb
+from tests.kills.interrupts import SOLVER, interrupt_verb
 from tests.support.interrupted import interrupt
-from tests.support.verb_inputs import write_inputs
+from tests.support.verb_inputs import COMMANDS, write_inputs
 
 pytestmark = [
     pytest.mark.slow,
@@ -40,7 +40,7 @@ def inputs(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_ctrl_c_ends_a_verb(verb: str, inputs: Path, tmp_path: Path) -> None:
     if verb == "train" and not (inputs / "data").exists():
         pytest.skip("the motions that it trains on are kept beside the repository")
-    assert interrupt_verb(verb, inputs, tmp_path / "work", BEGUN_S, LIMIT_S)[0] == []
+    assert interrupt_verb((SOLVER, *COMMANDS[verb]), inputs, tmp_path / "work", BEGUN_S, LIMIT_S).wrong == []
 
 
 @pytest.mark.parametrize("program", ["solver_backend", "blender_addon"])

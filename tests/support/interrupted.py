@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import os
 import signal
 import subprocess
@@ -11,6 +12,8 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO
 
 from tests.support.cpu_time import cpu_of, states_of
 
@@ -37,6 +40,10 @@ class Interrupted:
     """Whether a process of it is still there."""
     before_end: bool
     """Whether the signal came before it had ended."""
+    stage: str
+    """What its last line of progress was about; empty where it had written none as JSON."""
+    reported: bool
+    """Whether it had written its result as JSON."""
 
 
 def interrupt(
@@ -50,9 +57,16 @@ def interrupt(
         after_s: seconds of CPU time of the program and its children before the signal.
         more: environment variables beside this process's own.
     """
+    with TemporaryFile() as written:
+        return _interrupt(command, folder, after_s, more or {}, written)
+
+
+def _interrupt(
+    command: Sequence[str], folder: Path, after_s: float, more: Mapping[str, str], written: IO[bytes]
+) -> Interrupted:
     process = subprocess.Popen(
-        [sys.executable, *command], cwd=folder, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL,
-        stderr=subprocess.PIPE, start_new_session=True, env=os.environ | (more or {}),
+        [sys.executable, *command], cwd=folder, stdin=subprocess.DEVNULL, stdout=written,
+        stderr=subprocess.PIPE, start_new_session=True, env=os.environ | more,
     )  # fmt: skip
     try:
         begin = time.monotonic()
@@ -71,7 +85,20 @@ def interrupt(
         with suppress(ProcessLookupError):
             os.killpg(process.pid, signal.SIGKILL)
         errors = process.communicate()[1].decode("utf-8", "replace")
-    return Interrupted(process.returncode, max(cpu, 0.0), wall, errors, left, before_end)
+    stage, reported = _events_of(written)
+    return Interrupted(process.returncode, max(cpu, 0.0), wall, errors, left, before_end, stage, reported)
+
+
+def _events_of(written: IO[bytes]) -> tuple[str, bool]:
+    """Return the stage of the last event of progress that a program wrote, and whether its result is among them."""
+    written.seek(0)
+    stage, reported = "", False
+    for line in written.read().splitlines():
+        with suppress(ValueError, TypeError, KeyError):
+            event = json.loads(line)
+            stage = event["stage"] if event["event"] == "progress" else stage
+            reported |= event["event"] == "result"
+    return stage, reported
 
 
 def _has_ended(pid: int) -> bool:

@@ -115,6 +115,13 @@ _NAMED: dict[str, DiagnosticEntry] = {
         "The markers are in clusters, or on a part of a body.",
         "Write the labels' places with `layout`, and solve with `--layout`.",
     ),
+    "more_points_than_a_person": warning(
+        "{count:.0f} markers are seen at a time; the labelling network names those of one person, {most} at most, and "
+        "is not used",
+        "The recording holds several people or many strays, under labels that name no places.",
+        "Label each person under a prefix of their own, or write the labels' places with `layout` and solve with "
+        "`--layout`.",
+    ),
     "points_not_named": warning(
         "{percent:.0f} % of the points could not be named surely; they are left out of the solve",
         "Strays, short stretches, or a layout that the network knows little of.",
