@@ -17,6 +17,9 @@ from .work import Plain, take_name
 _SHARED_KEYS = frozenset({"version", "strict", "settings", *READING})
 """Keys of a batch's job file."""
 
+_MARKERS_ALONE = (".c3d", ".trc")
+"""Recordings of markers by their ending, where tables may be anything."""
+
 
 @dataclass(frozen=True)
 class BatchRequest:
@@ -121,13 +124,18 @@ def find_captures(request: BatchRequest) -> list[Path]:
 
 
 def captures_in(request: BatchRequest) -> list[Path]:
-    """Return what the folder holds of captures, by name, a session's trials; nothing where it cannot be looked into."""
+    """Return what the folder holds of captures, by name; nothing where it cannot be looked into.
+
+    Of a session, which has settings or a calibration for its trials or keeps them deeper, its trials and recordings of
+    markers.
+    """
     try:
-        if is_session(request.captures):
-            return trials_below(request.captures)
         paths = sorted(request.captures.iterdir())
+        trials = trials_below(request.captures) if is_session(request.captures) else []
     except OSError:
         return []
+    if any(trial.parent != request.captures for trial in trials) or (trials and any(map(_is_of_a_session, paths))):
+        return [*trials, *(path for path in paths if path.is_file() and path.suffix.lower() in _MARKERS_ALONE)]
     out = request.out.resolve()
     return [
         path
@@ -136,6 +144,11 @@ def captures_in(request: BatchRequest) -> list[Path]:
         and not path.name.startswith(".")
         and path.resolve() != out
     ]
+
+
+def _is_of_a_session(path: Path) -> bool:
+    name = path.name.lower()
+    return name == "config.toml" or (path.is_dir() and name.startswith("calib"))
 
 
 def _shared(path: Path | None) -> dict[str, Any]:
