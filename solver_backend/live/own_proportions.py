@@ -33,7 +33,8 @@ def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
     slopes = body.joints_shapedirs[child] - body.joints_shapedirs[parent]
     still = np.abs(t_pose(layout, body.rest_joints(np.zeros(10)))[parent, 0] - 1.0) < 1e-12
     length = np.linalg.norm(wanted, axis=1)
-    betas, r = np.zeros(slopes.shape[-1]), np.zeros(0)
+    betas: np.ndarray = np.zeros(slopes.shape[-1])
+    r: np.ndarray = np.zeros(0)
     for _ in range(_ROUNDS):
         bones = body.rest_joints(betas)[child] - body.rest_joints(betas)[parent]
         reach = np.linalg.norm(bones, axis=1)

@@ -173,7 +173,8 @@ def up_by_floor(take: LiftedTake, points: np.ndarray, names: tuple[str, ...]) ->
         points: (F, L, 3) placed points in the camera's axes.
         names: of the L points.
     """
-    up, seen = take.up, take.confidence > 0
+    up: np.ndarray = take.up
+    seen = take.confidence > 0
     for _ in range(3):
         soles = lower_soles(points, names, seen, up)
         if len(soles) < 2:

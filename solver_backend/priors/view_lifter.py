@@ -167,7 +167,7 @@ class ViewLifter:
         return np.concatenate(blocks) if blocks else np.zeros((0, self.width), np.float32)
 
     def _hidden(self, tokens: np.ndarray) -> np.ndarray:
-        x = dense(self.arrays, tokens.astype(np.float32), "embed") + self.arrays["place"]
+        x: np.ndarray = dense(self.arrays, tokens.astype(np.float32), "embed") + self.arrays["place"]
         for number in range(self.layers):
             x = layer(self.arrays, x, f"layers.{number}.", self.heads)
         return layer_norm(self.arrays, x[:, MIDDLE], "norm")

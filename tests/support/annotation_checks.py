@@ -113,14 +113,15 @@ def _has_shape(annotation: Any) -> bool:
 
 def _all_at_once(looks: list[Look]) -> Callable[..., tuple[Hashable, ...]]:
     """Return a function that looks at one value each; arrays, which most are, are looked at without a further call."""
-    of_arrays = {_exact: "(v{0}.dtype.char, v{0}.shape)", _kinds: "v{0}.dtype.char"}
-    parts = [
-        "None" if look is _nothing else f"{of_arrays[look].format(k)} if type(v{k}) is array else look{k}(v{k})"
-        for k, look in enumerate(looks)
-    ]
-    names = ", ".join(f"v{k}" for k in range(len(looks)))
-    given = {f"look{k}": look for k, look in enumerate(looks)}
-    return eval(f"lambda {names}: ({''.join(part + ', ' for part in parts)})", {"array": _ARRAY, **given})
+    shapes = [look is _exact for look in looks]
+
+    def look_at(*values: Any) -> tuple[Hashable, ...]:
+        return tuple([
+            (value.dtype.char, value.shape) if shaped and type(value) is _ARRAY else look(value)
+            for look, shaped, value in zip(looks, shapes, values, strict=True)
+        ])  # fmt: skip
+
+    return look_at
 
 
 Look = Callable[[Any], Hashable]
