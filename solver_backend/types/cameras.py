@@ -98,10 +98,9 @@ class Cameras:
                     f"The focal length must be positive, not {self.K[c, 0, 0]:.6g}, {self.K[c, 1, 1]:.6g}.",
                     where=f"camera {name}",
                 )
-            if (self.image_size[c] <= 0).any():
-                raise CalibrationInvalid(
-                    f"The image size {tuple(self.image_size[c])} is not positive.", where=f"camera {name}"
-                )
+            width, height = self.image_size[c]
+            if min(width, height) <= 0:
+                raise CalibrationInvalid(f"The image size {width} x {height} is not positive.", where=f"camera {name}")
 
     def __len__(self) -> int:
         return len(self.names)

@@ -189,7 +189,7 @@ def broken(text: str, old: str, new: str) -> str:
         ("translation = [", 'translation = ["x", ', "Numbers are expected"),
         ("translation = [", "translation = [1.0, ", "translation has 4 numbers; 3"),
         ("translation = [", "translation = [inf, 0.0, 0.0]\nold = [", r"t holds NaN or infinite.*camera cam_a"),
-        ("size = [1920.0,", "size = [0.0,", "image size"),
+        ("size = [1920.0,", "size = [0.0,", r"image size 0 x \d+ is not positive.*camera cam_a"),
         ("size = [1920.0,", "size = [1920.0, 1.0,", "not a width and a height"),
         ("distortions = [", "distortions = [0,0,0,0,0,0,0,0,0,0,1.0,", r"distortion coefficients; 8 are read"),
     ],
