@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -156,10 +157,11 @@ def test_a_file_of_a_newer_blender_opens_with_its_takes(mocap, solved_take, tmp_
     """Blender itself reads what it knows of it; ours finds its body and take again."""
     path = tmp_path / "newer.blend"
     bpy.ops.wm.save_as_mainfile(filepath=str(path), compress=False)
-    data = bytearray(path.read_bytes())
-    assert data[:7] == b"BLENDER" and data[9:12] == b"%03d" % (bpy.app.version[0] * 100 + bpy.app.version[1])
-    data[9:12] = b"%03d" % (bpy.app.version[0] * 100 + bpy.app.version[1] + 1)
-    path.write_bytes(data)
+    data = path.read_bytes()
+    version = bpy.app.version[0] * 100 + bpy.app.version[1]
+    header = re.compile(rb"(BLENDER(?:-v|17-01v0))%03d" % version)  # the second form since Blender 5.0
+    assert header.match(data)
+    path.write_bytes(header.sub(rb"\g<1>%03d" % (version + 1), data, count=1))
     bpy.ops.wm.open_mainfile(filepath=str(path))
     assert draw_all() > 10
     assert bpy.context.scene.mocap.review.take is not None
