@@ -22,6 +22,7 @@ from blender_addon.retarget.retarget import RetargetSettings, retarget
 from blender_addon.scene.bake import BakeSettings, bake_take
 from blender_addon.scene.limb_modes.switching import pose_by_joints, pose_from_ends
 from tests.support.addon_stand_in import Files
+from tests.support.library_override import override_linked
 from tests.support.mixamo_rig import mixamo_rig
 from tests.support.retarget_rigs import map_of_rig
 
@@ -45,7 +46,7 @@ def linked(library: Path, name: str) -> bpy.types.Collection:
 @pytest.fixture
 def override(scene: bpy.types.Scene, library: Path, files: Files) -> bpy.types.Object:
     collection = linked(library, files.motion.name)
-    collection.override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    override_linked(collection)
     return next(obj for obj in scene.objects if obj.type == "ARMATURE" and obj.override_library)
 
 
@@ -122,13 +123,13 @@ def test_an_override_plays_what_is_laid_on_it_and_a_linked_rig_is_named(
     with pytest.raises(TargetUnsuitable, match="override"):
         retarget(actor, rig, scene, map_of_rig(rig), TakeTiming(1, 30.0), RetargetSettings("fk", TransferSettings()))
     scene.collection.children.unlink(collection)
-    made = collection.override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    made = override_linked(collection)
     rig = made.all_objects[0]
     done = retarget(actor, rig, scene, map_of_rig(rig), TakeTiming(1, 30.0), RetargetSettings("fk", TransferSettings()))
     assert rig.animation_data.action is not None and done.deviation_mm < 1.0
     # An actor that is an override itself is read as the body of its file.
     body = linked(library, files.motion.name)
-    body.override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    override_linked(body)
     armature = next(obj for obj in scene.objects if obj.override_library and "rest_pelvis" in obj)
     overridden, _ = read_actor(armature, scene)
     assert np.abs(overridden.joints - actor.joints).max() < 1e-3

@@ -19,6 +19,7 @@ from blender_addon.body.sliders import sliders
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.headless.body import BodyRequest, run_body
 from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog
+from tests.support.library_override import override_linked
 
 
 @pytest.fixture(scope="module")
@@ -73,7 +74,7 @@ def test_appended_body_is_whole_and_stands_on_the_floor(scene: bpy.types.Scene, 
 def test_linked_body_can_be_overridden_and_shaped(scene: bpy.types.Scene, library: Path) -> None:
     with bpy.data.libraries.load(str(library), link=True) as (_, wanted):
         wanted.collections = ["Body"]
-    bpy.data.collections["Body"].override_hierarchy_create(scene, bpy.context.view_layer, do_fully_editable=True)
+    override_linked(bpy.data.collections["Body"])
     armature = next(obj for obj in scene.objects if obj.type == "ARMATURE" and obj.override_library)
     mesh = next(obj for obj in scene.objects if obj.type == "MESH" and obj.parent == armature)
     before = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones["head"].head.z
