@@ -15,6 +15,8 @@ _WORLD = (0.24, 0.25, 0.28)
 _SUN_W_M2, _SUN_TURN = 3.0, (0.75, 0.15, 0.6)
 _DISTANCE_M = 5.5
 """From the viewport's eye to the body, metres; chosen by hand."""
+_CAUSELESS = "Failed to write blendfile"
+"""What Blender 5 reports where its writing fails half-way."""
 
 
 def fresh_scene() -> bpy.types.Scene:
@@ -55,4 +57,16 @@ def save_file(path: Path) -> None:
     try:
         bpy.ops.wm.save_as_mainfile(filepath=os.path.abspath(path), compress=True, copy=True)
     except RuntimeError as error:
-        raise OutputNotWritable(f"Blender cannot save the file ({str(error).strip()}).", where=path.name) from error
+        hint = "Choose a folder you may write to, with enough free space."
+        raise OutputNotWritable(
+            f"Blender cannot save the file: {why_not_written(error)}.", where=path.name, hint=hint
+        ) from error
+
+
+def why_not_written(error: Exception) -> str:
+    """Return what Blender reports of a file that it cannot write.
+
+    Blender 5 writes no cause behind its own words, but "Success" or a stray byte (5.3).
+    """
+    text = str(error).strip().removeprefix("Error: ").rstrip(".")
+    return "Blender stopped in the middle of the file; the disk may be full" if text.startswith(_CAUSELESS) else text

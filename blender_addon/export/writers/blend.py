@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import errno
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -13,6 +14,7 @@ from ...animation.curves import current_action
 from ...animation.retiming import is_take, same_rate
 from ...animation.takes import PATHS, take_file
 from ...errors import NothingToExport
+from ...scene.session import why_not_written
 from ..take import ExportTake
 
 
@@ -21,6 +23,7 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
 
     Raises:
         NothingToExport: another frame rate than the take's is asked for.
+        OSError: Blender cannot write it.
     """
     action = current_action(take.armature)
     if action is not None and is_take(action) and not same_rate(take.fps, float(action["fps"])):
@@ -36,6 +39,8 @@ def export_blend(path: Path, take: ExportTake, progress: Progress) -> None:
             bpy.data.libraries.write(
                 str(path.resolve()), {collection}, path_remap="ABSOLUTE", fake_user=True, compress=True
             )
+    except OSError as error:
+        raise OSError(errno.EIO, why_not_written(error)) from error
     finally:
         bpy.data.collections.remove(collection)
     progress("exporting a Blender file", 1, 1)
