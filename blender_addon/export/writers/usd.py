@@ -13,6 +13,8 @@ from .blender_exporters import run_exporter
 from .whole_files import require_space, require_whole
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
+_UNWRITABLE = "betas"
+"""Custom property of a body that USD has no type for: Blender warns of it on the console, in every frame."""
 
 
 def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
@@ -25,6 +27,8 @@ def export_usd(path: Path, take: ExportTake, progress: Progress) -> None:
     vertices = sum(len(mesh.data.vertices) for mesh in take.meshes)
     require_space(path, _BYTES_PER_VERTEX * vertices + _BYTES_PER_FRAME * take.num_frames)
     with plain_take(take, progress) as plain, chosen(plain):
+        if plain.is_plain:
+            plain.armature.pop(_UNWRITABLE, None)
         run_exporter(
             bpy.ops.wm.usd_export,
             path,

@@ -104,7 +104,9 @@ def test_a_cut_file_is_no_result(
 
 
 @pytest.mark.parametrize("name", ["fbx", "gltf", "usd", "alembic"])
-def test_the_users_scene_stays_as_it_was(scene: Any, take: BakedTake, files: Any, tmp_path: Path, name: str) -> None:
+def test_the_users_scene_stays_as_it_was(
+    scene: Any, take: BakedTake, files: Any, tmp_path: Path, name: str, capfd: pytest.CaptureFixture[str]
+) -> None:
     other = bake_take(scene, files.motion, files.body).armature
     scene.frame_start, scene.frame_end = 3, 17
     scene.frame_set(12)
@@ -119,6 +121,7 @@ def test_the_users_scene_stays_as_it_was(scene: Any, take: BakedTake, files: Any
         pytest.skip(str(missing))
     assert state(scene) == before[0]
     np.testing.assert_array_equal(evaluated_joints(scene, take.armature, 12), before[1])
+    assert "WARN" not in "".join(capfd.readouterr()), "the exporter cannot write something that we hand it"
 
 
 def state(scene: Any) -> tuple[Any, ...]:
