@@ -33,7 +33,7 @@ def test_a_chain_of_kalibr_has_the_first_camera_as_its_world(tmp_path: Path) -> 
     whole[:, :3, :3], whole[:, :3, 3] = CAMERAS.R, CAMERAS.t
     lines = []
     for c, K in enumerate(CAMERAS.K):
-        intrinsics = [K[0, 0], K[1, 1], K[0, 2], K[1, 2]]
+        intrinsics = [float(K[at]) for at in ((0, 0), (1, 1), (0, 2), (1, 2))]
         lines += [f"cam{c}:", "  camera_model: pinhole", f"  intrinsics: {intrinsics}", "  resolution: [1920, 1080]"]
         if c:
             step = whole[c] @ np.linalg.inv(whole[c - 1])
