@@ -37,7 +37,7 @@ def filmed(
     def keep(kind: str, view: int, frame: int, picture: np.ndarray) -> None:
         pictures[kind, view, frame] = picture
 
-    return spec, stage, pictures, film(spec, stage, keep).marker_seen
+    return spec, stage, pictures, film(spec, stage, keep)
 
 
 def matched(
