@@ -13,6 +13,8 @@ from solver_backend.types import Cameras
 
 FRAMES = 60
 """Frames at most that cameras are corrected by, spread over the take."""
+_LEAST_EIGENVALUE = 1e-12
+"""Of a camera's equations over the largest, below which its direction is open; chosen by hand, above rounding."""
 
 
 def refined_cameras(cameras: Cameras, xy: np.ndarray, confidence: np.ndarray, rounds: int = 6) -> Cameras:
@@ -72,8 +74,16 @@ def resected(
         by_pose = np.concatenate([-by_point @ skew(in_camera), by_point], axis=-1)
         weighted = by_pose * weight[..., None, None]
         normal = np.einsum("cnia,cnib->cab", weighted, by_pose) + 1e-9 * np.eye(6)
-        step = np.linalg.solve(normal, np.einsum("cnia,cni->ca", weighted, error)[..., None])[..., 0]
+        step = _solved(normal, np.einsum("cnia,cni->ca", weighted, error)[..., None])[..., 0]
         rotation = exp_so3(step[:, :3])
         t = (rotation @ cameras.t[..., None])[..., 0] + step[:, 3:]
         cameras = replace(cameras, R=rotation @ cameras.R, t=t)
     return cameras
+
+
+def _solved(normal: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the (C, 6, 1) steps; the shortest where a camera's points leave its pose open, as one place alone does."""
+    try:
+        return np.linalg.solve(normal, right)
+    except np.linalg.LinAlgError:
+        return np.linalg.pinv(normal, rcond=_LEAST_EIGENVALUE, hermitian=True) @ right

@@ -47,6 +47,20 @@ def test_detections_alone_turn_a_camera_back() -> None:
     assert disagreement(found) < 1.03 * disagreement(cameras) < 2.1
 
 
+def test_a_camera_that_sees_one_place_alone_stays() -> None:
+    cameras = replace(
+        tripods(np.zeros(3)),
+        R=np.tile(np.eye(3), (4, 1, 1)),
+        t=np.tile([0.0, 0.0, 2.0], (4, 1)),
+        distortion=np.zeros((4, 8)),
+    )
+    points = np.zeros((40, 12, 3))
+    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    found = resected(cameras, px, np.ones(px.shape[:-1]), points, scale_px=1.0)
+    np.testing.assert_allclose(found.R, cameras.R, atol=1e-9)
+    np.testing.assert_allclose(found.t, cameras.t, atol=1e-9)
+
+
 def test_missing_detections_take_no_part() -> None:
     cameras, points, px = _scene()
     confidence = np.ones(px.shape[:-1])
