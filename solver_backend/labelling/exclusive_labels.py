@@ -59,21 +59,28 @@ def labels_of_stretches(evidence: np.ndarray, together: np.ndarray, bound: dict[
         if label != GHOST:
             free[together[t], label] = False
     open_ = labels < 0
+    margin = _margins(free, evidence)
     while open_.any():
         rows = np.flatnonzero(open_)
-        scores = np.where(free[rows], evidence[rows], _TAKEN)
-        two = np.partition(scores, -2, axis=1)[:, -2:]
-        t = rows[np.argmax(two[:, 1] - two[:, 0])]
+        t = rows[np.argmax(margin[rows])]
         labels[t] = int(np.argmax(np.where(free[t], evidence[t], _TAKEN)))
-        if labels[t] != GHOST:
-            free[together[t], labels[t]] = False
         open_[t] = False
+        if labels[t] != GHOST:
+            loses = together[t] & free[:, labels[t]]
+            free[loses, labels[t]] = False
+            margin[loses] = _margins(free[loses], evidence[loses])
     fixed = np.zeros(count, dtype=bool)
     fixed[list(bound or {})] = True
     for _ in range(_ROUNDS):
         if not _exchanged(labels, evidence, together, fixed):
             break
     return labels
+
+
+def _margins(free: np.ndarray, evidence: np.ndarray) -> np.ndarray:
+    """Return by how much the best label of each stretch that is free is better than the next."""
+    two = np.partition(np.where(free, evidence, _TAKEN), -2, axis=1)[:, -2:]
+    return two[:, 1] - two[:, 0]
 
 
 def _exchanged(labels: np.ndarray, evidence: np.ndarray, together: np.ndarray, fixed: np.ndarray) -> bool:

@@ -144,11 +144,17 @@ def distance_evidence(
     theirs = labels[partners]
     size = _size(found.mean[np.ix_(partners, partners)], table.mean[np.ix_(theirs, theirs)])
     mirrored = _of_the_other_side(found, partners, theirs)[:, theirs] / size
-    evidence = np.empty((chains, GHOST + 1))
     rows = max(1, _CELLS // (len(table.mean) * len(partners)))
+    if rows >= chains:
+        return _evidence_of(np.arange(chains), found, labels, partners, mirrored, size, table)
+    evidence, beside = np.empty((chains, GHOST + 1)), np.isfinite(found.mean[:, partners])
+    # Neighbours in time have the same first partner: of short stretches, most are never seen beside a part's.
+    order = np.argsort(beside.argmax(axis=1), kind="stable")
     for start in range(0, chains, rows):
-        which = np.arange(start, min(start + rows, chains))
-        evidence[which] = _evidence_of(which, found, labels, partners, mirrored, size, table)
+        which = order[start : start + rows]
+        near = beside[which].any(axis=0)
+        near[0] |= not near.any()
+        evidence[which] = _evidence_of(which, found, labels, partners[near], mirrored[:, near], size, table)
     return evidence
 
 

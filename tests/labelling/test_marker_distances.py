@@ -97,6 +97,20 @@ def test_columns_that_are_empty_for_now_and_parts_change_no_figure(moving, table
     assert distance_evidence(found, labels, labels != 5, table).tobytes() == whole.tobytes()
 
 
+def test_stretches_that_are_never_seen_together_weigh_nothing_in_parts_either(moving, table, monkeypatch):
+    pieces = np.full((150, 3 * 53, 3), np.nan)
+    for k in range(3):
+        pieces[50 * k : 50 * k + 35, 53 * k : 53 * (k + 1)] = moving[50 * k : 50 * k + 35]
+    pieces = np.concatenate([pieces, np.full((150, 1, 3), np.nan)], axis=1)
+    pieces[142:, -1] = 1.0  # beside nobody
+    tracks = tracklets_of(pieces, FPS)
+    labels = (np.append(np.tile(np.arange(53), 3), GHOST))[tracks.column]
+    found = distances_of(pieces, np.arange(0, 150, 2), tracks, FPS)
+    whole = distance_evidence(found, labels, labels != 5, table)
+    monkeypatch.setattr(marker_distances, "_CELLS", 200_000)
+    np.testing.assert_allclose(distance_evidence(found, labels, labels != 5, table), whole, rtol=1e-12, atol=1e-12)
+
+
 def test_two_that_exchange_their_labels_keep_their_distance(moving, table):
     a, b = MARKERS.index("LWRB"), MARKERS.index("LFIN")
     tracks = tracklets_of(moving, FPS)
