@@ -68,7 +68,7 @@ class LabelWords:
         return "", []
 
     def _of_tokens(self, tokens: list[str], letters: Letters) -> tuple[str, list[str]]:
-        side_of, tokens = self.sides.by_token(ENGLISH), self._joined(tokens)
+        side_of, tokens = self.sides.by_token(letters), self._joined(tokens)
         found = [side_of[token] for token in tokens if token in side_of]
         rest = [token for token in tokens if token not in side_of]
         parts = [self._split(token) for token in rest]
