@@ -54,7 +54,7 @@ WORLD: dict[str, DiagnosticEntry] = {
         "The calibration's lengths are read as {unit}: the person is {stature:.2f} m tall with that, and {read:.3g} m "
         "as {guessed}",
         "Files of calibrations state no unit; the person shows which one is meant.",
-        "To keep them: --unit {guessed}.",
+        "To keep them: --unit {guessed}. Of a board's squares: --stature METRES, or --scale with their length.",
     ),
     "scale_as_asked": note(
         "The calibration's lengths are taken {scale:g} times, as asked for",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .entry import DiagnosticEntry, note, warning
 
 _UNIT_ADVICE = "Give the unit with --unit if that is wrong."
-_AXIS_ADVICE = "Give the axis if that is wrong."
+_AXIS_ADVICE = "Give the axis with --up-axis if that is wrong."
 
 _UNIT_AND_AXIS: dict[str, DiagnosticEntry] = {
     "marker_unit_given": note("Lengths are read as {unit} (as given)", "The unit was given."),
@@ -67,6 +67,11 @@ _UNIT_AND_AXIS: dict[str, DiagnosticEntry] = {
     "body_across_stated_axis": warning(
         "The file states that {stated} points up, but the body stands along {along}; {stated} is used",
         "The person lies or hangs, or the file's header names a wrong axis.",
+        _AXIS_ADVICE,
+    ),
+    "body_along_unusual_axis": warning(
+        "The file states no axis; {along} is taken as up, along which the body is long, but nothing stands at 0 of it",
+        "The person lies, or the program that wrote the file has other axes than most, which have Y or Z up.",
         _AXIS_ADVICE,
     ),
     "body_across_usual_axis": warning(

@@ -26,6 +26,8 @@ PERSON_FACTOR = 2.0
 tallest in a unit that is not far off."""
 MARKER_M = (-0.05, 0.12)
 """Height of the lowest markers of feet on the floor, where somebody may also lie along the axis."""
+_USUAL = ("y", "z")
+"""Axes that point up in nearly all files: who is long along another one may lie."""
 
 _LEVELS = tuple(
     re.compile(rf"([LR]|LEFT|RIGHT)?({words})(L|R|LEFT|RIGHT)?")
@@ -98,7 +100,9 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
         return _axis(expected, "marker_axis_assumed")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
     if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
-        return _axis(body, "marker_axis_by_body")
+        doubted = not feet_at_zero and body.lstrip("-") not in _USUAL
+        problem = diagnostic("body_along_unusual_axis", along=body.upper()) if doubted else None
+        return _axis(body, "marker_axis_by_body", problem)
     against = partial(diagnostic, stated=expected.upper(), along=body.upper())
     if feet_at_zero:
         return _axis(body, "marker_axis_corrected", against("body_along_other_axis"))

@@ -122,7 +122,7 @@ def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:
     high = rotated + [0, 2500, 900]
     found = take(tmp_path / "take.c3d", C3dBytes(high, LABELS))
     assert found.report.up_axis == "z"
-    assert "Z is used. Give the axis if that is wrong." in words(found.report.problems)[0]
+    assert "Z is used. Give the axis with --up-axis if that is wrong." in words(found.report.problems)[0]
     assert words(take(tmp_path / "take.c3d", C3dBytes(high, LABELS), up_axis="y").report.problems) == ()
 
 

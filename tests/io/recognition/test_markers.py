@@ -82,6 +82,14 @@ def test_up_axis_by_how_the_body_stands(axis: str, default: str, named: bool) ->
     assert (found.name, found.note.code, found.problem) == (axis, "marker_axis_by_body", None)
 
 
+def test_who_may_lie_along_an_unusual_axis_is_doubted() -> None:
+    """On a couch: long along x, whose 0 is anywhere."""
+    lying = (standing() - [0.0, 0.0, 0.9]) @ rotation_to_z_up("x") + [0.0, 0.0, 0.75]
+    found = find_up_axis(lying, tuple(BODY), "", None, "z")
+    assert (found.name, found.problem and found.problem.code) == ("x", "body_along_unusual_axis")
+    assert find_up_axis(standing() @ rotation_to_z_up("x"), tuple(BODY), "", None, "z").problem is None
+
+
 def test_up_axis_of_what_says_none() -> None:
     ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
     for default in ("z", "y"):
