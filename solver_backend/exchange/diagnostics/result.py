@@ -246,14 +246,14 @@ RESULT: dict[str, DiagnosticEntry] = {
         "Compare the take's length in seconds with the real one; if the rate is wrong, give it: --fps {likely:g}.",
     ),
     "stature_odd": warning(
-        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
-        "The calibration has another unit or scale, or the detections are not of a person.",
-        "Check the unit of the calibration, or the size of the board's squares.",
+        "The solved body is {size:.2f} m tall; adults are {least:g} to {most:g} m",
+        "It is a child; or the calibration has another unit or scale, or the detections are not of a person.",
+        "Unless it is a child, check the unit of the calibration, or the size of the board's squares.",
     ),
     "stature_odd_markers": warning(
-        "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
-        "The file's unit is another than it is read in, or the markers are not of a person.",
-        "Give the unit with --unit (mm, cm, m, inch, foot).",
+        "The solved body is {size:.2f} m tall; adults are {least:g} to {most:g} m",
+        "It is a child; or the file's unit is another than it is read in, or the markers are not of a person.",
+        "Unless it is a child, give the unit with --unit (mm, cm, m, inch, foot).",
     ),
     "stature_impossible": error(
         "The solved body is {size:.2f} m tall; people are {least:g} to {most:g} m",
@@ -266,9 +266,10 @@ RESULT: dict[str, DiagnosticEntry] = {
         "Give the unit with --unit (mm, cm, m, inch, foot).",
     ),
     "shape_odd": warning(
-        "A shape coefficient is {size:.3g}; those of people lie within {limit:g}",
-        "The shape follows wrong measurements: scale, labels or calibration.",
-        "Check the scale (of keypoints: --stature) and the labels; or give a calibrated subject or a known shape.",
+        "A shape coefficient is {size:.3g}; those of adults lie within {limit:g}",
+        "It is a child, or the shape follows wrong measurements: scale, labels or calibration.",
+        "Unless it is a child, check the scale (of keypoints: --stature) and the labels; or give a calibrated subject "
+        "or a known shape.",
     ),
     "motion_rate_odd": warning(
         "{rate:g} frames a second is not what is recorded",
