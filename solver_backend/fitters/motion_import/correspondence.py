@@ -67,12 +67,18 @@ def _alignments(index: dict[str, int], rest: np.ndarray, own: np.ndarray) -> dic
     """Return the rotation by role that brings a bone from the skeleton's rest to ours, both on the stage."""
     aligned: dict[str, np.ndarray] = {}
     for limb, roles in LIMBS.items():
-        if not set(roles) <= index.keys():
+        if not set(roles[:2]) <= index.keys():
             continue
         side, is_arm = limb.partition("_")[0], limb.endswith("arm")
-        points, joints = rest[[index[role] for role in roles]], [JOINT_OF[role] for role in roles]
+        joints = [JOINT_OF[role] for role in roles]
+        first, second = rest[index[roles[0]]], rest[index[roles[1]]]
+        # Without hand or foot the limb is taken to be straight at rest.
+        end = rest[index[roles[2]]] if roles[2] in index else 2 * second - first
+        points = np.stack([first, second, end])
         upper, lower = limb_turns(points, own[joints], is_arm)
         aligned |= {roles[0]: upper, roles[1]: lower, roles[2]: lower}
+        if roles[2] not in index:
+            continue
         if is_arm:
             knuckles = [
                 index[f"{side}_{f}_1"] for f in ("index", "middle", "ring", "pinky") if f"{side}_{f}_1" in index

@@ -9,6 +9,8 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
+from solver_backend.exchange.rigs.names import guess_roles
+from solver_backend.exchange.rigs.plausible import is_plausible
 from solver_backend.exchange.rigs.roles import LIMBS
 from solver_backend.exchange.rigs.skeleton import Skeleton
 from solver_backend.exchange.rigs.structure import recognise
@@ -137,6 +139,10 @@ def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
     """Return the joints of a person, what is not clear about them and what is missing."""
     guess = recognise(skeleton)
+    if not guess.roles and not guess.doubts:  # arms without hands are no branches of a person: names may show them
+        parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
+        named = guess_roles(skeleton.names, parents)
+        guess = replace(guess, roles=named if is_plausible(named, skeleton) else {})
     if set(_NEEDED) <= guess.roles.keys():
         unclear = [diagnostic("motion_skeleton_unclear", doubt=doubt.removesuffix(".")) for doubt in guess.doubts]
         return guess.roles, [*_missing(guess.roles), *unclear]
