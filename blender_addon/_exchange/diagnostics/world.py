@@ -15,6 +15,12 @@ WORLD_CHECK: dict[str, DiagnosticEntry] = {
         "The calibration's unit is another, or was not written down.",
         "Give the person's height with --stature, or the unit with --unit.",
     ),
+    "limb_halves_odd": warning(
+        "The upper half of the {limb} is {ratio:.2f} times as long as the lower one: {middle} and {end} may bear each "
+        "other's names",
+        "The keypoints are in another order than the file states.",
+        "Check the names of the keypoints (keypoints.json).",
+    ),
     "person_along_axis": warning(
         "The person stands along {axis}: the calibration's world may have {axis} up instead of Z",
         "The calibration has other axes, or is relative to a camera or a board.",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -18,6 +18,10 @@ SAMPLED_FRAMES = 100
 LEG_SHARE = 0.491
 """Thigh and shank together over the stature (Drillis and Contini 1966)."""
 PLAUSIBLE_STATURE_M = (1.0, 2.3)
+LIMB_RATIOS = (0.65, 1.55)
+"""Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
+the demo and of four recorded takes 0.96 to 1.18."""
+_LIMBS = (("arms", "shoulder", "elbow", "wrist"), ("legs", "hip", "knee", "ankle"))
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9
 """Cosine of the angle to an axis below which somebody does not stand along it."""
@@ -56,6 +60,8 @@ class WorldCheck:
     """Sampled frames a second."""
     off_px: dict[str, float]
     """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
+    limbs: Mapping[str, float] = field(default_factory=dict)
+    """Of arms and legs: length of the upper half against the lower one, the median of both sides."""
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
@@ -78,6 +84,12 @@ class WorldCheck:
             found.append(diagnostic("stature_unlikely", stature=self.stature_m, reason=reason))
         else:
             found += self._placement()
+        least, most = LIMB_RATIOS
+        found += [
+            diagnostic("limb_halves_odd", limb=limb, ratio=ratio, middle=middle, end=end)
+            for (limb, _, middle, end) in _LIMBS
+            if np.isfinite(ratio := self.limbs.get(limb, np.nan)) and not least < ratio < most
+        ]
         found += disagreement(self.residual_px)
         wrong = {name: off for name, off in self.off_px.items() if off > LARGEST_BIAS_PX}
         far = {name: off for name, off in wrong.items() if off > FAR_OFF_PX}
@@ -143,6 +155,7 @@ def check_world(cameras: Cameras, keypoints: Keypoints2D) -> WorldCheck:
         residual_px=float(quantile(residual.ravel(), 0.5, axis=0)),
         points=points,
         fps=keypoints.fps * len(frames) / keypoints.num_frames,
+        limbs={limb: _half_ratio(named, *parts) for limb, *parts in _LIMBS},
         off_px=dict(_biases(cameras, xy[:, few], confidence[:, few], np.asarray(found.sigma_px))),
     )
 
@@ -160,6 +173,15 @@ def _biases(
         shift = (xy[c] - expected)[np.isfinite(xy[c] - expected).all(-1)]
         if len(shift):
             yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))
+
+
+def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
+    """Return how long a limb's upper half is against its lower one, medians over both sides; NaN where it is unseen."""
+    sides = [[named.get(f"{side}_{part}") for part in (upper, middle, end)] for side in ("left", "right")]
+    known = [(a, b, c) for a, b, c in sides if a is not None and b is not None and c is not None]
+    halves = [(np.linalg.norm(a - b, axis=-1), np.linalg.norm(b - c, axis=-1)) for a, b, c in known]
+    lengths = [quantile(np.concatenate(half), 0.5, axis=0) for half in zip(*halves, strict=True)]
+    return float(lengths[0] / lengths[1]) if lengths else float("nan")
 
 
 def _legs(named: dict[str, np.ndarray]) -> float:

@@ -16,6 +16,7 @@ from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.recognition.level import measure_level
 from solver_backend.io.recognition.up_axis import UP_AXES, rotation_to_z_up
+from solver_backend.io.recognition.world_check import check_world
 from solver_backend.io.recognition.world_fit import find_people, fit_world, scale_world
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
@@ -218,3 +219,16 @@ def test_a_recording_of_markers_has_no_world_to_level() -> None:
     with pytest.raises(JobInvalid, match="for captures with cameras") as caught:
         load_capture(DEMO_TAKE, stature=1.8)
     assert "--unit" in caught.value.hint
+
+
+def test_elbows_and_wrists_that_bear_each_others_names_are_doubted(short: Capture) -> None:
+    keypoints, names = short.require_multiview()[1], short.require_multiview()[1].joint_set.keypoints
+    order = list(range(len(names)))
+    for side in ("left", "right"):
+        a, b = names.index(f"{side}_elbow"), names.index(f"{side}_wrist")
+        order[a], order[b] = b, a
+    exchanged = replace(keypoints, xy=keypoints.xy[:, :, order], confidence=keypoints.confidence[:, :, order])
+    assert short.cameras is not None
+    assert check_world(short.cameras, keypoints).problems() == ()
+    (found,) = check_world(short.cameras, exchanged).problems()
+    assert (found.code, found.values["middle"]) == ("limb_halves_odd", "elbow") and found.values["ratio"] > 1.8
