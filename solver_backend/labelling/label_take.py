@@ -100,7 +100,7 @@ def label_take(
         cloud: points, Z up, metres; columns are tracks, which may break, jump, and go on elsewhere.
         network: that reads frames.
         start_fit: makes the fit of a body that is laid over what was named.
-        progress: called as frames are read.
+        progress: called as frames are read and points are named.
         user_labels: marker's name by (column, frame), assigned by the user: it holds for the whole stretch.
             Empty text: none of them.
         persistent: each column is one marker throughout the take.
@@ -117,7 +117,7 @@ def label_take(
     frames = _frames_to_read(seen, tracklets, cloud.fps)
     votes, landmarks, covariance = _read(positions, seen, frames, tracklets, network, progress)
     bound = _bound(user_labels or {}, tracklets)
-    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit)
+    labels, sure = _named(positions, tracklets, votes, landmarks, covariance, cloud.fps, bound, start_fit, progress)
     labels = with_head_forward(positions, tracklets, labels, bound)
     labels, sure = labels[tracklets.chain], sure[tracklets.chain]
     stretch = tracklets.number
@@ -186,7 +186,7 @@ def _bound(given: Mapping[tuple[int, int], str], tracklets: Tracklets) -> dict[i
 
 def _named(
     positions: np.ndarray, tracklets: Tracklets, votes: Votes, landmarks: np.ndarray, covariance: np.ndarray,
-    fps: float, bound: dict[int, int], start_fit: Callable[[], BodyFit],
+    fps: float, bound: dict[int, int], start_fit: Callable[[], BodyFit], progress: Progress,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return label and confidence of every chain: voted, and again with distances and a body among what was named."""
     spread = np.sqrt(np.trace(covariance[:, :GHOST], axis1=-2, axis2=-1) / 3.0)
@@ -195,6 +195,7 @@ def _named(
     labels, sure = voted(votes, together, fps, bound)
     by_body = None
     for turn in range(ROUNDS):
+        progress("Naming the points", turn, ROUNDS)
         agreed = votes.mean[np.arange(len(labels)), labels]
         trusted = (labels >= 0) & (sure >= TRUSTED) & ((agreed >= FIRST_AGREED) | (turn > 0))
         trusted[list(bound)] = True
@@ -206,4 +207,5 @@ def _named(
                 positions, votes.frames, landmarks[:, :GHOST], spread, tracklets, labels, laid, fps, start_fit()
             )  # fmt: skip
         labels, sure = voted(votes, together, fps, bound, by_distance, by_body)
+    progress("Naming the points", ROUNDS, ROUNDS)
     return labels, sure
