@@ -41,6 +41,23 @@ def require_safe(address: str) -> None:
     )  # fmt: skip
 
 
+def require_certificates(address: str, known: object) -> None:
+    """Make sure that there are certificates for a scheduler that speaks TLS.
+
+    Args:
+        address: of the scheduler.
+        known: Dask's setting ``distributed.comm.tls.ca-file``, which ``use_certificates`` or the user's own makes.
+
+    Raises:
+        SchedulerUnsafe: there are none.
+    """
+    if address.startswith("tls://") and not known:
+        raise SchedulerUnsafe(
+            f"The scheduler {address} speaks TLS, and no certificates are given.", where=address,
+            hint="Give the folder of its certificates: --tls FOLDER.",
+        )  # fmt: skip
+
+
 def _is_loopback(host: str) -> bool:
     try:
         return host in _LOCAL or ipaddress.ip_address(host.strip("[]")).is_loopback

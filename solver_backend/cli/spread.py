@@ -10,7 +10,7 @@ import time
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from solver_backend.exchange.cluster_address import require_safe
+from solver_backend.exchange.cluster_address import require_certificates, require_safe
 from solver_backend.exchange.errors import BackendMissing, Cancelled, CommandLineInvalid
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.keyframes.chunked import Stretch, in_turn
@@ -35,7 +35,7 @@ class ClusterStretches:
         address: of the scheduler, or the name of its file.
 
     Raises:
-        SchedulerUnsafe: the scheduler is on another host, without TLS.
+        SchedulerUnsafe: the scheduler is on another host, without TLS, or certificates for TLS are not given.
         BackendMissing: Dask is not installed.
         CommandLineInvalid: no scheduler answers.
     """
@@ -43,12 +43,14 @@ class ClusterStretches:
     def __init__(self, address: str) -> None:
         require_safe(address)
         try:
+            import dask.config
             from distributed import Client
         except ImportError as error:
             raise BackendMissing(
                 "Dask is not installed in this Python.",
                 hint="Install it with: pip install distributed; or leave out --scheduler.",
             ) from error
+        require_certificates(address, dask.config.get("distributed.comm.tls.ca-file", None))
         where: dict[str, Any] = {"scheduler_file" if address.endswith(".json") else "address": address}
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         try:

@@ -7,7 +7,7 @@ import time
 from collections.abc import Callable
 from typing import Any
 
-from ...._exchange.cluster_address import require_safe
+from ...._exchange.cluster_address import require_certificates, require_safe
 from ....errors import EngineMissing, SchedulerMissing
 
 
@@ -35,12 +35,14 @@ def connected(address: str, patience_s: float, tend: Callable[[], None]) -> Any:
         tend: called before each try.
 
     Raises:
-        SchedulerUnsafe: it is on another host, without TLS.
+        SchedulerUnsafe: it is on another host, without TLS, or certificates for TLS are not given.
         SchedulerMissing: none answers for so long.
     """
     require_safe(address)
+    import dask.config
     from distributed import Client
 
+    require_certificates(address, dask.config.get("distributed.comm.tls.ca-file", None))
     for name in ("distributed", "distributed.client", "distributed.comm", "distributed.core"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     end = time.monotonic() + patience_s

@@ -76,6 +76,15 @@ def test_a_batch_on_another_host_is_refused_before_anything_is_sent(
     assert "lacks ca.pem" in capfd.readouterr().out
 
 
+def test_tls_without_certificates_is_named(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    (tmp_path / "captures").mkdir()
+    (tmp_path / "captures" / "a.npz").write_bytes(b"a")
+    command = ["batch", str(tmp_path / "captures"), "--out", str(tmp_path / "out"), "--json"]
+    assert main([*command, "--scheduler", "tls://127.0.0.1:1"]) == 3
+    found = capfd.readouterr().out
+    assert "scheduler_unsafe" in found and "no certificates are given" in found and "--tls FOLDER" in found
+
+
 @pytest.fixture
 def certificates(tmp_path: Path) -> Iterator[Path]:
     """A folder as the documentation makes it."""
