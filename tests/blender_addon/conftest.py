@@ -19,13 +19,14 @@ KEPT = ("kept_take", "kept_rig", "kept_solve", "kept_import")
 
 
 @atexit.register
-def _clear_handlers() -> None:
-    """A handler of ours that is left behind would keep the interpreter from ending."""
+def _clear() -> None:
+    """A handler of ours that is left behind, or a scene's driver in Python, would keep the interpreter from ending."""
     for name in dir(bpy.app.handlers):
         handlers = getattr(bpy.app.handlers, name)
         for handler in list(handlers) if isinstance(handlers, list) else []:
             if handler.__module__.split(".")[0] in ("blender_addon", "tests"):
                 handlers.remove(handler)
+    empty_scene()
 
 
 @pytest.fixture(scope="session")
