@@ -70,6 +70,14 @@ def test_manus_positions_in_axes_of_either_hand(tmp_path: Path, mirrored: bool) 
     assert off_deg(merged)[:, 1].max() < 2.0
 
 
+def test_a_table_whose_last_columns_are_blank_is_named(tmp_path: Path) -> None:
+    path = manus_csv(tmp_path / "take_R.csv", DRAWN, 1)
+    head, *rows = path.read_text().splitlines()
+    path.write_text("\n".join([head, *(",".join(row.split(",")[:9]) for row in rows)]) + "\n")
+    with pytest.raises(MotionInvalid, match="points of the palm are missing"):
+        read_gloves(path)
+
+
 def test_manus_ergonomics_give_bends_and_the_prior_the_rest(tmp_path: Path) -> None:
     path = manus_csv(tmp_path / "take_left.csv", DRAWN, 0, ergonomics=True)
     merged = merge_gloves(DRAWN.motion, load_body(), read_gloves(path), OFFSET_S)

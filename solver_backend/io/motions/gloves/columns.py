@@ -47,7 +47,8 @@ def read_columns(path: Path, wanted: Callable[[str], bool]) -> dict[str, np.ndar
     chosen = [[row[k] if k < len(row) else "" for k, _ in kept] for row in rows]
     comma = delimiter != "," and decimal_comma(cell for row in chosen[:100] for cell in row)
     values = number_table(chosen, 2, path, comma=comma)
-    return {name: values[:, column] for column, (_, name) in enumerate(kept) if column < values.shape[1]}
+    values = np.pad(values, ((0, 0), (0, max(0, len(kept) - values.shape[1]))), constant_values=np.nan)
+    return {name: values[:, column] for column, (_, name) in enumerate(kept)}
 
 
 def rising_times(times: np.ndarray, path: Path) -> np.ndarray:
