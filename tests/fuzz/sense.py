@@ -33,6 +33,8 @@ _WORDS = (
 )  # fmt: skip
 _AXES = 3
 """Lengths up to this are coordinates as likely as counts of something."""
+_LONGEST_LABEL = 60
+"""Letters of a label; C3D counts its bytes in one byte."""
 _NUMBER = re.compile(r"(?<![\w.])[-+]?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 _TEXT_NUMBERS = ("0", "-1", "nan", "inf", "1e30", "-1e30", "1e-30", "1e300", "0.5", "100000")
 Arrays = dict[str, np.ndarray]
@@ -86,7 +88,7 @@ def _c3d(arrays: Arrays, rng: np.random.Generator) -> bytes:
         seen[...] = True  # not finite, and said to be seen
     with np.errstate(all="ignore"):
         points = np.where(seen[..., None], points, 0.0).astype(np.float32).astype(np.float64)
-    names = [str(label) for label in labels][: points.shape[1]]
+    names = [str(label)[:_LONGEST_LABEL] for label in labels][: points.shape[1]]
     units = "mm" if rng.random() < 0.9 else str(_one_of(("m", "cm", "inch", "", None), rng) or "")
     return C3dBytes(points, names, rate=float(np.float32(rate)), fourth=fourth, units=units or None).to_bytes()
 
