@@ -20,3 +20,5 @@ class Operation:
     """Files it adds or replaces, relative to the folder."""
     kept: str = "(?!)"
     """Pattern of the names under which the next run keeps what a killed one has recorded."""
+    begins_apart: bool = False
+    """Outputs begin one by one, as sensors do: what had not begun is not in the recording that the next run keeps."""

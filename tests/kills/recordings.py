@@ -75,5 +75,6 @@ RECORDINGS = (
         _nothing,
         (*_PROGRAM, "record-oak", "out", "--oak", "1=left", "--oak", "2=right", "--seconds", "1"),
         frozenset({"out/recording.json", "out/left/frames.bin", "out/right/frames.bin"}),
+        begins_apart=True,
     ),
 )

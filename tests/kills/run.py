@@ -83,8 +83,8 @@ def kill_once(measured: Measured, folder: Path, solved: Path, moment: Moment) ->
     when = "after its end" if ended else f"with {len(operation.outputs & set(left))} of {len(operation.outputs)} files"
     wrong = [f"still running after its parent was killed: {command}" for command in stuck]
     wrong += [f"killed: {what}" for what in [*damaged(folder, left), *_changed(before, left, operation, folder)]]
-    if failed := _resume(operation, folder, again=bool(operation.outputs & set(left))):
-        wrong.append(failed)
+    failed, kept = _resume(operation, folder, again=bool(operation.outputs & set(left)))
+    wrong += [failed] if failed else []
     _age_leftovers(folder)
     after = contents(folder)
     wrong += [f"resumed: {what}" for what in [*damaged(folder, after), *_changed(before, after, operation, folder)]]
@@ -93,7 +93,8 @@ def kill_once(measured: Measured, folder: Path, solved: Path, moment: Moment) ->
     wrong += [
         f"{name} is not what was saved over" for name in _backups(left) & set(after) if after[name] != left[name[:-1]]
     ]
-    lost, doubled = measured.files - set(after), set(after) - measured.files - backups
+    expected = set(left) if kept and operation.begins_apart else measured.files
+    lost, doubled = expected - set(after), set(after) - measured.files - backups
     wrong += [f"lost {name}" for name in sorted(lost)] + [f"doubled {name}" for name in sorted(doubled)]
     return when, wrong
 
@@ -161,13 +162,13 @@ def _started(operation: Operation, folder: Path) -> subprocess.Popen[bytes]:
     )  # fmt: skip
 
 
-def _resume(operation: Operation, folder: Path, *, again: bool = False) -> str:
-    """Run the operation to its end and return what went wrong; outputs that are there may be kept, with exit code 3."""
+def _resume(operation: Operation, folder: Path, *, again: bool = False) -> tuple[str, bool]:
+    """Run the operation to its end; return what went wrong, and whether it kept what was there, with exit code 3."""
     process = _started(operation, folder)
     said = process.communicate()[1].decode("utf-8", "replace")
-    if process.returncode == 0 or (again and process.returncode == 3 and any(words in said for words in _KEPT)):
-        return ""
-    return f"resumed with exit code {process.returncode}: {said[-300:]}"
+    kept = again and process.returncode == 3 and any(words in said for words in _KEPT)
+    failed = "" if kept or process.returncode == 0 else f"resumed with exit code {process.returncode}: {said[-300:]}"
+    return failed, kept
 
 
 def _age_leftovers(folder: Path) -> None:

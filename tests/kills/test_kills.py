@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -51,6 +52,25 @@ def test_damage_losses_and_doubles_are_seen(tmp_path: Path) -> None:
     assert "killed: a.json is damaged" in said
     assert "resumed: mine.txt was changed" in said
     assert "lost b" in said and "doubled b" in said
+
+
+RECORDS_TWO = """
+import pathlib, sys, time
+if pathlib.Path("a.json").exists():
+    print("there already", file=sys.stderr)
+    sys.exit(3)
+for name in ("a.json", "b.json"):
+    pathlib.Path(name).write_text("[1]")
+    time.sleep(0.6)
+"""
+
+
+@pytest.mark.parametrize("apart", [True, False])
+def test_what_had_not_begun_is_lost_only_where_outputs_begin_together(apart: bool, tmp_path: Path) -> None:
+    operation = replace(stand_in(RECORDS_TWO, "a.json", "b.json"), begins_apart=apart)
+    measured = measure(operation, tmp_path / "work", tmp_path)
+    _, wrong = kill_once(measured, tmp_path / "work", tmp_path, Moment("writing", change=1))
+    assert wrong == ([] if apart else ["lost b.json"])
 
 
 @pytest.mark.slow

@@ -18,6 +18,7 @@ from solver_backend.sensors.wand.points_files import read_points_folder
 from solver_backend.sensors.wand.result import WandOptions
 from solver_backend.sensors.wand.session import calibrate_by_wand
 from solver_backend.sensors.wand.start import robust_umeyama
+from solver_backend.sensors.wand.views import with_growing_times
 from tests.support.waved_wand import Waving, as_tables, pose_errors, sensors, waved
 
 WAND = Wand(0.13, 0.26)
@@ -239,3 +240,12 @@ def test_a_depth_or_pixel_that_no_sensor_reaches_is_not_seen(number: float) -> N
     px[3, 0, 0], depth[4] = number, number
     found = replace(views[0], px=px, depth_m=depth)
     assert found.depth_m is not None and np.isnan(found.depth_m[4]).all() and np.isnan(found.px[3, 0, 0])
+
+
+@pytest.mark.parametrize("late_s", [1e9, 1e291])
+def test_rows_that_span_more_than_a_day_are_named_before_memory_is_taken(late_s: float) -> None:
+    views = waved(sensors(2), Waving(seconds=1.0))
+    times = views[0].times_s.copy()
+    times[-1] += late_s
+    with pytest.raises(TimesInvalid, match="The rows span 1e"):
+        with_growing_times(replace(views[0], times_s=times))

@@ -22,6 +22,7 @@ from solver_backend.exchange.diagnostics import (
 from solver_backend.exchange.errors import CaptureInvalid, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
+from solver_backend.exchange.plausible import FARTHEST_M
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
 from solver_backend.io.native.earlier_sentences import as_today
@@ -139,6 +140,19 @@ def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
     return read_diagnostics([value for value in values if isinstance(value, dict)])
 
 
+def _truth(fields: Fields, path: Path) -> dict[str, np.ndarray]:
+    """Return the arrays of the truth; NaN is what is not known.
+
+    Raises:
+        CaptureInvalid: a number is beyond any place and any turn.
+    """
+    found = {key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)}
+    for name, value in found.items():
+        if value.dtype.kind == "f" and (np.abs(value) > FARTHEST_M).any():
+            raise CaptureInvalid(f"The truth's {name} hold a number that cannot be.", where=str(path))
+    return found
+
+
 def _capture(fields: Fields, path: Path) -> Capture:
     found = _diagnostics(fields)
     cameras = _cameras(fields) if "K" in fields else None
@@ -172,7 +186,7 @@ def _capture(fields: Fields, path: Path) -> Capture:
         stature_m=_number(fields, "stature_m"),
         floor_from_person=bool(_number(fields, "floor_from_person")),
         focal_sigma=_number(fields, "focal_sigma"),
-        truth={key[len(_TRUTH) :]: value for key, value in fields.arrays.items() if key.startswith(_TRUTH)},
+        truth=_truth(fields, path),
     )
 
 

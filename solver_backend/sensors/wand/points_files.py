@@ -115,7 +115,7 @@ def _lights(name: str, lens: Lens, table: np.ndarray) -> WandView:
 
 def _with_depth(name: str, lens: Lens, table: np.ndarray) -> WandView:
     """Return the view of rows of one time each, where a row is alone at its time."""
-    starts = np.flatnonzero(np.r_[True, np.diff(table[:, 0]) != 0])
+    starts = np.flatnonzero(np.r_[True, table[1:, 0] != table[:-1, 0]])
     alone = np.diff(np.r_[starts, len(table)]) == 1
     rows = table[starts]
     seen = alone & np.isfinite(rows[:, 1:3]).all(1) & (rows[:, 1:3] >= 0).all(1)

@@ -14,6 +14,8 @@ from solver_backend.types.shapes import Bool, Float
 
 LARGEST_LEFT_OUT = 0.2
 """Share of a recording's rows whose times go back with which it is not used."""
+_LONGEST_S = 1e5
+"""Of a recording: more than a day. Nobody waves so long, and milliseconds for nanoseconds would take all memory."""
 
 
 @dataclass(frozen=True)
@@ -73,7 +75,7 @@ def with_growing_times(view: WandView) -> WandView:
     """Return the view without the rows whose times do not grow; each time belongs to one row.
 
     Raises:
-        TimesInvalid: that are too many, or none is left.
+        TimesInvalid: that are too many, or none is left, or the rows span more than a day.
     """
     times = view.times_s
     before = np.r_[-np.inf, np.maximum.accumulate(np.where(np.isfinite(times), times, -np.inf))[:-1]]
@@ -86,6 +88,11 @@ def with_growing_times(view: WandView) -> WandView:
             where=f"sensor {view.name}",
             hint="If the sensor was started again, put each recording into its own file.",
         )  # fmt: skip
+    first, last = times[good][[0, -1]].tolist()
+    if not last - first <= _LONGEST_S:
+        raise TimesInvalid(
+            f"The rows span {last - first:.3g} s.", where=f"sensor {view.name}", hint="Times are in nanoseconds."
+        )
     if not lost:
         return view
     after = float(before[int(np.argmin(good))])
