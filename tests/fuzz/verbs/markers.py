@@ -58,7 +58,7 @@ def _two_takes(folder: Path) -> None:
     write_markers(folder / "like.c3d", short_take())
 
 
-def _told(folder: Path) -> None:
+def _by_hand(folder: Path) -> None:
     _unlabelled(folder)
     points = [{"point": 0, "frame": 1, "marker": "LFHD"}, {"point": 3, "frame": 0, "marker": ""}]
     (folder / "labels.json").write_text(
@@ -115,7 +115,7 @@ TARGETS: tuple[Target, ...] = (
     verb_target(
         "label", (write_take, _unlabelled), verb("label ./take.c3d --out ./out.c3d --report ./out.html"), _C3D, 4,
     ),
-    verb_target("label, told", (_told,), verb("label ./take.c3d --labels ./labels.json --out ./out.npz"), _JSON, 6),
+    verb_target("label, by hand", (_by_hand,), verb("label ./take.c3d --labels ./labels.json --out ./out.npz"), _JSON, 6),
     verb_target("label, like another", (_two_takes,), verb("label ./take.c3d --like ./like.c3d --out ./out.trc"), _C3D),
     verb_target(
         "label of a person", (_of_person,), verb("label ./take.c3d --subject ./subject.npz --out ./out.c3d"),
