@@ -115,7 +115,7 @@ TARGETS: tuple[Target, ...] = (
     verb_target(
         "label", (write_take, _unlabelled), verb("label ./take.c3d --out ./out.c3d --report ./out.html"), _C3D, 4,
     ),
-    verb_target("label, by hand", (_by_hand,), verb("label ./take.c3d --labels ./labels.json --out ./out.npz"), _JSON, 6),
+    verb_target("label, by hand", (_by_hand,), verb("label ./take.c3d --labels ./labels.json --out ./a.npz"), _JSON, 6),
     verb_target("label, like another", (_two_takes,), verb("label ./take.c3d --like ./like.c3d --out ./out.trc"), _C3D),
     verb_target(
         "label of a person", (_of_person,), verb("label ./take.c3d --subject ./subject.npz --out ./out.c3d"),
