@@ -121,10 +121,11 @@ def read_skeleton(path: Path) -> SkeletonFile:
     count = len(names)
     rest, joints = fields.numbers("rest", (count, 3)), fields.numbers("joints", (None, count, 3))
     turns = fields.numbers("turns", (len(joints), count, 3, 3))
-    parents = tuple(int(parent) for parent in fields.numbers("parents", (count,)))
-    for name, value in {"rest": rest, "joints": joints, "turns": turns}.items():
+    above = fields.numbers("parents", (count,))
+    for name, value in {"rest": rest, "joints": joints, "turns": turns, "parents": above}.items():
         if not np.isfinite(value).all():
             raise NonFiniteData(f"'{name}' holds NaN or infinite values.", where=str(path))
+    parents = tuple(int(parent) for parent in above)
     if not len(joints) or any(not -1 <= parent < j for j, parent in enumerate(parents)):
         raise MotionInvalid("The skeleton has no frames, or its parents are not a tree.", where=str(path))
     fps = fields.number("fps")

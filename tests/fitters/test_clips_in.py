@@ -88,6 +88,7 @@ def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMoti
         ({"joints": joints}, NonFiniteData, "'joints' holds NaN"),
         ({"joints": whole.joints[:0], "turns": whole.turns[:0]}, MotionInvalid, "no frames"),
         ({"parents": np.array((1, *whole.parents[1:]))}, MotionInvalid, "not a tree"),
+        ({"parents": np.full(len(whole.names), np.inf)}, NonFiniteData, "'parents' holds NaN or infinite"),
         ({"fps": np.array(0.0)}, NonFiniteData, "frame rate"),
         ({"names": np.array(["neck"] * len(whole.names))}, MotionInvalid, "Several joints are called 'neck'"),
         ({"turns": whole.turns + 1e6}, MotionInvalid, "are not rotations"),

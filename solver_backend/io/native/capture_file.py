@@ -22,7 +22,7 @@ from solver_backend.exchange.diagnostics import (
 from solver_backend.exchange.errors import CaptureInvalid, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
-from solver_backend.exchange.plausible import FARTHEST_M
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, FARTHEST_M, require_within
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
 from solver_backend.io.native.earlier_sentences import as_today
@@ -197,7 +197,9 @@ def _number(fields: Fields, name: str) -> float:
 def _footage_first(fields: Fields) -> tuple[int, ...]:
     if "footage_first" not in fields:
         return ()
-    return tuple(int(n) for n in fields.numbers("footage_first", (len(fields.texts("footage")),)))
+    first = fields.numbers("footage_first", (len(fields.texts("footage")),))
+    require_within("footage_first", first, FARTHEST_IN_UNITS, CaptureInvalid, str(fields.path))
+    return tuple(int(n) for n in first)
 
 
 def _strings(items: tuple[str, ...]) -> np.ndarray:

@@ -143,6 +143,7 @@ def damaged(tmp_path: Path, **changes: np.ndarray | None) -> Path:
             CaptureInvalid,
             "The capture has no views",
         ),
+        ({"footage_first": np.full(4, np.inf)}, CaptureInvalid, "footage_first holds NaN or infinite"),
         ({"truth_joints": np.full((7, 24, 3), 1e30)}, CaptureInvalid, "truth's joints hold a number that cannot be"),
         ({"format": np.array("else")}, FileDamaged, "not a capture: its format is 'else'"),
         ({"format": None}, FileDamaged, "names no format"),
