@@ -101,6 +101,13 @@ def test_skeleton_files_that_are_none_are_named(tmp_path: Path, known: KnownMoti
             read_skeleton(tmp_path / f"{k}.npz")
 
 
+def test_a_skeleton_without_size_is_named(tmp_path: Path, known: KnownMotion) -> None:
+    whole = skeleton_of(known)
+    write_skeleton(tmp_path / "flat.npz", replace(whole, rest=1e-170 * whole.rest, roles={}))
+    with pytest.raises(MotionInvalid, match="units large at rest"):
+        read_foreign_clip(tmp_path / "flat.npz")
+
+
 def test_a_clip_that_leaves_the_world_or_is_no_clip_is_named(tmp_path: Path, known: KnownMotion) -> None:
     far = skeleton_of(known)
     write_skeleton(tmp_path / "far.npz", replace(far, joints=far.joints + 1e6))

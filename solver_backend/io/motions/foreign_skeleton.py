@@ -34,6 +34,8 @@ _NEEDED = ("pelvis", *(f"{side}_{part}" for side in ("left", "right") for part i
 _READ, _THROUGH_BLENDER = (".bvh", ".mvnx", ".c3d", ".npz"), (".fbx", ".glb", ".gltf", ".vrm", ".blend")
 _POINTS = (".csv", ".tsv", ".trc", ".npy")
 """Files of points without rotations, such as FreeMoCap's tables."""
+_LEAST_SIZE = 1e-6
+"""Of a skeleton at rest in any unit; a person is 0.0017 km tall."""
 _MOST_M = 1e4
 """Metres from the origin beyond which no take goes."""
 _APART_DEG, _TIMES = 25.0, 3.0
@@ -138,6 +140,9 @@ def _checked(motion: SkeletonMotion, where: str) -> SkeletonMotion:
 
 def _roles(skeleton: Skeleton, where: str) -> tuple[dict[str, str], list[Diagnostic]]:
     """Return the joints of a person, what is not clear about them and what is missing."""
+    if not skeleton.size > _LEAST_SIZE:
+        hint = "Export it with its bones' lengths."
+        raise MotionInvalid(f"The skeleton is {skeleton.size:.3g} units large at rest.", where=where, hint=hint)
     guess = recognise(skeleton)
     if not guess.roles and not guess.doubts:  # arms without hands are no branches of a person: names may show them
         parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
