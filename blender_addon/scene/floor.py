@@ -9,10 +9,12 @@ from ..conventions.materials import FLOOR_COLOURS, create_material
 
 _LINE_M = 0.015
 """Width of a line of the grid, metres; chosen by hand."""
+_MOST_TILES = 200
+"""Along a side; chosen by hand. Of longer ways a tile is more metres wide, for 20 km of metres take 3 GB."""
 
 
 def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
-    """Create a floor of whole metres under everything that is given.
+    """Create a floor of whole metres under everything that is given; of a long way, of tiles of more metres.
 
     Args:
         points: (..., 3) world metres, such as the pelvis's path; NaN is ignored.
@@ -38,7 +40,8 @@ def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin
 
 def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return vertices (N, 3), quads (M, 4) and which quads are lines (M,), with no two quads overlapping."""
-    steps = [_steps(low[axis], high[axis]) for axis in (0, 1)]
+    tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
+    steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
     x, y = np.meshgrid(*steps, indexing="ij")
     vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
     columns, rows = len(steps[0]), len(steps[1])
@@ -49,6 +52,6 @@ def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, n
     return vertices, faces, ((i % 2 == 0) | (j % 2 == 0)).reshape(-1)
 
 
-def _steps(low: float, high: float) -> np.ndarray:
-    metres = np.arange(low, high + 0.5)
+def _steps(low: float, high: float, tile: float) -> np.ndarray:
+    metres = np.arange(low, high + tile - 0.5, tile)
     return np.stack([metres - _LINE_M / 2, metres + _LINE_M / 2], axis=-1).reshape(-1)

@@ -19,6 +19,8 @@ GLIDE_M_S, GLIDE_S, GLIDE_SHARE = 0.35, 0.7, 0.5
 share of it. A walker's feet move about the body as fast as the body moves, and nobody flies for so long."""
 SMOOTH_S = 0.25
 """Length of the average over time under which a lifted pose's trembling is no movement."""
+_LEAST_EXTENT_PX = 1.0
+"""Of a person whose points are all in one place."""
 
 
 def bridge_repeats(camera: str, keypoints: Keypoints2D) -> tuple[Keypoints2D, list[Diagnostic]]:
@@ -54,7 +56,8 @@ def cuts(xy: np.ndarray, seen: np.ndarray, fps: float) -> np.ndarray:
     extent = np.linalg.norm(span, axis=-1)
     enough = both.sum(axis=1) >= CUT_POINTS
     jump = np.zeros(len(step))
-    jump[enough] = np.nanmedian(step[enough], axis=1) / np.maximum(extent[:-1], extent[1:])[enough]
+    largest = np.maximum(np.maximum(extent[:-1], extent[1:])[enough], _LEAST_EXTENT_PX)
+    jump[enough] = np.nanmedian(step[enough], axis=1) / largest
     around = max(2, round(USUAL_S * fps))
     near = np.lib.stride_tricks.sliding_window_view(np.pad(jump, around, mode="reflect"), 2 * around + 1)
     usual = np.median(near, axis=1) if len(jump) > around else np.full(len(jump), np.median(jump))

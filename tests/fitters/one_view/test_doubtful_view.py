@@ -148,3 +148,8 @@ def test_fast_people_neither_cut_nor_glide() -> None:
     assert glides(root, feet, seen, fps) == []
     skating = root[:, None] - np.array([0.0, 0.0, 1.0])
     assert glides(root, np.repeat(skating, 2, axis=1), seen, fps) == [(0, 89)]
+
+
+def test_a_person_in_one_place_cuts_nothing() -> None:
+    xy = np.full((30, 17, 2), 40.0)
+    assert not len(cuts(xy, np.ones((30, 17), bool), 30.0))
