@@ -20,8 +20,12 @@ LEG_SHARE = 0.491
 PLAUSIBLE_STATURE_M = (1.0, 2.3)
 LIMB_RATIOS = (0.65, 1.55)
 """Upper arm over forearm and thigh over shank: people have 1.05 and 0.96 between joints (de Leva 1996), detections of
-the demo and of four recorded takes 0.96 to 1.18."""
-_LIMBS = (("arms", "shoulder", "elbow", "wrist"), ("legs", "hip", "knee", "ankle"))
+the demo and of four recorded takes 0.95 to 1.19."""
+_LIMBS = tuple(
+    (f"{side} {limb}", *[f"{side}_{part}" for part in parts])
+    for side in ("left", "right")
+    for limb, parts in (("arm", ("shoulder", "elbow", "wrist")), ("leg", ("hip", "knee", "ankle")))
+)
 FLOOR_TOLERANCE_M = 0.25
 LEAST_UPRIGHT = 0.9
 """Cosine of the angle to an axis below which somebody does not stand along it."""
@@ -61,7 +65,7 @@ class WorldCheck:
     off_px: dict[str, float]
     """By camera: length of the median vector from where the other cameras see a keypoint to where this one does."""
     limbs: Mapping[str, float] = field(default_factory=dict)
-    """Of arms and legs: length of the upper half against the lower one, the median of both sides."""
+    """Of each arm and leg: length of the upper half against the lower one."""
 
     def notes(self) -> tuple[Diagnostic, ...]:
         """Return the figures."""
@@ -86,7 +90,9 @@ class WorldCheck:
             found += self._placement()
         least, most = LIMB_RATIOS
         found += [
-            diagnostic("limb_halves_odd", limb=limb, ratio=ratio, middle=middle, end=end)
+            diagnostic(
+                "limb_halves_odd", limb=limb, ratio=ratio, middle=middle.replace("_", " "), end=end.replace("_", " ")
+            )
             for (limb, _, middle, end) in _LIMBS
             if np.isfinite(ratio := self.limbs.get(limb, np.nan)) and not least < ratio < most
         ]
@@ -176,12 +182,12 @@ def _biases(
 
 
 def _half_ratio(named: dict[str, np.ndarray], upper: str, middle: str, end: str) -> float:
-    """Return how long a limb's upper half is against its lower one, medians over both sides; NaN where it is unseen."""
-    sides = [[named.get(f"{side}_{part}") for part in (upper, middle, end)] for side in ("left", "right")]
-    known = [(a, b, c) for a, b, c in sides if a is not None and b is not None and c is not None]
-    halves = [(np.linalg.norm(a - b, axis=-1), np.linalg.norm(b - c, axis=-1)) for a, b, c in known]
-    lengths = [quantile(np.concatenate(half), 0.5, axis=0) for half in zip(*halves, strict=True)]
-    return float(lengths[0] / lengths[1]) if lengths else float("nan")
+    """Return how long a limb's upper half is against its lower one, by medians; NaN where it is unseen."""
+    if not {upper, middle, end} <= named.keys():
+        return float("nan")
+    halves = (np.linalg.norm(named[a] - named[b], axis=-1) for a, b in ((upper, middle), (middle, end)))
+    lengths = [float(quantile(half, 0.5, axis=0)) for half in halves]
+    return lengths[0] / lengths[1]
 
 
 def _legs(named: dict[str, np.ndarray]) -> float:
