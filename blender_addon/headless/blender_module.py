@@ -8,6 +8,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from importlib import import_module
 from importlib.util import find_spec
+from threading import current_thread, main_thread
 
 from ..errors import BlenderMissing
 
@@ -31,13 +32,20 @@ def signals_wait() -> Iterator[None]:
     """Let the signals that cancel arrive at the end of the block.
 
     Blender runs scripts of its own while it loads. What a signal raises there it prints, goes on half loaded, and
-    crashes later (seen with bpy 4.5). It loads in half a second. Windows, which has no masks, is left as it is.
+    crashes later (seen with bpy 4.5). It loads in half a second. A mask would not do: other threads have none.
     """
-    if not hasattr(signal, "pthread_sigmask"):
+    if current_thread() is not main_thread():
         yield
         return
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT, signal.SIGTERM})
+    arrived: list[int] = []
+    before = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
+    before = {number: handler for number, handler in before.items() if handler not in (None, signal.SIG_IGN)}
+    for number in before:
+        signal.signal(number, lambda number, _: arrived.append(number))
     try:
         yield
     finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+        for number, handler in before.items():
+            signal.signal(number, handler)
+        for number in arrived[:1]:
+            signal.raise_signal(number)
