@@ -37,7 +37,7 @@ _INSIDE = 0.99
 """Share of the keypoints that must lie in pictures that are cut so."""
 TURNED = 0.03
 """Share of the keypoints by which a shape must explain more than that a camera was turned after it was calibrated, and
-by which a cut may explain less. Within ``NEARER`` six takes of three and four phones, one of them turned by 3 to 13
+by which a cut may explain less. Within ``NEARER`` three takes of three and four phones, one of them turned by 3 to 13
 degrees, agree by 0.93 when it is turned back, squeezed ones by 0.63 to 0.75 so and by 0.95 as squeezed."""
 
 
