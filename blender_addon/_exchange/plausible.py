@@ -34,6 +34,11 @@ def require_rate(fps: float, error: type[MocapError], where: str) -> None:
         raise error(f"The frame rate must be {least:g} to {most:g}, not {fps}.", where=where)
 
 
+def largest_finite(values: np.ndarray) -> float:
+    """Return the largest size of the numbers that are finite, 0 where none is."""
+    return float(np.abs(values).max(initial=0.0, where=np.isfinite(values)))
+
+
 def require_within(name: str, values: np.ndarray, most: float, error: type[MocapError], where: str) -> None:
     """Make sure that all numbers are finite and none is beyond what can be.
 

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.calibration.projection_matrix import split_projection
@@ -159,9 +159,10 @@ def numbers(value: Any, place: str) -> np.ndarray:
         array = array if shape is None else array.reshape(shape)
     except (TypeError, ValueError, OverflowError) as error:
         raise CalibrationInvalid("Numbers are expected where the file holds something else.", where=place) from error
-    if (np.abs(array) > FARTHEST_IN_UNITS).any():
+    largest = largest_finite(array)
+    if largest > FARTHEST_IN_UNITS:
         most = f"at most {FARTHEST_IN_UNITS:g} is possible"
-        raise CalibrationInvalid(f"The camera has a number of {np.nanmax(np.abs(array)):.3g}; {most}.", where=place)
+        raise CalibrationInvalid(f"The camera has a number of {largest:.3g}; {most}.", where=place)
     return array
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.exchange.plausible import FARTHEST_IN_UNITS
+from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.types import Cameras
 
 LARGEST_PICTURE = 1_000_000
@@ -47,7 +47,7 @@ class CameraEntry:
             CalibrationInvalid: one is larger than any length in any unit.
         """
         for name in ("K", "distortion", "R", "t"):
-            largest = np.abs(getattr(self, name)).max(initial=0.0)
+            largest = largest_finite(getattr(self, name))
             if largest > FARTHEST_IN_UNITS:
                 what = f"{name} holds {largest:.3g}; at most {FARTHEST_IN_UNITS:g} is possible."
                 raise CalibrationInvalid(what, where=f"camera {self.name}")

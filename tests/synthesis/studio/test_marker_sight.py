@@ -38,10 +38,10 @@ def test_sight_lines_see_what_the_picture_shows() -> None:
     )
     for shot in list_shots(spec):
         stage = set_up(spec, shot)
-        drawn = film(spec, stage, refuse).marker_seen
-        told = marker_sight(stage)
+        drawn = film(spec, stage, refuse)
+        shared = marker_sight(stage)
         assert 0.4 < (drawn > 0.5).mean() < 0.8
-        assert ((drawn > 0.5) == (told > 0.5)).mean() > 0.9
+        assert ((drawn > 0.5) == (shared > 0.5)).mean() > 0.9
 
 
 def test_a_marker_that_too_few_cameras_see_is_lost(tmp_path: Path) -> None:
