@@ -11,11 +11,13 @@ from array_api_compat import array_namespace
 from solver_backend.cameras.triangulation.detector_noise import flat_views, measure_noise
 from solver_backend.cameras.triangulation.point_refinement import CameraArrays, covariance_of, fit_points
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
+STAGE = "Triangulating"
 LARGEST_SIGMA_M = 0.3
 """A point less certain than this is no point."""
 _CHUNK = 32_000
@@ -49,6 +51,7 @@ def triangulate(
     xy: Float[Array, "views frames keypoints 2"],
     confidence: Float[Array, "views frames keypoints"],
     sigma_px: float | Float[Array, " ..."] | None = None,
+    progress: Progress = silent,
 ) -> Triangulation:
     """Locate keypoints seen by several views, rejecting views that do not agree.
 
@@ -66,6 +69,7 @@ def triangulate(
         confidence: (C, F, K), 0 where missing.
         sigma_px: standard deviation of a detection's coordinate in px, scalar or (K,); None measures it from how far
             the views disagree.
+        progress: called as blocks of frames are done.
 
     Returns:
         The triangulation; NaN where fewer than two views are usable or agree, or where the standard deviation along the
@@ -80,6 +84,7 @@ def triangulate(
     Reference: Geman and McClure 1987 (ρ); Huber 1967 (the covariance).
     """
     _check(cameras, xy, confidence)
+    progress(STAGE, 0, 1)
     xp = array_namespace(xy, confidence)
     arrays = CameraArrays.of(cameras, xy)
     frames, keypoints = int(xy.shape[1]), int(xy.shape[2])
@@ -89,7 +94,10 @@ def triangulate(
         sigma = constant(sigma_px, xy) * xp.ones_like(xy[0, 0, :, 0]) if frames else constant([1.0] * keypoints, xy)
     step = max(1, _CHUNK // max(1, int(xy.shape[0]) * keypoints))
     blocks = [slice(f, f + step) for f in range(0, max(frames, 1), step)]
-    parts = map_blocks(lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma), blocks, xy)
+    parts = map_blocks(
+        lambda f: _triangulate_frames(arrays, xy[:, f], confidence[:, f], sigma),
+        blocks, xy, lambda done: progress(STAGE, done, len(blocks)),
+    )  # fmt: skip
     points, covariance = (xp.concat([p[i] for p in parts], axis=0) for i in range(2))
     inliers, residual = (xp.concat([p[i] for p in parts], axis=1) for i in range(2, 4))
     return Triangulation(points, covariance, inliers, residual, sigma)

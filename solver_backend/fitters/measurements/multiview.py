@@ -46,9 +46,7 @@ def measure_views(
         NotSynchronised: see ``check_capture``.
     """
     cameras, keypoints = capture.require_multiview()
-    progress("Triangulating", 0, 1)
-    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence)
-    progress("Triangulating", 1, 1)
+    triangulation = triangulate(cameras, keypoints.xy, keypoints.confidence, progress=progress)
     checked = check_capture(capture, triangulation, progress, estimate_sync=estimate_sync, sync=sync)
     return measurements_of(checked.capture, checked.triangulation, body, like, checked.diagnostics)
 

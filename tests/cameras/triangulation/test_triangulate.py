@@ -156,6 +156,15 @@ def test_batch_equals_loop_and_chunks_do_not_show(monkeypatch):
         np.testing.assert_allclose(one.points[0], whole.points[f], atol=1e-9)
 
 
+def test_progress_is_shown_block_by_block(monkeypatch):
+    cameras = ring(4)
+    _, xy, confidence = record(cameras, 12, 5, 2.0)
+    monkeypatch.setattr(triangulation, "_CHUNK", 4 * 5 * 3)
+    shown = list[tuple[int, int]]()
+    triangulate(cameras, xy, confidence, 2.0, progress=lambda stage, done, total: shown.append((done, total)))
+    assert shown == [(0, 1), (1, 4), (2, 4), (3, 4), (4, 4)]
+
+
 def test_no_frames_and_no_detections():
     cameras = ring(3)
     empty = triangulate(cameras, np.zeros((3, 0, 4, 2)), np.zeros((3, 0, 4)))
