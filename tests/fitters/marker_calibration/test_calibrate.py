@@ -63,6 +63,7 @@ def test_poses_that_count_less_leave_markers_on_their_places(monkeypatch):
 
 def limited(monkeypatch, capture: Capture, limit: float) -> MarkerSubject:
     monkeypatch.setattr("solver_backend.fitters.marker_calibration.calibrate.SHAPE_LIMIT", limit)
+    monkeypatch.setattr("solver_backend.fitters.marker_calibration.calibrate.BEYOND_START", 0.0)
     return calibrate_person([capture])
 
 
