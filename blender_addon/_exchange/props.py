@@ -56,7 +56,9 @@ class Prop:
                 )
         for name, most in {"points": FARTHEST_M, "transl": FARTHEST_M, "rotvec": LARGEST_TURN, "seen": 255}.items():
             require_within(f"{name} of the prop '{self.name}'", getattr(self, name), most, MotionInvalid, "motion")
-        object.__setattr__(self, "seen", np.abs(self.seen).astype(np.uint8))
+        if (np.asarray(self.seen) < 0).any():
+            raise MotionInvalid(f"seen of the prop '{self.name}' holds a number below 0.", where="motion")
+        object.__setattr__(self, "seen", np.asarray(self.seen).astype(np.uint8))
 
     @property
     def markers(self) -> np.ndarray:

@@ -13,14 +13,18 @@ from threading import current_thread, main_thread
 from ..errors import BlenderMissing
 
 
-def require_blender(*, here: bool = True) -> None:
+def require_blender(*, here: bool = True, instead: str = "") -> None:
     """Check that this Python has Blender, and load it where this process is to use it.
+
+    Args:
+        here: this process uses it.
+        instead: what else the user can do.
 
     Raises:
         BlenderMissing: it has not.
     """
     if find_spec("bpy") is None:
-        hint = "Install the package 'bpy' into it."
+        hint = f"Install the package 'bpy' into it{instead and ', or '}{instead}."
         raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
     if here:
         with signals_wait():

@@ -2,24 +2,21 @@
 
 from __future__ import annotations
 
-import sys
 import time
 from dataclasses import dataclass, field
-from importlib.util import find_spec
 from pathlib import Path
 from typing import NotRequired
 
 from .._exchange.json_file import read_json_file
 from .._exchange.progress import Progress
 from .._exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
-from ..errors import BlenderMissing
 from .batch.dispatch import dispatch
 from .batch.record import TakeRecord
 from .batch.request import Spread
 from .batch.run_batch import engine_for
 from .batch.shots import Shots, digest_of, require_all
 from .batch.source import Listed
-from .blender_module import signals_wait
+from .blender_module import require_blender
 from .result import CommandResult
 from .solver import run_solver
 
@@ -140,10 +137,7 @@ def _in_colour(request: StudioRequest, given: list[str], made: DataSetPlan, prog
 
 
 def _require_engine(name: str) -> None:
-    if find_spec("bpy") is None:
-        hint = "Install the package 'bpy' into it, or film no 'rgb'."
-        raise BlenderMissing("This Python has no Blender module.", where=sys.executable, hint=hint)
-    with signals_wait():
-        from ..studio.engines import engine_id
+    require_blender(instead="film no 'rgb'")
+    from ..studio.engines import engine_id
 
     engine_id(name)

@@ -17,6 +17,8 @@ FARTHEST_IN_UNITS = 1e9
 """The same in a tenth of a millimetre, the smallest unit of files of any length unit."""
 FARTHEST_PX = 1e7
 """Pixels from a picture's corner; the largest pictures have a hundredth of that."""
+LONGEST_S = 1e5
+"""Of a recording, more than a day: nobody films so long, and milliseconds for seconds would take all memory."""
 LARGEST_BETA = 100.0
 """Standard deviations of people; nobody has more than 5."""
 LARGEST_TURN = 1000.0

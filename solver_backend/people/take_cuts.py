@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.people.detections import Detections
 from solver_backend.people.main_person import main_person
 from solver_backend.people.sightings import MIN_CONFIDENCE, MIN_POINTS
@@ -67,7 +68,7 @@ def _walked(points: np.ndarray) -> float:
     """Return how far keypoints (C, F, K, 2) move from a frame to the next in one frame of twenty; 0 of nothing."""
     moved = np.linalg.norm(np.diff(points, axis=1), axis=-1).swapaxes(0, 1).reshape(points.shape[1] - 1, -1)
     moved = moved[np.isfinite(moved).any(-1)]
-    return float(np.quantile(np.nanmedian(moved, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0
+    return float(np.quantile(quantile(moved, 0.5, axis=-1), FAR_QUANTILE)) if len(moved) else 0.0
 
 
 def report_cuts(cuts: list[int], num_frames: int) -> tuple[Diagnostic, ...]:

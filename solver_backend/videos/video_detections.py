@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
-from solver_backend.exchange.plausible import FARTHEST_PX, require_rate
+from solver_backend.exchange.plausible import FARTHEST_PX, LONGEST_S, require_rate
 from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
 from solver_backend.videos.files.probe import rate_of
@@ -20,10 +20,6 @@ _STORED = (
     "format", "version", "video", "video_hash", "detector", "joint_set", "size", "times_s", "xy", "confidence",
     "track", "hands",
 )  # fmt: skip
-
-
-_LONGEST_S = 1e5
-"""Of a video: more than a day."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +60,7 @@ class VideoDetections:
             raise CaptureInvalid("The pictures' times do not rise.", where=self.name, hint="Detect the video again.")
         if len(times) > 1:
             require_rate(self.fps if np.median(np.diff(times)) > 0 else np.inf, CaptureInvalid, self.name)
-        if times[-1] - times[0] > _LONGEST_S:
+        if times[-1] - times[0] > LONGEST_S:
             raise CaptureInvalid(f"The pictures span {times[-1] - times[0]:.3g} s.", where=self.name)
         missing = ~(np.abs(self.xy) <= FARTHEST_PX).all(-1) | ~(np.abs(self.confidence) <= FARTHEST_PX)
         if missing.any():

@@ -72,7 +72,9 @@ def test_they_are_exported_as_json(tmp_path: Path, motion: MotionFile, capsys: p
     assert "has no props" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("name", "number"), [("seen", np.nan), ("seen", 300.0), ("transl", 1e30), ("rotvec", 1e30)])
+@pytest.mark.parametrize(
+    ("name", "number"), [("seen", np.nan), ("seen", 300.0), ("seen", -3.0), ("transl", 1e30), ("rotvec", 1e30)]
+)
 def test_a_prop_that_cannot_be_is_named(name: str, number: float, motion: MotionFile) -> None:
     prop = motion.props[0]
     values = np.asarray(getattr(prop, name), np.float64).copy()

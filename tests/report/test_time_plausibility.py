@@ -12,7 +12,7 @@ from solver_backend.exchange.diagnostics import sentence
 from solver_backend.io.recognition.balance import BalancePoints
 from solver_backend.report.frame_rate.balance import G, rate_by_balance
 from solver_backend.report.frame_rate.flight import falls_of, rate_by_flight
-from solver_backend.report.frame_rate.steps import gait_of, rate_by_walk
+from solver_backend.report.frame_rate.steps import Gait, gait_of, rate_by_run, rate_by_walk
 from solver_backend.report.time_plausibility import CHANGE, frame_rate_plausibility, shown_rate
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, JointSet, Motion
@@ -70,6 +70,13 @@ def test_the_rate_of_a_jump_is_known_by_its_fall(stated: float, factor: float) -
     body = BalancePoints(centre, feet, 0.9)
     assert rate_by_flight(falls_of(body, np.ones(len(t)), FPS * stated), CHANGE) == factor
     assert len(falls_of(body, np.zeros(len(t)), FPS)) == 0  # a cartwheel
+
+
+def test_who_neither_falls_nor_rises_shows_no_rate() -> None:
+    assert rate_by_run(Gait(0, np.nan, np.nan, 4, 0.0, 0.3), CHANGE) is None
+    t = np.arange(120.0)
+    feet = np.stack([np.stack([0 * t, 0 * t, np.where((t > 40) & (t < 60), 0.5, 0.0)], axis=-1)] * 2)
+    assert len(falls_of(BalancePoints(np.zeros((120, 3)), feet, 0.9), np.ones(120), FPS)) == 0
 
 
 @pytest.mark.parametrize(("stated", "factor"), [(1.0, None), (2.0, 0.5), (0.5, 2.0)])

@@ -50,10 +50,10 @@ def falls_of(body: BalancePoints, upright: np.ndarray, fps: float) -> np.ndarray
 def _fall(height: np.ndarray, fps: float) -> list[float]:
     """Return the acceleration of a flight in g; nothing where it is no parabola."""
     t = (np.arange(len(height)) - 0.5 * (len(height) - 1)) / fps
-    parabola = np.polynomial.Polynomial.fit(t, height, 2).convert().coef
-    sag = -float(parabola[2]) * t[-1] ** 2
-    off = float(np.sqrt(np.mean((np.polynomial.Polynomial(parabola)(t) - height) ** 2)))
-    return [-2 * float(parabola[2]) / G] if sag > LEAST_SAG_M and off < MISFIT * sag else []
+    parabola = np.polyfit(t, height, 2)
+    sag = -float(parabola[0]) * t[-1] ** 2
+    off = float(np.sqrt(np.mean((np.polyval(parabola, t) - height) ** 2)))
+    return [-2 * float(parabola[0]) / G] if sag > LEAST_SAG_M and off < MISFIT * sag else []
 
 
 def rate_by_flight(falls: np.ndarray, change: float) -> float | None:

@@ -114,7 +114,7 @@ def rate_by_walk(gait: Gait, change: float) -> float | None:
 
 def rate_by_run(gait: Gait, change: float) -> float | None:
     """Return the same of a run."""
-    return _agreed(((1 / gait.fall, 2, (1 / RUN_FALLS[1], 1 / RUN_FALLS[0])), (gait.time, 1, RUN_TIMES)), change)
+    return _agreed(((gait.fall, -2, RUN_FALLS), (gait.time, 1, RUN_TIMES)), change)
 
 
 def _agreed(figures: Sequence[tuple[float, int, tuple[float, float]]], change: float) -> float | None:

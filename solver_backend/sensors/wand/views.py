@@ -8,14 +8,12 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.plausible import FARTHEST_M, FARTHEST_PX
+from solver_backend.exchange.plausible import FARTHEST_M, FARTHEST_PX, LONGEST_S
 from solver_backend.sensors.wand.errors import TimesInvalid
 from solver_backend.types.shapes import Bool, Float
 
 LARGEST_LEFT_OUT = 0.2
 """Share of a recording's rows whose times go back with which it is not used."""
-_LONGEST_S = 1e5
-"""Of a recording: more than a day. Nobody waves so long, and milliseconds for nanoseconds would take all memory."""
 
 
 @dataclass(frozen=True)
@@ -89,7 +87,7 @@ def with_growing_times(view: WandView) -> WandView:
             hint="If the sensor was started again, put each recording into its own file.",
         )  # fmt: skip
     first, last = times[good][[0, -1]].tolist()
-    if not last - first <= _LONGEST_S:
+    if not last - first <= LONGEST_S:
         raise TimesInvalid(
             f"The rows span {last - first:.3g} s.", where=f"sensor {view.name}", hint="Times are in nanoseconds."
         )
