@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from solver_backend.cli.outcome import Outcome, findings_data
-from solver_backend.exchange.diagnostics import sentence
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 
@@ -87,12 +88,23 @@ def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
             if moment.arrived - begin > args.seconds:
                 break
     counts = {name: end.written for name, end in chain.ends.items()}
+    findings += not_recorded(counts)
     lines = [f"  {name:<11} {end.written} frames, {end.dropped} dropped" for name, end in chain.ends.items()]
     lines += [f"  finding     {sentence(item)}" for item in findings]
     mean = sum(points) / max(len(points), 1)
     text = f"Infrared and depth of {len(oaks)} OAKs in {args.folder}, {mean:.1f} points a frame"
     data = {"recording": str(args.folder), "frames": counts, **findings_data(findings)}
     return Outcome("\n".join([text, *lines]), data)
+
+
+def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
+    """Return a warning of each camera of which no frame was recorded.
+
+    Args:
+        counts: frames recorded by camera.
+    """
+    reason = "no frame of it was recorded"
+    return [diagnostic("sensor_trouble", cameras=[name], reason=reason) for name, count in counts.items() if not count]
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.cli.oak_verbs import not_recorded
+from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import (
     BackendMissing,
     CalibrationMissing,
@@ -299,3 +301,9 @@ def test_the_colour_camera_is_set_and_its_loss_is_named(plugged_in: Callable[...
             next(found)
     assert module.asked("role") == [("master",)] and module.asked("setManualExposure") == [(4000, 800)]
     assert module.closed == 1
+
+
+def test_a_camera_of_which_no_frame_was_recorded_is_named() -> None:
+    (found,) = not_recorded({"left": 60, "right": 0})
+    assert sentence(found).startswith("Sensor right: no frame of it was recorded")
+    assert not not_recorded({"left": 60, "right": 1})
