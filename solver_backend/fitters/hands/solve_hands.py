@@ -48,16 +48,19 @@ class SolvedHands:
 def solve_hands(
     measurements: Measurements, solved: SolvedFrames, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
-    """Return the poses with arms and wrists that agree with the hands, and the hands; None without hand detections.
+    """Return the poses with arms and wrists that agree with the hands, and the hands; None where the take is too short.
+
+    A body without fingers has none either, which is reported.
 
     Args:
-        measurements: what the body was solved from.
+        measurements: what the body was solved from, with hands.
         solved: the body's poses.
         settings: as of the body.
         progress: called as the sides advance.
     """
     measured = measurements.hands
-    if measured is None or len(solved.frames.transl) < LEAST_FRAMES:
+    assert measured is not None
+    if len(solved.frames.transl) < LEAST_FRAMES:
         return solved, None
     try:
         body = with_fingers(solved.subject.body)
