@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.left_out import without_views
 from solver_backend.body.body import Body
 from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
-from solver_backend.cameras.view_checks.left_out import without_views
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION

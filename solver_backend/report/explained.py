@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
-from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
+from solver_backend.agreement.epipolar_fit import report_focal_lengths
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.diagnostics.diagnostic import Remedy
 from solver_backend.types import Capture

@@ -7,14 +7,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from solver_backend.agreement.detections import MIN_POINTS
+from solver_backend.agreement.left_out import left_out_views
 from solver_backend.cameras.projection import project
-from solver_backend.cameras.view_checks.left_out import left_out_views
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.world_check import LEG_SHARE
-from solver_backend.people.sightings import MIN_POINTS
 from solver_backend.report.floor_plausibility import floor_plausibility, joints_of, rests
 from solver_backend.report.marker_plausibility import centres_of, hips_never_move, marker_plausibility, of_markers
 from solver_backend.report.statistics import KeypointResiduals

@@ -12,8 +12,8 @@ from dataclasses import replace
 import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
+from solver_backend.agreement.synchronisation import estimate_delays
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks.synchronisation import estimate_delays
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.metric import Metric

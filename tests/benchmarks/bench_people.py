@@ -15,9 +15,9 @@ import numpy as np
 
 from research.simulation.benchmark import BenchmarkSettings
 from research.simulation.company import Crossing, crossing
+from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.fitters.pipeline import solve
 from solver_backend.metrics import mpjpe_mm
-from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Capture, Keypoints2D
 from tests.benchmarks.comparison.validation_takes import take_named
 from tests.benchmarks.kept_parts import kept

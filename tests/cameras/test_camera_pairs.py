@@ -8,10 +8,9 @@ from itertools import combinations
 import numpy as np
 import pytest
 
+from solver_backend.agreement.synchronisation import STAGE, estimate_delays
 from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks.epipolar_lags import STAGE
-from solver_backend.cameras.view_checks.synchronisation import estimate_delays
 from tests.support.many_views import ring, seen_by
 
 

@@ -8,13 +8,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement import calibration_fit, reading_scores
+from solver_backend.agreement.body_breadth import has_a_bodys_breadth, shoulders_of_leg
+from solver_backend.agreement.calibration_fit import fit_calibration
+from solver_backend.agreement.detections import Detections
 from solver_backend.cameras.camera_corrections import SHAPES, CameraCorrection, corrected
 from solver_backend.cameras.projection import project
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people import calibration_fit, reading_scores
-from solver_backend.people.body_breadth import has_a_bodys_breadth, shoulders_of_leg
-from solver_backend.people.calibration_fit import fit_calibration
-from solver_backend.people.detections import Detections
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.people.person_selection import select_people
+from solver_backend.agreement.person_selection import select_people
 from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker
 from tests.support.words import words

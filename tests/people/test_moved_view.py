@@ -7,11 +7,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.moved_view import agreement_if_turned, meeting_points
+from solver_backend.agreement.picture_shapes import NEARER, with_shapes
+from solver_backend.agreement.reading_scores import ReadingScores
 from solver_backend.cameras.camera_corrections import CameraCorrection
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.people.moved_view import agreement_if_turned, meeting_points
-from solver_backend.people.picture_shapes import NEARER, with_shapes
-from solver_backend.people.reading_scores import ReadingScores
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras
 

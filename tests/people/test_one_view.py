@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics.table import TABLE
 from solver_backend.exchange.errors import NoDetections
-from solver_backend.people.detections import Detections
-from solver_backend.people.one_view import select_in_one_view
 from solver_backend.types import JointSet
 from tests.support.one_view_situations import filmed_walk
 from tests.support.words import words

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 
 from research.simulation import bad_input
+from solver_backend.agreement.detections import Detections, sightings
+from solver_backend.agreement.person_selection import SelectedPerson, select_person
+from solver_backend.agreement.person_tracks import view_tracks
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections, TooFewViews
-from solver_backend.people.detections import Detections
-from solver_backend.people.person_selection import SelectedPerson, select_person
-from solver_backend.people.sightings import sightings
-from solver_backend.people.view_tracks import view_tracks
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.crowds import COCO, Scene, everywhere
 from tests.support.scenes import ring_of_cameras, walker

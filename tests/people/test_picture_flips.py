@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.calibration_fit import CalibrationFit, fit_calibration, views_agreement
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.handedness import handedness
+from solver_backend.agreement.picture_flips import FlipFound, PictureFlip, find_flip, flipped
 from solver_backend.cameras.camera_corrections import CameraCorrection
 from solver_backend.cameras.projection import project
-from solver_backend.people.calibration_fit import CalibrationFit, fit_calibration, views_agreement
-from solver_backend.people.detections import Detections
-from solver_backend.people.handedness import handedness
-from solver_backend.people.picture_flips import FlipFound, PictureFlip, find_flip, flipped
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras, JointSet
 from tests.support.scenes import ring_of_cameras

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.reading_scores import ReadingScores
 from solver_backend.cameras.camera_corrections import CameraCorrection
-from solver_backend.people.reading_scores import ReadingScores
 from solver_backend.synthesis.embedded.demo import demo_capture
 
 

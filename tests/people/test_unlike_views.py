@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.resampled import at_one_rate
+from solver_backend.agreement.unlike_views import explain_unlike, views_match
 from solver_backend.cameras.camera_corrections import CameraCorrection
-from solver_backend.people.detections import Detections
-from solver_backend.people.resampled import at_one_rate
-from solver_backend.people.unlike_views import explain_unlike, views_match
 from solver_backend.synthesis.embedded.demo import demo_capture
 
 CAMERAS, KEYPOINTS = demo_capture().require_multiview()

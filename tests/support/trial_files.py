@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import of_folder
-from solver_backend.people.detections import Detections
 from solver_backend.types import Cameras, JointSet
 from tests.support.calibration_files import toml_text
 from tests.support.scenes import detected, ring_of_cameras, walker

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.people.detections import Detections
+from solver_backend.agreement.detections import Detections
 from solver_backend.types import Keypoints2D
 
 JUMP = 0.5

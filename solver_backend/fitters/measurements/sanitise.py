@@ -7,17 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.bystanders import exclude_bystanders
+from solver_backend.agreement.label_swaps import undo_swaps
+from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, skipped_frames, without_repeats
+from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
+from solver_backend.agreement.view_faults import Mirrored, NamedLike
+from solver_backend.agreement.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.cameras.view_checks.label_swaps import undo_swaps
-from solver_backend.cameras.view_checks.repeated_frames import (
-    LEAST_REPEATED,
-    repeated_frames,
-    skipped_frames,
-    without_repeats,
-)
-from solver_backend.cameras.view_checks.synchronisation import LEAST_FRAMES, estimate_delays, synchronised
-from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike
-from solver_backend.cameras.view_checks.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.diagnostics.wording import sentence
 from solver_backend.exchange.errors import NotSynchronised
@@ -25,7 +21,6 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
 from solver_backend.fitters.measurements.base import seen_frames
 from solver_backend.geometry.runs import true_runs
-from solver_backend.people.bystanders import exclude_bystanders
 from solver_backend.types import Cameras, Capture, Keypoints2D
 
 STAGE = "Checking the cameras"

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
+from solver_backend.agreement.repeated_frames import LEAST_REPEATED, repeated_frames, without_repeats
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import Keypoints2D

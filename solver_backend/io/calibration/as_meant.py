@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+from solver_backend.agreement.calibration_fit import CalibrationFit, fit_calibration
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.calibration.units import UNIT_ASSUMED
 from solver_backend.io.recognition.person_unit import unit_by_person
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.people.calibration_fit import CalibrationFit, fit_calibration
-from solver_backend.people.detections import Detections
 
 
 def as_meant(calibration: Calibration, detections: Detections, up_axis: str | None = None) -> Calibration:

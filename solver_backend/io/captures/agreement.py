@@ -7,6 +7,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.calibration_fit import AGREES, CalibrationFit
+from solver_backend.agreement.camera_assignment import assigned_by_views
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.picture_flips import find_flip, flipped
+from solver_backend.agreement.rates_by_length import rates_by_length
+from solver_backend.agreement.resampled import at_one_rate
+from solver_backend.agreement.unlike_views import ViewReading, explain_unlike, views_match
 from solver_backend.cameras.camera_corrections import corrected
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.solve_settings import SYNC_OFF
@@ -16,13 +23,6 @@ from solver_backend.io.captures.frame_rates import of_the_take, other_rates, sta
 from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.start_times import InTime, as_numbered, bring_to_one_time
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
-from solver_backend.people.calibration_fit import AGREES, CalibrationFit
-from solver_backend.people.camera_assignment import assigned_by_views
-from solver_backend.people.detections import Detections
-from solver_backend.people.picture_flips import find_flip, flipped
-from solver_backend.people.rates_by_length import rates_by_length
-from solver_backend.people.resampled import at_one_rate
-from solver_backend.people.unlike_views import ViewReading, explain_unlike, views_match
 
 
 @dataclass(frozen=True)

@@ -9,9 +9,13 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.epipolar_fit import ComparedViews
-from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
-from solver_backend.cameras.view_checks.undistorted_pixels import report_undistorted
+from solver_backend.agreement.calibration_fit import views_agreement
+from solver_backend.agreement.camera_assignment import assigned_by_views
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.epipolar_fit import ComparedViews, report_focal_lengths, report_undistorted
+from solver_backend.agreement.one_view import select_in_one_view
+from solver_backend.agreement.person_selection import SelectedPerson, select_people
+from solver_backend.agreement.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
@@ -28,12 +32,6 @@ from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels
 from solver_backend.io.recognition.start_times import as_numbered, reads_apart
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.calibration_fit import views_agreement
-from solver_backend.people.camera_assignment import assigned_by_views
-from solver_backend.people.detections import Detections
-from solver_backend.people.one_view import select_in_one_view
-from solver_backend.people.person_selection import SelectedPerson, select_people
-from solver_backend.people.take_cuts import report_cuts, report_order, take_cuts
 from solver_backend.types import Cameras, Capture, PersonInViews
 
 DEFAULT_FPS = 60.0

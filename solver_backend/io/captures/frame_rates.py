@@ -6,8 +6,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.people.detections import Detections
 
 OTHER_RATE = 0.01
 """Share by which frame rates differ that are not the same: 59.94 is 60."""

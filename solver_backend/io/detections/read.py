@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
@@ -22,7 +23,6 @@ from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import counted_together, shared_range
 from solver_backend.io.recognition.joint_sets import HANDS_ALONE, choose_joint_set, require_known_count
 from solver_backend.io.recognition.placeholders import placeholder
-from solver_backend.people.detections import Detections
 from solver_backend.types import JointSet, OwnPoint
 
 MAX_PEOPLE = 12

@@ -9,12 +9,12 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.footage.mp4 import VideoHeader, read_video_header
 from solver_backend.io.recognition.camera_names import name_key, natural_key
-from solver_backend.people.detections import Detections
 
 VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
 IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

@@ -6,14 +6,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.body_breadth import in_a_room
+from solver_backend.agreement.detections import Detections, compared_keypoints, main_person, well_seen_frames
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.io.recognition.length_unit import METRES
 from solver_backend.io.recognition.world_check import LEG_SHARE
-from solver_backend.people.body_breadth import in_a_room
-from solver_backend.people.detections import Detections
-from solver_backend.people.main_person import main_person, well_seen_frames
-from solver_backend.people.sightings import compared_keypoints
 from solver_backend.types import Cameras
 
 STATURES_M = (1.25, 2.15)

@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.people.detections import Detections
 
 _LARGEST = 2.0
 """Shares lie in 0..1, a little beyond for what is out of the picture; a person two pixels large is none."""

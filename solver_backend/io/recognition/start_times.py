@@ -7,6 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.camera_starts import CameraStarts, StartEvidence, align_rows, common_rows, find_starts
+from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, word
 from solver_backend.exchange.errors import JobInvalid, NotSynchronised
 from solver_backend.exchange.solve_settings import SYNC_OFF, SYNC_ON
@@ -15,9 +17,6 @@ from solver_backend.io.reader import ReadOptions
 from solver_backend.io.recognition.camera_names import listing, name_key
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.frame_numbers import different_frames
-from solver_backend.people.camera_starts import CameraStarts, StartEvidence, find_starts
-from solver_backend.people.common_time import align_rows, common_rows
-from solver_backend.people.detections import Detections
 from solver_backend.types import Cameras, Capture, stacked_hands
 
 SOLVED_S, SOLVED_FRAMES = 0.2, 10

@@ -7,6 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.cameras.camera_corrections import unrolled
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
@@ -21,7 +22,6 @@ from solver_backend.io.recognition.world_check import (
     check_world,
     nothing_checked,
 )
-from solver_backend.people.person_selection import SelectedPerson
 from solver_backend.types import Cameras, Keypoints2D
 
 SURELY_UPRIGHT = np.cos(np.radians(6.0))

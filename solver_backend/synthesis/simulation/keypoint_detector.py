@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.label_swaps import EXCHANGED, limb_columns
+from solver_backend.agreement.label_swaps import EXCHANGED, limb_columns
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive, bursts
 from solver_backend.synthesis.faults import DetectorFaults
 from solver_backend.types import JointSet

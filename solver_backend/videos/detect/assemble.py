@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.one_view import select_in_one_view
+from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
@@ -17,9 +20,6 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.recognition.world_fit import find_people, fit_world
-from solver_backend.people.detections import Detections
-from solver_backend.people.one_view import select_in_one_view
-from solver_backend.people.person_selection import SelectedPerson, select_people
 from solver_backend.types import Cameras, Capture, Keypoints2D
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.resample import at_times, common_times

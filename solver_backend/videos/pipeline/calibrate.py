@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
+from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
 from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
@@ -21,7 +22,6 @@ from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvali
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
 from solver_backend.io.recognition.one_camera import stand_camera
-from solver_backend.people.one_view import select_in_one_view
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import assembled, everybody
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake

@@ -6,12 +6,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.agreement.synchronisation import (
+    BLOCKS,
+    DelayStep,
+    delay_step,
+    place_in_take,
+    smoothed_tracks,
+    whole_lags,
+)
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.refinement import refined_cameras
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks.epipolar_lags import whole_lags
-from solver_backend.cameras.view_checks.joint_delays import BLOCKS, DelayStep, delay_step
-from solver_backend.cameras.view_checks.synchronisation import place_in_take, smoothed_tracks
 from solver_backend.types import FEET, LIMBS, Cameras, JointSet
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.convolution import convolved

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.cameras.view_checks.epipolar_fit import compared_points, distances, fit_epipolar, pixels_a_direction
+from solver_backend.agreement.epipolar_fit import compared_points, distances, fit_epipolar, pixels_a_direction
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Cameras
 

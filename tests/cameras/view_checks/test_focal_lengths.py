@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.cameras.view_checks.focal_lengths import report_focal_lengths
+from solver_backend.agreement.epipolar_fit import report_focal_lengths
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.simulation.camera_errors import miscalibrated
 from solver_backend.types import Cameras, Keypoints2D

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.cameras.view_checks.left_out import without_views
+from solver_backend.agreement.left_out import without_views
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.settings import SolveSettings

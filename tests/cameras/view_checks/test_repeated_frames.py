@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from solver_backend.cameras.view_checks.repeated_frames import LONGEST, repeated_frames, skipped_frames, without_repeats
+from solver_backend.agreement.repeated_frames import LONGEST, repeated_frames, skipped_frames, without_repeats
 from solver_backend.types import JointSet, Keypoints2D
 
 FRAMES = 40

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.agreement import synchronisation
+from solver_backend.agreement.synchronisation import delay_step, estimate_delays, synchronised
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.cameras.view_checks import joint_delays
-from solver_backend.cameras.view_checks.joint_delays import delay_step
-from solver_backend.cameras.view_checks.synchronisation import estimate_delays, synchronised
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.detector import detect
 from solver_backend.synthesis.faults import DEMO_DETECTOR
@@ -106,7 +105,7 @@ def test_views_in_several_parts_give_the_same_step(monkeypatch: pytest.MonkeyPat
     xy[rng.uniform(size=xy.shape[:3]) < 0.1] = np.nan
     given = (cameras, xy, velocity, points, np.linspace(-1.0, 1.0, 40), np.full(13, 3.0))
     whole = delay_step(*given, drifting=drifting)
-    monkeypatch.setattr(joint_delays, "MOST_NUMBERS", 20_000)
+    monkeypatch.setattr(synchronisation, "MOST_NUMBERS", 20_000)
     parts = delay_step(*given, drifting=drifting)
     for name in ("delay", "drift", "sigma", "drift_sigma", "points"):
         assert np.allclose(getattr(whole, name), getattr(parts, name), rtol=1e-9, atol=1e-12)

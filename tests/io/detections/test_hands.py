@@ -11,18 +11,17 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.cameras.view_checks.repeated_frames import without_repeats
-from solver_backend.cameras.view_checks.synchronisation import synchronised
-from solver_backend.cameras.view_checks.view_consistency import ViewRange
-from solver_backend.cameras.view_checks.view_faults import Mirrored, NamedLike, Rotated
+from solver_backend.agreement.camera_starts import align_rows
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.repeated_frames import without_repeats
+from solver_backend.agreement.synchronisation import synchronised
+from solver_backend.agreement.view_faults import Mirrored, NamedLike, Rotated, ViewRange
 from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, NonFiniteData
 from solver_backend.exchange.hand_points import HAND_POINTS
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
-from solver_backend.people.common_time import align_rows
-from solver_backend.people.detections import Detections
 from solver_backend.types import Capture, JointSet, Keypoints2D, PersonInViews
 from tests.support.scenes import detected, ring_of_cameras, small_capture, walker
 from tests.support.trial_files import write_trial

@@ -7,8 +7,8 @@ import pytest
 
 from research.simulation.benchmark import BenchmarkSettings
 from research.simulation.company import PASSING_M, crossing
+from solver_backend.agreement.person_selection import select_people
 from solver_backend.exchange.errors import TakeTooShort
-from solver_backend.people.person_selection import select_people
 from solver_backend.synthesis.simulation.cast import Take
 from tests.support.walking_take import walk
 

@@ -1,0 +1,225 @@
+"""Left and right limbs that the detector exchanged in one view for a while: found by other views and time, undone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.agreement.view_faults import CheckedViews, best_states, view_runs
+from solver_backend.cameras.triangulation.leave_one_out import Predictions, predict_views
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.types import FEET, LIMBS, Cameras, JointSet, Keypoints2D
+
+EXCHANGED = {"arms": LIMBS["arms"], "legs": LIMBS["legs"] + FEET}
+"""Keypoints that a detector exchanges together."""
+ROBUST_SIGMAS = 3.0
+"""Scale of the Geman-McClure penalty of a distance."""
+VIEWS_WEIGHT = 0.3
+"""Weight of a frame's distances to the other views: a detector's errors are alike in neighbouring frames."""
+STEP_PX_SHARE = 0.004
+"""A keypoint's usual way from frame to frame at 60 fps as a share of the image width."""
+SWITCH_COST = 6.0
+"""Cost of an exchange that begins or ends."""
+STATE_COST = 0.1
+"""Cost of each frame in which a pair of limbs is exchanged."""
+LEAST_GAIN = 10.0
+"""Gain in cost below which an exchange is left alone."""
+ROUNDS = 4
+"""Rounds of exchange at most; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class LabelSwap:
+    """An exchange of left and right that was undone."""
+
+    view: int
+    """Index of the camera."""
+    limb: str
+    """'arms' or 'legs'."""
+    first: int
+    """First exchanged frame."""
+    last: int
+    """Last exchanged frame."""
+    gain: float
+    """By how much the frames' cost fell: twice the logarithm of a likelihood ratio, roughly."""
+
+
+def undo_swaps(cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation) -> CheckedViews[LabelSwap]:
+    """Find and undo exchanges of left and right limbs in single views.
+
+    For each view and pair of limbs a two-state Markov chain runs over the frames. Its states are weighed by how far the
+    detections are from where the other views expect them, its transitions by the way the detections would jump. Of
+    exchanges that overlap in several views the one that explains most is undone first, and the others are evaluated
+    anew. What was found is in the order of view, limb and frame.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+        triangulation: of these detections.
+
+    Reference: Viterbi 1967 (the best states of a chain).
+    """
+    found: list[LabelSwap] = []
+    predictions = _predictions(cameras, keypoints, triangulation, np.arange(keypoints.num_frames))
+    for _ in range(ROUNDS):
+        swaps = _foremost(_candidates(cameras, keypoints, predictions))
+        if not swaps:
+            break
+        keypoints = exchanged(keypoints, swaps)
+        triangulation = _again(cameras, keypoints, triangulation, swaps)
+        changed = np.flatnonzero(_frames_of(swaps, keypoints.num_frames))
+        anew = _predictions(cameras, keypoints, triangulation, changed)
+        predictions.px[:, changed], predictions.covariance[:, changed] = anew.px, anew.covariance
+        found += swaps
+    return CheckedViews(keypoints, triangulation, tuple(sorted(found, key=lambda s: (s.view, s.limb, s.first))))
+
+
+def _predictions(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, frames: np.ndarray
+) -> Predictions:
+    """Return where each view should see the limbs in these frames, in the order of ``_columns``."""
+    columns = _columns(keypoints.joint_set)
+    limbs = triangulation.of_keypoints(columns)
+    return predict_views(cameras, keypoints.xy[:, :, columns], keypoints.confidence[:, :, columns], limbs, frames)
+
+
+def _columns(joint_set: JointSet) -> np.ndarray:
+    """Return the columns of all limbs, rising."""
+    return np.sort(np.concatenate([side for limb in EXCHANGED for side in limb_columns(joint_set, limb)]))
+
+
+def _frames_of(swaps: list[LabelSwap], num_frames: int) -> np.ndarray:
+    """Return (F,) bool: the frame is in one of these exchanges."""
+    inside = np.zeros(num_frames, bool)
+    for swap in swaps:
+        inside[swap.first : swap.last + 1] = True
+    return inside
+
+
+def exchanged(keypoints: Keypoints2D, swaps: list[LabelSwap]) -> Keypoints2D:
+    """Return the detections with left and right exchanged where these swaps are."""
+    xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+    for swap in swaps:
+        left, right = limb_columns(keypoints.joint_set, swap.limb)
+        to, source = np.r_[left, right], np.r_[right, left]
+        frames = slice(swap.first, swap.last + 1)
+        xy[swap.view, frames, to] = keypoints.xy[swap.view, frames, source]
+        confidence[swap.view, frames, to] = keypoints.confidence[swap.view, frames, source]
+    return replace(keypoints, xy=xy, confidence=confidence)
+
+
+def limb_columns(joint_set: JointSet, limb: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the columns of the left and of the right keypoints of a pair of limbs."""
+    names, mirrored = joint_set.keypoints, joint_set.mirrored()
+    left = [k for k, name in enumerate(names) if name.startswith("left_") and name[5:] in EXCHANGED[limb]]
+    return np.array(left, dtype=int), np.array([mirrored[k] for k in left], dtype=int)
+
+
+def _candidates(cameras: Cameras, keypoints: Keypoints2D, predictions: Predictions) -> list[LabelSwap]:
+    """Return every exchange that some view's best states hold, evaluated as if the other views were right."""
+    columns = _columns(keypoints.joint_set)
+    step_px = STEP_PX_SHARE * cameras.image_size[:, 0] * (60.0 / keypoints.fps)
+    found = []
+    for limb in EXCHANGED:
+        left, right = limb_columns(keypoints.joint_set, limb)
+        if not len(left):
+            continue
+        a, b = keypoints.xy[:, :, left], keypoints.xy[:, :, right]
+        at = np.searchsorted(columns, left), np.searchsorted(columns, right)
+        unary = VIEWS_WEIGHT * _against_views(a, b, predictions, *at)
+        unary[..., 1] += STATE_COST
+        transition = _over_time(a, b, step_px)
+        states = best_states(unary, transition)
+        for view, first, last in view_runs(states):
+            gain = _gain(unary[view], transition[view], first, last)
+            if gain >= LEAST_GAIN:
+                found.append(LabelSwap(view, limb, first, last, gain))
+    return found
+
+
+def _against_views(
+    a: np.ndarray, b: np.ndarray, predictions: Predictions, left: np.ndarray, right: np.ndarray
+) -> np.ndarray:
+    """Return (C, F, 2) the cost of left and right as labelled and exchanged, by their distance to the predictions.
+
+    The distance is Mahalanobis' (1936), ``dᵀ C⁻¹ d`` with d in px. Both sides are measured with the mean of their
+    covariances, so that an uncertain side attracts nothing.
+    """
+    px, covariance = predictions.px, predictions.covariance
+    spread = 0.5 * (covariance[:, :, left] + covariance[:, :, right])
+    xx, xy, yy = spread[..., 0, 0], spread[..., 0, 1], spread[..., 1, 1]
+    determinant = xx * yy - xy * xy
+
+    def cost(detected: np.ndarray, columns: np.ndarray) -> np.ndarray:
+        x, y = np.moveaxis(detected - px[:, :, columns], -1, 0)
+        return _penalty((yy * x * x - 2.0 * xy * x * y + xx * y * y) / determinant)
+
+    kept, crossed = (cost(a, left), cost(b, right)), (cost(a, right), cost(b, left))
+    comparable = [np.isfinite(one) & np.isfinite(other) for one, other in zip(kept, crossed, strict=True)]
+    return np.stack(
+        [
+            sum(np.where(both, value, 0.0).sum(-1) for value, both in zip(costs, comparable, strict=True))
+            for costs in (kept, crossed)
+        ],
+        axis=-1,
+    )
+
+
+def _over_time(a: np.ndarray, b: np.ndarray, step_px: np.ndarray) -> np.ndarray:
+    """Return (C, F, 2, 2) the cost of the states of two neighbouring frames, by the way the detections go."""
+    scale = step_px[:, None, None]
+
+    def cost(after: np.ndarray, before: np.ndarray) -> np.ndarray:
+        return _penalty((((after[:, 1:] - before[:, :-1]) / scale[..., None]) ** 2).sum(-1))
+
+    stay, cross = (cost(a, a), cost(b, b)), (cost(a, b), cost(b, a))
+    comparable = [np.isfinite(one) & np.isfinite(other) for one, other in zip(stay, cross, strict=True)]
+    same, other = (
+        sum(np.where(both, value, 0.0).sum(-1) for value, both in zip(costs, comparable, strict=True))
+        for costs in (stay, cross)
+    )
+    result = np.zeros((*a.shape[:2], 2, 2))
+    result[:, 1:, 0, 0] = result[:, 1:, 1, 1] = same
+    result[:, 1:, 0, 1] = result[:, 1:, 1, 0] = other + SWITCH_COST
+    return result
+
+
+def _penalty(squared: np.ndarray) -> np.ndarray:
+    """Return ``½ s² r² / (r² + s²)`` of squared distances r² in variances (Geman and McClure 1987)."""
+    scale = ROBUST_SIGMAS**2
+    return 0.5 * scale * squared / (squared + scale)
+
+
+def _gain(unary: np.ndarray, transition: np.ndarray, first: int, last: int) -> float:
+    """Return by how much a run of exchanged frames lowers a view's cost."""
+    gain = (unary[first : last + 1, 0] - unary[first : last + 1, 1]).sum()
+    gain += transition[first, 0, 0] - transition[first, 0, 1] if first else 0.0
+    gain += transition[last + 1, 0, 0] - transition[last + 1, 1, 0] if last + 1 < len(transition) else 0.0
+    return float(gain)
+
+
+def _foremost(candidates: list[LabelSwap]) -> list[LabelSwap]:
+    """Return the exchanges that no better one of the same limbs overlaps in another view."""
+    chosen: list[LabelSwap] = []
+    for swap in sorted(candidates, key=lambda s: -s.gain):
+        rivals = (c for c in chosen if c.limb == swap.limb and c.view != swap.view)
+        if all(swap.last < rival.first or rival.last < swap.first for rival in rivals):
+            chosen.append(swap)
+    return chosen
+
+
+def _again(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, swaps: list[LabelSwap]
+) -> Triangulation:
+    """Return the triangulation with the exchanged limbs computed anew."""
+    points, covariance = triangulation.points.copy(), triangulation.covariance.copy()
+    inliers, residual = triangulation.inliers.copy(), triangulation.residual_px.copy()
+    for limb in EXCHANGED:
+        columns = np.concatenate(limb_columns(keypoints.joint_set, limb))
+        frames = np.flatnonzero(_frames_of([swap for swap in swaps if swap.limb == limb], keypoints.num_frames))
+        at, of = np.ix_(frames, columns), (slice(None), frames[:, None], columns)
+        part = triangulate(cameras, keypoints.xy[of], keypoints.confidence[of], triangulation.sigma_px[columns])
+        points[at], covariance[at] = part.points, part.covariance
+        inliers[of], residual[of] = part.inliers, part.residual_px
+    return Triangulation(points, covariance, inliers, residual, triangulation.sigma_px)

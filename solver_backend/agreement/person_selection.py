@@ -1,0 +1,392 @@
+"""The detections of each person in every view, what was left out, and what is doubtful."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.agreement.detections import Detections, Sightings, sightings
+from solver_backend.agreement.person_tracks import assigned_exclusively, concatenated, persons, view_tracks
+from solver_backend.agreement.view_agreement import TOLERANCE_M, PeopleInSpace, candidates, detection_distances
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import NoDetections, TooFewViews
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.types import Cameras, Keypoints2D
+
+REACH_S = 0.25
+"""A person that fewer than two views agree on is expected where they were, and will be, within this time."""
+SEPARATE_M = 0.3
+"""Two people in space whose common keypoints are this far apart are different people."""
+
+USUAL_TIMES = 4.0
+"""A detection further off than this many times the median is not the person ..."""
+CLOSEST_M = 0.04
+"""... but nearer than this it may always be."""
+ALONE_SHARE, STRANGE_SHARE = 0.95, 0.2
+"""A view that sees one person in so many frames, accepted in fewer than so many, is itself in doubt."""
+TRUSTED_SHARE = 0.5
+"""Share of a view's track that must be the person for any of it to be ..."""
+SURE_SHARE = 0.8
+"""... and share from which detections that are further off than usual are believed too."""
+
+
+@dataclass(frozen=True)
+class FollowedPeople:
+    """Everybody in space, followed over the take."""
+
+    seen: Sightings
+    """All detections, without lens distortion."""
+    tracks: np.ndarray
+    """(C, F, P) number of the view's own track each detection belongs to."""
+    people: PeopleInSpace
+    """Everybody in space."""
+    rows: list[np.ndarray]
+    """The rows of ``people`` of each person, the most agreed on first."""
+
+
+@dataclass(frozen=True)
+class FoundPerson:
+    """The person among everybody's detections."""
+
+    people: PeopleInSpace
+    """Everybody in space."""
+    rows: list[np.ndarray]
+    """The rows of ``people`` of each person, the chosen one first."""
+    accepted: np.ndarray
+    """(C, F, P) whether a detection is the person."""
+    fit: np.ndarray
+    """(C, F, P) how many keypoints of each lie where the person's are expected."""
+
+
+def find_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FoundPerson:
+    """Find the detections that are the person that most views agree on over the take.
+
+    In each frame the detections of all views are grouped into people in space; these are tracked, and the person with
+    the most agreement is chosen.
+
+    Args:
+        cameras: C cameras in the order of the detections' views.
+        detections: everybody in every view.
+        fps: frames per second.
+        progress: called with how many frames were compared.
+
+    Raises:
+        NoDetections, TooFewViews: see ``select_person``.
+    """
+    followed = follow_people(cameras, detections, fps, progress)
+    accepted, fit = detections_of(followed, 0, detections, fps)
+    return FoundPerson(followed.people, followed.rows, accepted, fit)
+
+
+def follow_people(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> FollowedPeople:
+    """Group the detections of all views into people in space, frame by frame, and follow these over the take.
+
+    Args and raises: those of ``find_person``.
+    """
+    _require_two_views(detections)
+    seen = sightings(cameras, detections)
+    tracks = view_tracks(seen)
+    blocks: list[PeopleInSpace] = []
+    for done, block in candidates(seen):
+        blocks.append(block)
+        progress("Comparing the views", done, detections.num_frames)
+    people = assigned_exclusively(concatenated(blocks), tracks)
+    found = persons(people, tracks, fps)
+    if not found:
+        raise NoDetections(
+            f"No two views agree on anybody: no detections of two cameras meet within {TOLERANCE_M} m.",
+            where=", ".join(cameras.names),
+            hint="Check that calibration and recording belong together, which camera has which name, its unit, "
+            "and that cameras are synchronised.",
+        )
+    return FollowedPeople(seen, tracks, people, found)
+
+
+def detections_of(
+    followed: FollowedPeople, person: int, detections: Detections, fps: float
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C, F, P) which detections are a person, and how many keypoints of each lie where that person's are.
+
+    Args:
+        followed: everybody.
+        person: index into ``followed.rows``.
+        detections: everybody in every view.
+        fps: frames per second.
+    """
+    rows = followed.rows[person]
+    points, near = _expected_points(followed.people, rows, detections.num_frames, fps)
+    others = _claimed_by_others(followed.people, rows, points, detections)
+    return _accepted(followed.seen, points, near, others, followed.tracks)
+
+
+def doubtful_views(detections: Detections, accepted: np.ndarray) -> np.ndarray:
+    """Return the views that see one person alone, who is hardly ever accepted: the view itself is in doubt."""
+    people = detections.people()
+    seen = (people > 0).sum(1)
+    alone = (people == 1).sum(1) >= ALONE_SHARE * seen
+    hardly = accepted.any(-1).sum(1) < STRANGE_SHARE * seen
+    return np.flatnonzero(alone & hardly & (seen > 0)) if len(people) > 2 else np.zeros(0, int)
+
+
+def _require_two_views(detections: Detections) -> None:
+    with_people = (detections.people() > 0).any(axis=1)
+    if not with_people.any():
+        raise NoDetections(
+            "Every confidence is zero: nobody was detected.", hint="Run the detector again or choose other files."
+        )
+    if with_people.sum() < 2:
+        names = ", ".join(np.array(detections.cameras)[with_people])
+        raise TooFewViews(
+            f"Only {names} of {len(detections.cameras)} cameras has detections; two are needed.",
+            hint="Add the detections of another camera.",
+        )
+
+
+def _expected_points(people: PeopleInSpace, rows: np.ndarray, frames: int, fps: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return where the person's keypoints are, (F, J, 3) interpolated in time, and (F,) where that is known."""
+    known_frames = people.frame[rows]
+    every = np.arange(frames)
+    points = np.full((frames, *people.points.shape[1:]), np.nan)
+    for j in range(points.shape[1]):
+        good = np.isfinite(people.points[rows, j, 0])
+        at = known_frames[good]
+        if not len(at):
+            continue
+        after = np.clip(np.searchsorted(at, every), 0, len(at) - 1)
+        before = np.maximum(after - 1, 0)
+        distance = np.minimum(np.abs(at[after] - every), np.abs(at[before] - every))
+        track = np.stack([np.interp(every, at, people.points[rows[good], j, axis]) for axis in range(3)], axis=-1)
+        points[:, j] = np.where((distance <= REACH_S * fps)[:, None], track, np.nan)
+    return points, np.isfinite(points[..., 0]).any(axis=1)
+
+
+def _claimed_by_others(
+    people: PeopleInSpace, rows: np.ndarray, points: np.ndarray, detections: Detections
+) -> np.ndarray:
+    """Return (C, F, P) whether a detection belongs to people in space who stand apart from the person."""
+    claimed = np.zeros(detections.confidence.shape[:3], bool)
+    other = np.setdiff1d(np.arange(len(people.frame)), rows)
+    apart = np.linalg.norm(people.points[other] - points[people.frame[other]], axis=-1)
+    common = np.isfinite(apart)
+    mean = np.where(common, apart, 0.0).sum(1) / np.maximum(common.sum(1), 1)
+    for row in other[(mean > SEPARATE_M) | ~common.any(1)]:
+        views = np.flatnonzero(people.members[row] >= 0)
+        claimed[views, people.frame[row], people.members[row, views]] = True
+    return claimed
+
+
+def _accepted(
+    seen: Sightings, points: np.ndarray, near: np.ndarray, others: np.ndarray, tracks: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C, F, P) which detections are the person, and how many keypoints each has where expected.
+
+    A detection is the person if its keypoints lie where the person's are, as closely as is usual in this recording,
+    and if that holds for most of the view's own track it belongs to: someone who passes behind the person keeps their
+    track, and is known by the rest of it.
+    """
+    frames = np.flatnonzero(near)
+    distance, fit = np.full(others.shape, np.inf), np.zeros(others.shape)
+    for c in range(len(seen.cameras)):
+        fit[c, frames], distance[c, frames], _ = detection_distances(seen, c, frames, points[frames])
+    usual = distance.min(axis=-1)
+    usual = usual[usual < TOLERANCE_M]
+    tolerance = min(TOLERANCE_M, max(CLOSEST_M, USUAL_TIMES * float(np.median(usual)))) if usual.size else 0.0
+    close = (distance < tolerance) & ~others
+    counted = (tracks >= 0) & near[None, :, None]
+    size = int(tracks.max()) + 1
+    seen_often = np.bincount(tracks[counted], minlength=size)
+    right_often = np.bincount(tracks[counted], weights=close[counted].astype(float), minlength=size)
+    share = np.where(tracks >= 0, (right_often / np.maximum(seen_often, 1))[np.maximum(tracks, 0)], 0.0)
+    accepted = (close & (share >= TRUSTED_SHARE)) | ((distance < TOLERANCE_M) & ~others & (share >= SURE_SHARE))
+    return accepted, fit
+
+
+LEAST_S = 0.5
+"""Somebody that two views agree on for less than this, and for less than half of a shorter take, is not listed."""
+LEAST_AGREEMENT = 0.4
+"""Mean over a person's views of 1 - distance / tolerance: rays of different people meet by chance, hardly so well."""
+USUAL_NAME = "Person {}"
+"""What people are called until somebody names them, by the number of views and frames that agree on them."""
+
+
+@dataclass(frozen=True)
+class SeenPerson:
+    """One of the people in a recording."""
+
+    name: str
+    """What they are called."""
+    accepted: np.ndarray
+    """(C, F, P) which detections are theirs; no detection is two people's."""
+    fit: np.ndarray
+    """(C, F, P) how many keypoints of each lie where theirs are expected."""
+    rows: np.ndarray
+    """Which of the people in space they are."""
+
+
+def everybody_seen(followed: FollowedPeople, detections: Detections, fps: float) -> tuple[SeenPerson, ...]:
+    """Return everybody that two or more views see for long enough, the most agreed on first.
+
+    A detection that lies where two people are expected, as when they embrace, goes to the one that it fits better.
+
+    Args:
+        followed: people followed through space, see ``follow_people``; the first is always among those returned.
+        detections: everybody in every view.
+        fps: frames per second.
+    """
+    least = min(LEAST_S * fps, 0.5 * detections.num_frames)
+    kept = [i for i, rows in enumerate(followed.rows) if i == 0 or _is_somebody(followed, rows, least)]
+    found = [detections_of(followed, i, detections, fps) for i in kept]
+    fit = np.stack([np.where(accepted, fit, -1.0) for accepted, fit in found])
+    best = fit.argmax(axis=0)
+    return tuple(
+        SeenPerson(USUAL_NAME.format(n + 1), accepted & (best == n), found[n][1], followed.rows[i])
+        for n, (i, (accepted, _)) in enumerate(zip(kept, found, strict=True))
+    )
+
+
+def _is_somebody(followed: FollowedPeople, rows: np.ndarray, least: float) -> bool:
+    views = (followed.people.members[rows] >= 0).sum(1)
+    return len(rows) >= least and float((followed.people.score[rows] / views).mean()) >= LEAST_AGREEMENT
+
+
+AGREEING_SHARE = 0.65
+"""Fewer agreeing views than this share of those that see somebody are a problem."""
+
+
+@dataclass(frozen=True)
+class SelectedPerson:
+    """The detections of one person in every view."""
+
+    name: str
+    """What they are called."""
+    keypoints: Keypoints2D
+    """Detections of the person."""
+    detection: np.ndarray
+    """(C, F) which detection is the person; -1 = none. Parts of a person that was detected in pieces are merged."""
+    notes: tuple[Diagnostic, ...] = ()
+    """Who was chosen and what was left out."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What the user should know."""
+
+
+def select_person(cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent) -> SelectedPerson:
+    """Return the person that most views agree on over the take.
+
+    Detections of anybody else are dropped, wherever they stand in the files and however large or certain they are. A
+    view that never shows two people at once is kept as it is: whether it is rotated, mirrored, late, named like another
+    or shows somebody else for a while is found out before a solve, by all of its detections.
+
+    Args: those of ``find_person``.
+
+    Raises:
+        NoDetections: nobody is detected, or no two views agree on anybody.
+        TooFewViews: fewer than two views hold detections.
+    """
+    return select_people(cameras, detections, fps, progress)[0]
+
+
+def select_people(
+    cameras: Cameras, detections: Detections, fps: float, progress: Progress = silent
+) -> tuple[SelectedPerson, ...]:
+    """Return everybody that two or more views see, each with their own detections; the most agreed on first.
+
+    Which of them is solved is chosen later. Notes and problems are reported with the first, who is solved where
+    nobody chooses. Views that never show two people at once are the first's but where they show another, see
+    ``select_person``.
+
+    Args and raises: those of ``select_person``.
+    """
+    followed = follow_people(cameras, detections, fps, progress)
+    people = everybody_seen(followed, detections, fps)
+    nobody = np.zeros(detections.confidence.shape[:3], bool)
+    others = np.any([nobody, *(person.accepted for person in people[1:])], axis=0)
+    first: np.ndarray = people[0].accepted | (_alone(detections) & ~others)
+    notes, problems = _report(cameras, detections, followed, people, first)
+    problems += tuple(
+        diagnostic("camera_sees_elsewhere", cameras=[cameras.names[c]])
+        for c in doubtful_views(detections, people[0].accepted | others)
+    )
+    selected: list[SelectedPerson] = []
+    for person in people:
+        xy, confidence, hands, detection = _merged(detections, first if not selected else person.accepted, person.fit)
+        keypoints = Keypoints2D(xy, confidence, detections.joint_set, fps, hands, detections.own)
+        messages = ((), ()) if selected else (notes, problems)
+        selected.append(SelectedPerson(person.name, keypoints, detection, *messages))
+    return tuple(selected)
+
+
+def _alone(detections: Detections) -> np.ndarray:
+    """Return (C, F, P) the detections of views that show one person at a time, of three views or more."""
+    people = detections.people()
+    single = (people.max(axis=1) == 1) & (len(people) > 2)
+    return (detections.confidence > 0).any(-1) & single[:, None, None]
+
+
+def _merged(
+    detections: Detections, accepted: np.ndarray, fit: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray]:
+    """Return xy (C, F, K, 2), confidence (C, F, K) and hands of the person, and the (C, F) detection most are from.
+
+    A detector may find one person in two pieces (legs here, trunk there): the best-fitting piece comes first, and what
+    it lacks is taken from the next.
+    """
+    order = np.argsort(np.where(accepted, -fit, np.inf), axis=-1, kind="stable")
+    shape = (*detections.confidence.shape[:2], detections.confidence.shape[3])
+    xy, confidence = np.full((*shape, 2), np.nan), np.zeros(shape)
+    views, frames = np.indices(order.shape[:2])
+    hands = None if detections.hands is None else np.full((*order.shape[:2], *detections.hands.shape[3:]), np.nan)
+    for place in range(order.shape[2]):
+        slot = order[..., place]
+        used = accepted[views, frames, slot]
+        piece = detections.confidence[views, frames, slot]
+        fill = used[..., None] & (confidence == 0) & (piece > 0)
+        confidence = np.where(fill, piece, confidence)
+        xy = np.where(fill[..., None], detections.xy[views, frames, slot], xy)
+        if hands is not None and detections.hands is not None:
+            free = used[..., None] & ~(hands[..., 2] > 0).any(axis=-1)  # a hand is of one piece
+            hands = np.where(free[..., None, None], detections.hands[views, frames, slot], hands)
+    return xy, confidence, hands, np.where(accepted.any(-1), order[..., 0], -1)
+
+
+def _report(
+    cameras: Cameras,
+    detections: Detections,
+    followed: FollowedPeople,
+    people: tuple[SeenPerson, ...],
+    accepted: np.ndarray,
+) -> tuple[tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
+    """Return who was found, and who else; and what is doubtful about the first."""
+    space, person = followed.people, people[0]
+    views = (space.members[person.rows] >= 0).sum(1)
+    notes = [
+        diagnostic(
+            "person_chosen",
+            views=float(views.mean()),
+            cameras_count=len(cameras),
+            seen=len(np.unique(space.frame[person.rows])),
+            of=detections.num_frames,
+        )
+    ]
+    problems: list[Diagnostic] = []
+    dropped = detections.people() - accepted.sum(-1)
+    if dropped.any():
+        shares = [
+            f"{name} in {int((count > 0).sum())} frames"
+            for name, count in zip(cameras.names, dropped, strict=True)
+            if count.any()
+        ]
+        notes.append(diagnostic("people_left_out", shares=shares))
+    notes += [
+        diagnostic(
+            "person_seen_too",
+            person=other.name,
+            views=float((space.members[other.rows] >= 0).sum(1).mean()),
+            seen=len(other.rows),
+        )
+        for other in people[1:]
+    ]
+    with_somebody = (detections.people()[:, space.frame[person.rows]] > 0).sum(0)
+    if views.mean() < AGREEING_SHARE * with_somebody.mean():
+        problems.append(diagnostic("few_views_agree", views=float(with_somebody.mean()), agreeing=float(views.mean())))
+    return tuple(notes), tuple(problems)

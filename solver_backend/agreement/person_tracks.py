@@ -1,0 +1,315 @@
+"""From people frame by frame to persons over time: tracklets by nearness, then tracklets of one person joined."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from itertools import combinations
+
+import numpy as np
+
+from solver_backend.agreement.detections import Sightings
+from solver_backend.agreement.view_agreement import PeopleInSpace
+
+STEP_M = 0.2
+"""A person's middle moves and is mismeasured by no more than this ..."""
+SPEED_M_S = 4.0
+"""... plus this speed times the time between two sightings; twice that where a view's own track holds both."""
+BRIDGE_S = 0.5
+"""Longer absences end a tracklet."""
+OVERLAP_S = 0.1
+"""Two pieces of one person may overlap by this time, where a wrong pairing of detections prolonged the first."""
+LIVELY_M = 0.15
+"""The keypoints of someone who moves range over this distance."""
+JOIN_SPEED_M_S = 3.0
+"""Speed at which a person may have walked while no two views saw them."""
+
+
+@dataclass
+class _Tracklet:
+    rows: list[int] = field(default_factory=list)
+    last_frame: int = 0
+    last_middle: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    last_tracks: frozenset[int] = frozenset()
+
+
+def persons(people: PeopleInSpace, tracks: np.ndarray, fps: float) -> list[np.ndarray]:
+    """Return for each person the rows of ``people`` that are them, by frame; the most agreed on first.
+
+    Persons are ordered by the sum over their rows of (score - 1)², where the score grows with the views that agree: a
+    frame seen by four views counts for nine seen by two. Who never moves, such as a mannequin, counts for half.
+
+    Args:
+        people: people of all frames.
+        tracks: (C, F, P) number of the view's own track each detection belongs to.
+        fps: frames per second.
+    """
+    if not len(people.frame):
+        return []
+    middles = middles_of(people.points)
+    in_views = _tracks_of(people, tracks)
+    joined = [
+        _once_a_frame(people, rows)
+        for rows in _joined(_tracklets(people, middles, in_views, fps), people.frame, middles, in_views, fps)
+    ]
+    weights = [_weight(people, rows) for rows in joined]
+    return [joined[i] for i in np.argsort(weights)[::-1]]
+
+
+def _weight(people: PeopleInSpace, rows: np.ndarray) -> float:
+    agreement = np.maximum(people.score[rows] - 1.0, 0.05) ** 2
+    points = people.points[rows]
+    low, high = (np.quantile(np.nan_to_num(points), q, axis=0) for q in (0.1, 0.9))
+    moves = min(1.0, float(np.median(np.linalg.norm(high - low, axis=-1))) / LIVELY_M)
+    return float(agreement.sum()) * (0.5 + 0.5 * moves)
+
+
+def middles_of(points: np.ndarray) -> np.ndarray:
+    """Return (H, 3) the coordinate-wise median of each person's known points, (H, J, 3)."""
+    known = np.isfinite(points[..., 0]).sum(-1)
+    ordered = np.sort(points, axis=1)
+    index = np.maximum(known - 1, 0) // 2
+    return np.take_along_axis(ordered, np.broadcast_to(index[:, None, None], (len(points), 1, 3)), axis=1)[:, 0]
+
+
+def _tracks_of(people: PeopleInSpace, tracks: np.ndarray) -> list[frozenset[int]]:
+    """Return the numbers of the views' tracks that each person's detections belong to."""
+    views = np.arange(people.members.shape[1])
+    numbers = np.where(people.members >= 0, tracks[views, people.frame[:, None], people.members], -1)
+    return [frozenset(n for n in row if n >= 0) for row in numbers.tolist()]
+
+
+def _once_a_frame(people: PeopleInSpace, rows: np.ndarray) -> np.ndarray:
+    """Return the rows by frame, the best where two are of one frame."""
+    ordered = rows[np.lexsort([-people.score[rows], people.frame[rows]])]
+    return ordered[np.unique(people.frame[ordered], return_index=True)[1]]
+
+
+def _tracklets(
+    people: PeopleInSpace, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
+) -> list[np.ndarray]:
+    """Link sightings of neighbouring frames: first those that share tracks of views, then the nearest."""
+    active: list[_Tracklet] = []
+    finished: list[_Tracklet] = []
+    frames = people.frame
+    starts = np.flatnonzero(np.diff(frames, prepend=-1))
+    positions = [(float(x), float(y), float(z)) for x, y, z in middles]
+    for start, stop in zip(starts.tolist(), [*starts[1:].tolist(), len(frames)], strict=True):
+        frame = int(frames[start])
+        finished += [t for t in active if (frame - t.last_frame) / fps > BRIDGE_S]
+        active = [t for t in active if (frame - t.last_frame) / fps <= BRIDGE_S]
+        links = []
+        for i, track in enumerate(active):
+            reach = STEP_M + SPEED_M_S * min((frame - track.last_frame) / fps, 0.1)
+            for row in range(start, stop):
+                shared = len(track.last_tracks & in_views[row])
+                distance = _distance(track.last_middle, positions[row])
+                if distance <= (2 * reach if shared else reach):
+                    links.append((-shared, distance, i, row))
+        used_tracks: set[int] = set()
+        used_rows: set[int] = set()
+        for _, _, i, row in sorted(links):
+            if i not in used_tracks and row not in used_rows:
+                used_tracks.add(i)
+                used_rows.add(row)
+                _extend(active[i], frame, row, positions[row], in_views[row])
+        for row in range(start, stop):
+            if row not in used_rows:
+                active.append(_Tracklet())
+                _extend(active[-1], frame, row, positions[row], in_views[row])
+    return [np.array(t.rows) for t in [*finished, *active]]
+
+
+def _extend(
+    track: _Tracklet, frame: int, row: int, middle: tuple[float, float, float], in_views: frozenset[int]
+) -> None:
+    track.rows.append(row)
+    track.last_frame, track.last_middle, track.last_tracks = frame, middle, in_views
+
+
+def _distance(a: Sequence[float], b: Sequence[float]) -> float:
+    return ((a[0] - b[0]) ** 2 + (a[1] - b[1]) ** 2 + (a[2] - b[2]) ** 2) ** 0.5
+
+
+def _joined(
+    tracklets: list[np.ndarray], frames: np.ndarray, middles: np.ndarray, in_views: list[frozenset[int]], fps: float
+) -> list[np.ndarray]:
+    """Join tracklets that follow each other in time; every end finds at most one beginning.
+
+    First those that share tracks of views, which one camera may have gone on seeing, then those near enough.
+    """
+    first = np.array([frames[rows[0]] for rows in tracklets])
+    last = np.array([frames[rows[-1]] for rows in tracklets])
+    begin = np.stack([middles[rows[0]] for rows in tracklets])
+    end = np.stack([middles[rows[-1]] for rows in tracklets])
+    absence_s = (first[None, :] - last[:, None]) / fps
+    distance = np.linalg.norm(end[:, None] - begin[None], axis=-1)
+    cost = distance / (2 * STEP_M + JOIN_SPEED_M_S * np.maximum(absence_s, 0.0))
+    ends = [frozenset().union(*(in_views[row] for row in rows[-5:])) for rows in tracklets]
+    begins = [frozenset().union(*(in_views[row] for row in rows[:5])) for rows in tracklets]
+    shared = np.array([[len(a & b) for b in begins] for a in ends])
+    later = (first[None, :] > first[:, None]) & (last[None, :] > last[:, None])
+    possible = later & (absence_s > -OVERLAP_S) & (cost < np.where(shared > 0, 3.0, 1.0))
+    # Among near candidates the one after the shorter absence is the likelier, hence the last term.
+    total = np.where(possible, cost - 3.0 * shared + 0.1 * np.log1p(np.maximum(absence_s, 0.0)), np.inf)
+    follower = np.full(len(tracklets), -1)
+    followed = np.zeros(len(tracklets), bool)
+    for flat in np.argsort(total, axis=None)[: int(possible.sum())]:
+        a, b = divmod(int(flat), len(tracklets))
+        if follower[a] < 0 and not followed[b]:
+            follower[a], followed[b] = b, True
+    joined = []
+    for start in np.flatnonzero(~followed):
+        pieces, i = [], int(start)
+        while i >= 0:
+            pieces.append(tracklets[i])
+            i = int(follower[i])
+        joined.append(np.concatenate(pieces))
+    return joined
+
+
+STEP_SHARE = 0.2
+"""From frame to frame a person's keypoints move by less than this share of the person's size."""
+CLEAR_RATIO = 2.0
+"""A link is sure where the next candidate is this many times further away."""
+
+
+def view_tracks(seen: Sightings) -> np.ndarray:
+    """Return (C, F, P) the number of the track each detection belongs to; -1 where there is none.
+
+    Two detections of neighbouring frames are linked where each is the other's nearest by far; anything doubtful, such
+    as two people who cross, ends a track. Numbers are unique over all views.
+    """
+    views, frames, people = seen.xy.shape[:3]
+    present = seen.present()
+    tracks = np.full((views, frames, people), -1)
+    links = np.stack([_links(seen.xy[c]) for c in range(views)])
+    rows = np.arange(views)[:, None]
+    next_number = 0
+    for f in range(frames):
+        if f:
+            source = links[:, f - 1]
+            linked = source >= 0
+            tracks[:, f][linked] = tracks[rows, f - 1, source][linked]
+        fresh = present[:, f] & (tracks[:, f] < 0)
+        count = int(fresh.sum())
+        tracks[:, f][fresh] = next_number + np.arange(count)
+        next_number += count
+        tracks[:, f][~present[:, f]] = -1
+    return tracks
+
+
+def _links(xy: np.ndarray) -> np.ndarray:
+    """Return (F-1, P) for each detection of frames 1.. the detection of the frame before that it is; -1 = none.
+
+    Args:
+        xy: (F, P, J, 2) normalised coordinates of one view.
+    """
+    cost = _costs(xy)
+    if not cost.size:
+        return np.zeros(cost.shape[:2], np.int64)
+    before = np.argmin(cost, axis=1)
+    after = np.argmin(cost, axis=2)
+    people = np.arange(cost.shape[1])
+    mutual = np.take_along_axis(after, before, axis=1) == people
+    best = np.take_along_axis(cost, before[:, None, :], axis=1)[:, 0]
+    backward = np.take_along_axis(_second(cost, 1), people[None], axis=1)
+    forward = np.take_along_axis(_second(cost, 2), before, axis=1)
+    clear = np.minimum(backward, forward) > CLEAR_RATIO * best
+    return np.where(mutual & clear & (best < STEP_SHARE), before, -1)
+
+
+def _second(cost: np.ndarray, axis: int) -> np.ndarray:
+    """Return the second smallest cost along an axis; inf where there is only one."""
+    if cost.shape[axis] < 2:
+        return np.full(cost.shape[:axis] + cost.shape[axis + 1 :], np.inf)
+    return np.take(np.partition(cost, 1, axis=axis), 1, axis=axis)
+
+
+def _costs(xy: np.ndarray) -> np.ndarray:
+    """Return (F-1, P, P) mean distance of common keypoints over the size of the person; inf where none are common."""
+    known = np.isfinite(xy[..., 0])
+    middle = np.where(known[..., None], xy, 0.0).sum(-2) / np.maximum(known.sum(-1), 1)[..., None]
+    spread = np.where(known[..., None], xy - middle[..., None, :], 0.0)
+    size = 3.0 * np.sqrt((spread**2).sum((-1, -2)) / np.maximum(known.sum(-1), 1))
+    people = xy.shape[1]
+    cost = np.full((max(len(xy) - 1, 0), people, people), np.inf)
+    for p in range(people):
+        for q in range(people):
+            apart = np.linalg.norm(xy[1:, q] - xy[:-1, p], axis=-1)
+            common = np.isfinite(apart)
+            count = common.sum(-1)
+            mean = np.where(common, apart, 0.0).sum(-1) / np.maximum(count, 1)
+            scale = np.maximum(np.minimum(size[1:, q], size[:-1, p]), 1e-6)
+            cost[:, p, q] = np.where(count >= 3, mean / scale, np.inf)
+    return cost
+
+
+def concatenated(blocks: list[PeopleInSpace]) -> PeopleInSpace:
+    """Return the people of several blocks of frames as one."""
+    return PeopleInSpace(
+        np.concatenate([b.frame for b in blocks]),
+        np.concatenate([b.members for b in blocks]),
+        np.concatenate([b.points for b in blocks]),
+        np.concatenate([b.score for b in blocks]),
+    )
+
+
+def assigned_exclusively(people: PeopleInSpace, tracks: np.ndarray) -> PeopleInSpace:
+    """Return the best groups that share no detection, by frame.
+
+    A group's score is multiplied by how often its views' tracks agree over the whole take: the rays of two different
+    people meet in some frames, those of one person in all.
+
+    Args:
+        people: groups of all frames.
+        tracks: (C, F, P) number of the view's own track each detection belongs to.
+    """
+    score = people.score * _lasting_agreement(people, tracks)
+    left = np.ones(len(score), bool)
+    chosen = np.zeros(len(score), bool)
+    order = np.lexsort([-score, people.frame])
+    while left.any():
+        open_rows = order[left[order]]
+        winners = open_rows[np.unique(people.frame[open_rows], return_index=True)[1]]
+        chosen[winners] = True
+        taken = np.full((int(people.frame.max()) + 1, people.members.shape[1]), -2)
+        taken[people.frame[winners]] = people.members[winners]
+        left &= ~((people.members == taken[people.frame]) & (people.members >= 0)).any(1)
+    keep = order[chosen[order]]
+    return PeopleInSpace(people.frame[keep], people.members[keep], people.points[keep], people.score[keep])
+
+
+def _lasting_agreement(people: PeopleInSpace, tracks: np.ndarray) -> np.ndarray:
+    """Return (H,) mean over the pairs of a group's views of the share of frames in which their tracks agree."""
+    views = people.members.shape[1]
+    first, last = _spans(tracks)
+    number = np.where(people.members >= 0, tracks[np.arange(views), people.frame[:, None], people.members], -1)
+    total, pairs = np.zeros(len(people.frame)), np.zeros(len(people.frame))
+    for a, b in combinations(range(views), 2):
+        rows = np.flatnonzero((number[:, a] >= 0) & (number[:, b] >= 0))
+        if not len(rows):
+            continue
+        i, j = number[rows, a], number[rows, b]
+        # A pair may be part of several groups of one frame and counts once.
+        once = np.unique(np.column_stack([people.frame[rows], i, j]), axis=0)[:, 1:]
+        kinds, agreed = np.unique(once, axis=0, return_counts=True)
+        together = (
+            np.minimum(last[kinds[:, 0]], last[kinds[:, 1]]) - np.maximum(first[kinds[:, 0]], first[kinds[:, 1]]) + 1
+        )
+        share = (agreed + 0.5) / (together + 1.5)
+        keys = kinds[:, 0] * len(first) + kinds[:, 1]
+        total[rows] += share[np.searchsorted(keys, i * len(first) + j)]
+        pairs[rows] += 1
+    return total / np.maximum(pairs, 1)
+
+
+def _spans(tracks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the first and last frame of each track, which has no gaps."""
+    size = int(tracks.max(initial=-1)) + 1
+    first, last = np.full(size, tracks.shape[1]), np.full(size, -1)
+    _, frame, _ = np.nonzero(tracks >= 0)
+    number = tracks[tracks >= 0]
+    np.minimum.at(first, number, frame)
+    np.maximum.at(last, number, frame)
+    return first, last

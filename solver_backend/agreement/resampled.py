@@ -1,0 +1,90 @@
+"""Detections of cameras of other frame rates, brought to one rate."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from solver_backend.agreement.detections import Detections
+from solver_backend.types import UNSEEN_POINT
+
+NEAR = 0.15
+"""Mean move of keypoints from frame to frame, in the extent of all of them, up to which it is the same person in the
+same place of the list."""
+
+
+def nearest_rows(detections: Detections, chosen: Sequence[int], rates: Sequence[float]) -> Detections:
+    """Return chosen cameras, of each the frame that is nearest to every moment.
+
+    Args:
+        detections: C cameras, each from its own first frame.
+        chosen: indices of cameras.
+        rates: frames of each for one of the take.
+    """
+    rows = [_moments(detections, c, rate) for c, rate in zip(chosen, rates, strict=True)]
+    longest = max(map(len, rows))
+    shape = (len(chosen), longest, *detections.confidence.shape[2:])
+    xy, confidence = np.full((*shape, 2), np.nan, detections.xy.dtype), np.zeros(shape, detections.confidence.dtype)
+    hands = None if detections.hands is None else np.full((*shape[:3], *detections.hands.shape[3:]), np.nan, np.float32)
+    if hands is not None:
+        hands[:] = UNSEEN_POINT
+    for i, (c, at) in enumerate(zip(chosen, rows, strict=True)):
+        near = np.minimum(np.round(at).astype(int), detections.num_frames - 1)
+        xy[i, : len(at)], confidence[i, : len(at)] = detections.xy[c, near], detections.confidence[c, near]
+        if hands is not None and detections.hands is not None:
+            hands[i, : len(at)] = detections.hands[c, near]
+    names = tuple(detections.cameras[c] for c in chosen)
+    return replace(detections, cameras=names, xy=xy, confidence=confidence, hands=hands, first_frames=(), lengths=())
+
+
+def at_one_rate(detections: Detections, rates: Sequence[float]) -> Detections:
+    """Return every camera at the moments of the take, between two frames of its own where both show the same person.
+
+    Args:
+        detections: C cameras, each from its own first frame.
+        rates: (C,) frames of a camera for one of the take.
+    """
+    count = len(detections.cameras)
+    result = nearest_rows(detections, range(count), rates)
+    lengths = detections.lengths or (detections.num_frames,) * count
+    kept = []
+    for c, rate in enumerate(rates):
+        kept.append(int((lengths[c] - 1) / rate) + 1)
+        if rate != 1.0:
+            _interpolate(detections, result, c, _moments(detections, c, rate))
+    firsts = detections.first_frames or (detections.first_frame,) * count
+    firsts = tuple(round(first / rate) for first, rate in zip(firsts, rates, strict=True))
+    apart = len(set(firsts)) > 1 or len(set(kept)) > 1
+    return replace(result, first_frames=firsts if apart else (), lengths=tuple(kept) if apart else ())
+
+
+def _moments(detections: Detections, c: int, rate: float) -> np.ndarray:
+    """Return the places of the take's moments among a camera's rows, in rows."""
+    length = detections.lengths[c] if detections.lengths else detections.num_frames
+    return np.arange(int((length - 1) / rate) + 1) * rate
+
+
+def _interpolate(detections: Detections, result: Detections, c: int, at: np.ndarray) -> None:
+    """Write keypoints between two frames into ``result`` where the same place of both holds the same person."""
+    before = np.floor(at).astype(int)
+    after = np.minimum(before + 1, detections.num_frames - 1)
+    share = (at - before)[:, None, None, None]
+    one, other = detections.xy[c, before], detections.xy[c, after]
+    both = np.isfinite(one).all(-1) & np.isfinite(other).all(-1)
+    seen = np.where(both[..., None], one, np.nan)
+    move = np.where(both, np.linalg.norm(other - one, axis=-1), 0.0).sum(-1) / np.maximum(both.sum(-1), 1)
+    low = np.where(both[..., None], seen, np.inf).min(-2)
+    high = np.where(both[..., None], seen, -np.inf).max(-2)
+    with np.errstate(invalid="ignore"):
+        extent = np.linalg.norm(high - low, axis=-1)
+    same = both & (move < NEAR * np.where(np.isfinite(extent), extent, 0.0))[..., None]
+    result.xy[c, : len(at)][same] = ((1 - share) * one + share * other)[same]
+    sure = np.minimum(detections.confidence[c, before], detections.confidence[c, after])
+    result.confidence[c, : len(at)][same] = sure[same]
+    if result.hands is not None and detections.hands is not None:
+        one, other = detections.hands[c, before], detections.hands[c, after]
+        together = same.any(-1)[..., None, None] & (one[..., 2] > 0) & (other[..., 2] > 0)
+        between = (1 - share[..., None]) * one + share[..., None] * other
+        result.hands[c, : len(at)][together] = between[together]

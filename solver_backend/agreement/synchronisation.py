@@ -1,0 +1,506 @@
+"""By how many frames each camera is ahead of or behind the others, estimated from how the views disagree over time."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.cameras.camera_pairs import COMPARED, compared_pairs
+from solver_backend.cameras.projection import project_with_jacobian, undistort
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.symmetric import inverse_symmetric_3x3
+from solver_backend.types import FEET, LIMBS, Cameras, Keypoints2D
+
+LAG_SIGMAS = 3.0
+"""Scale of the Geman-McClure penalty of a distance to an epipolar line."""
+LEAST_SHARE = 0.3
+"""A lag is evaluated where at least this share of the most common points is left."""
+STAGE = "Comparing the clocks"
+LAG_ROUNDS = 10
+"""Rounds of reweighting at most; chosen by hand."""
+
+
+def whole_lags(
+    cameras: Cameras, tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray, reach: int,
+    progress: Progress = silent,
+) -> np.ndarray:  # fmt: skip
+    """Return (C,) whole frames by which cameras lag behind the first, that make all pairs of views agree best.
+
+    For every pair (``compared_pairs``) a table over its lags holds how far points are from the other's epipolar lines;
+    the lags of all cameras are those of least sum over the pairs, by descent along one camera after the other from the
+    own view of the others that each of ``COMPARED`` cameras has.
+
+    Args:
+        cameras: C cameras.
+        tracks: (C, F, K, 2) px, NaN where missing.
+        frames: (N,) numbers of the frames that are compared.
+        sigma_px: (K,) standard deviation of the detections, px.
+        reach: largest lag looked for.
+        progress: called as pairs are compared.
+
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 9.6 (the essential matrix) and eq. 11.9
+    (Sampson's distance); Besag 1986 (descent along one variable after the other).
+    """
+    count = len(cameras)
+    tables = np.zeros((count, count, 2 * reach + 1))
+    at = frames + np.arange(-reach, reach + 1)[:, None]
+    inside = np.clip(at, 0, tracks.shape[1] - 1)
+    looked_at = np.unique(inside)
+    normalised = undistort(cameras.K, cameras.distortion, tracks[:, looked_at], cameras.distortion_model)
+    seen = np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
+    place, outside = np.searchsorted(looked_at, inside), at != inside
+    pairs = compared_pairs(count)
+    for number, (i, j) in enumerate(pairs):
+        progress(STAGE, number, len(pairs))
+        distance = _distances(cameras, i, j, seen, place)
+        distance[outside] = np.nan
+        tables[i, j] = _robust_means(distance, LAG_SIGMAS * sigma_px)
+        tables[j, i] = tables[i, j, ::-1]
+    progress(STAGE, len(pairs), len(pairs))
+    compared = tables.any(axis=-1, keepdims=True)
+    firsts = np.unique(np.linspace(0, count - 1, min(count, COMPARED)).astype(int))
+    starts = [np.where(compared[start, :, 0], tables[start].argmin(axis=-1) - reach, 0) for start in firsts]
+    found = [
+        _descended(tables, np.where(np.arange(count) == s, 0, lags)) for s, lags in zip(firsts, starts, strict=True)
+    ]
+    return min(found, key=lambda lags: _total(tables, lags))
+
+
+def _distances(cameras: Cameras, i: int, j: int, seen: np.ndarray, place: np.ndarray) -> np.ndarray:
+    """Return (L, N, K) px from what view j sees a lag later to the epipolar lines of what view i sees.
+
+    Args:
+        cameras: C cameras.
+        i: the view that does not move.
+        j: the view that does.
+        seen: (C, P, K, 3) undistorted points.
+        place: (L, N) which of the P frames is looked at for a lag and a frame; the middle row is for none.
+    """
+    R = cameras.R[j] @ cameras.R[i].T
+    x, y, z = cameras.t[j] - R @ cameras.t[i]
+    essential = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]]) @ R
+    line = seen[i][place[len(place) // 2]] @ essential.T
+    back = (seen[j] @ essential)[..., :2]
+    square = (line[..., :2] ** 2).sum(-1) + (back**2).sum(-1)[place]
+    focal = 0.25 * (np.trace(cameras.K[i, :2, :2]) + np.trace(cameras.K[j, :2, :2]))
+    return focal * np.einsum("lnkx,nkx->lnk", seen[j][place], line) / np.sqrt(square)
+
+
+def _robust_means(distance: np.ndarray, scale: np.ndarray) -> np.ndarray:
+    """Return (L,) means of ``r²/(r² + s²)`` of (L, N, K) distances less their medians, 1 where few are known.
+
+    The median over the frames is what an inexact calibration causes.
+    """
+    square = (distance - quantile(distance, 0.5, axis=1, method="lower")[:, None]) ** 2
+    share = square / (square + scale**2)
+    known = np.isfinite(share)
+    number = known.sum(axis=(1, 2))
+    enough = number >= np.maximum(LEAST_SHARE * number.max(), 1)
+    return np.where(enough, np.where(known, share, 0.0).sum(axis=(1, 2)) / np.maximum(number, 1), 1.0)
+
+
+def _descended(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Return lags that no change of a single camera betters."""
+    reach = tables.shape[-1] // 2
+    tried = np.arange(-reach, reach + 1)
+    for _ in range(LAG_ROUNDS):
+        before = lags.copy()
+        for camera in range(len(lags)):
+            others = np.arange(len(lags)) != camera
+            between = lags[others][:, None] - tried
+            cost = _looked_up(tables[camera][others], between).sum(axis=0)
+            lags[camera] = tried[cost.argmin()]
+        if (lags == before).all():
+            break
+    return lags - lags[0]
+
+
+def _looked_up(tables: np.ndarray, lags: np.ndarray) -> np.ndarray:
+    """Return the entries of (P, 2 reach + 1) tables at (P, ...) lags, 1 beyond their reach."""
+    reach = tables.shape[-1] // 2
+    inside = np.abs(lags) <= reach
+    found = np.take_along_axis(tables, np.clip(lags, -reach, reach) + reach, axis=-1)
+    return np.where(inside, found, 1.0)
+
+
+def _total(tables: np.ndarray, lags: np.ndarray) -> float:
+    """Return the sum over all pairs."""
+    first, second = np.triu_indices(len(lags), 1)
+    return float(_looked_up(tables[first, second], (lags[second] - lags[first])[:, None]).sum())
+
+
+ROBUST_SIGMAS = 3.0
+"""Scale of the Geman-McClure weights."""
+DEPTH_SIGMA_M = 0.5
+"""How far a point may lie from where it was triangulated."""
+BLOCKS = 8
+"""Stretches of the take with independent errors, from whose disagreement the deviations are estimated."""
+
+MOST_NUMBERS = 4_000_000
+"""Of the rows that are in memory at once: 32 MB a copy; more views than that stand in several parts."""
+
+
+@dataclass(frozen=True)
+class DelayStep:
+    """A Gauss-Newton step on the delays, and where the points move by it."""
+
+    delay: np.ndarray
+    """(C,) frames."""
+    drift: np.ndarray
+    """(C,) frames from the middle of the take to its end."""
+    sigma: np.ndarray
+    """(C,) standard deviation of the delays."""
+    drift_sigma: np.ndarray
+    """(C,) the same of the drifts."""
+    points: np.ndarray
+    """(N, K, 3) metres."""
+
+
+def delay_step(
+    cameras: Cameras,
+    xy: np.ndarray,
+    velocity: np.ndarray,
+    points: np.ndarray,
+    at: np.ndarray,
+    sigma_px: np.ndarray,
+    *,
+    drifting: bool,
+    blocks: int = BLOCKS,
+) -> DelayStep:
+    """Return one step on the delays of all cameras.
+
+    A detection of camera c that is read by ``δ_c + τ ε_c`` frames later is ``x + (δ_c + τ ε_c) v``. What is least in
+    ``Σ w |x + (δ + τ ε) v - π(X) - J ξ - b|²`` over the delays δ, the drifts ε, the points' steps ξ and a constant b
+    for every view and keypoint, which an inexact calibration causes; only differences between cameras are estimated.
+    The covariance is the sandwich ``H⁻¹ (Σ g_b g_bᵀ) H⁻¹`` over blocks of frames, for errors of neighbouring frames are
+    correlated.
+
+    Args:
+        cameras: C cameras.
+        xy: (C, N, K, 2) px, NaN where missing.
+        velocity: (C, N, K, 2) px a frame.
+        points: (N, K, 3) metres, NaN where unknown.
+        at: (N,) the frames' place in the take, -1 at its first, 1 at its last.
+        sigma_px: (K,) or (C, N, K) standard deviation of the detections, px.
+        drifting: look for drifts; else they are zero.
+        blocks: stretches of the take with independent errors; the deviations need several times as many as cameras.
+
+    Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
+    Liang and Zeger 1986 (the covariance).
+    """
+    px, J, _ = project_with_jacobian(
+        cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model
+    )
+    error = xy - px
+    known = np.isfinite(error).all(-1) & np.isfinite(velocity).all(-1)
+    known &= known.sum(axis=0) >= 2
+    error, velocity = (np.where(known[..., None], a, 0.0) for a in (error, velocity))
+    J = np.where(known[..., None, None], J, 0.0)
+    scale = (ROBUST_SIGMAS * sigma_px) ** 2
+    weight = known * (scale / (scale + (error**2).sum(-1))) ** 2 / sigma_px**2
+    pull = np.swapaxes(J, -1, -2) * weight[..., None, None]
+    spread = inverse_symmetric_3x3((pull @ J).sum(axis=0) + np.eye(3) / DEPTH_SIGMA_M**2)
+    moved = (spread @ (pull @ velocity[..., None]))[..., 0]
+    shift = (spread @ (pull @ error[..., None]).sum(axis=0))[..., 0]
+    error = _centred(error - (J @ shift[..., None])[..., 0], weight)
+    kinds = 2 if drifting else 1
+    ramps = np.stack([np.ones_like(at), at])[:kinds]
+    step, sigma = _solved(*_equations(_Rows(J, moved, velocity, error, weight), ramps, blocks), kinds)
+    late = step.T @ ramps
+    points = points + np.nan_to_num(shift - np.einsum("pn,pnkj->nkj", late, moved, optimize=True))
+    none = np.zeros(len(cameras))
+    delay, drift = step if drifting else (step[0], none)
+    return DelayStep(delay, drift, sigma[0], sigma[-1] if drifting else none, points)
+
+
+@dataclass(frozen=True)
+class _Rows:
+    """What the rows of the least-squares problem are made of."""
+
+    J: np.ndarray
+    """(C, N, K, 2, 3) of the detections by the points."""
+    moved: np.ndarray
+    """(C, N, K, 3) how a point follows the velocity in each view."""
+    velocity: np.ndarray
+    """(C, N, K, 2) px a frame."""
+    error: np.ndarray
+    """(C, N, K, 2) px, with the points' own steps taken out."""
+    weight: np.ndarray
+    """(C, N, K)"""
+
+    def of_views(self, views: slice, ramps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the weighted rows (B, V, N, K, 2) of V views, B = C for every ramp, and their (V, N, K, 2) errors."""
+        own, weight = np.arange(len(self.J))[views], self.weight[views]
+        basis = -np.einsum("cnkij,pnkj->pcnki", self.J[views], self.moved, optimize=True)
+        basis[own, own - own[0]] += self.velocity[views]
+        # The first ramp is 1 throughout.
+        columns = [_centred(basis if k == 0 else basis * ramp[:, None, None], weight) for k, ramp in enumerate(ramps)]
+        root = np.sqrt(weight)[..., None]
+        return np.stack(columns).reshape(-1, *basis.shape[1:]) * root, self.error[views] * root
+
+
+def _equations(rows: _Rows, ramps: np.ndarray, count_of_blocks: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return normal matrices (blocks, B, B) and gradients (blocks, B), summed over parts of the views."""
+    count, frames = rows.error.shape[:2]
+    blocks = np.array_split(np.arange(frames), min(count_of_blocks, frames))
+    size = len(ramps) * count
+    normal, gradient = np.zeros((len(blocks), size, size)), np.zeros((len(blocks), size))
+    step = max(1, MOST_NUMBERS // max(size * rows.error[0].size, 1))
+    for first in range(0, count, step):
+        columns, residual = rows.of_views(slice(first, first + step), ramps)
+        for number, block in enumerate(blocks):
+            a = columns[:, :, block].reshape(size, -1)
+            normal[number] += a @ a.T
+            gradient[number] += a @ residual[:, block].reshape(-1)
+    return normal, gradient
+
+
+def _solved(normal: np.ndarray, gradient: np.ndarray, kinds: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return least-squares steps (kinds, C) and their deviations; each row has mean zero."""
+    count = normal.shape[-1] // kinds
+    total = normal.sum(axis=0)
+    alike = np.kron(np.eye(kinds), np.ones((count, count))) * (np.trace(total) / len(total) ** 2)
+    inverse = np.linalg.pinv(total + alike + 1e-9 * np.eye(len(total)), hermitian=True)
+    step = -inverse @ gradient.sum(axis=0)
+    left = gradient + normal @ step
+    spread = inverse @ (left.T @ left) @ inverse * (len(normal) / max(len(normal) - 1, 1))
+    sigma = np.sqrt(np.maximum(np.diag(spread), np.diag(inverse)))
+    return step.reshape(kinds, count), sigma.reshape(kinds, count)
+
+
+def _centred(values: np.ndarray, weight: np.ndarray) -> np.ndarray:
+    """Return (..., C, N, K, 2) values less their weighted means over the frames."""
+    total = np.maximum(weight.sum(axis=1, keepdims=True), 1e-12)[..., None]
+    return values - (weight[..., None] * values).sum(axis=-3, keepdims=True) / total
+
+
+REACH_S, LEAST_REACH_FRAMES = 0.4, 20
+"""Largest lag between two cameras that is looked for, and at least so many frames."""
+LAG_FRAMES, LEAST_LAG_FRAMES, LAG_SIGMA_SHARE = 100, 40, 0.005
+"""Frames on which the whole lags of four and of many views are compared, and how far detections scatter there as a
+share of the image's width."""
+LAG_STRETCHES, LAG_STEP = 6, 2
+"""These frames lie in so many stretches of the take, every second frame: a lag is estimated from the frames around."""
+SAMPLED_FRAMES = 300
+"""Frames on which delays are estimated."""
+FEW_VIEWS = 4
+"""With more views fewer frames carry as much information."""
+LEAST_FRAMES = 24
+"""For shorter takes no delay is reported."""
+ROUNDS = 8
+IN_STEP_FRAMES, SETTLED_FRAMES = 0.2, 0.02
+"""Cameras whose first estimates are all below the one are in step; else rounds go on until they move by the other."""
+MOTION_FRAMES = 4
+LEAST_MOTION, LEAST_MOVING = 6.0, 3
+"""Mean square, in variances, of the way of a keypoint over twice so many frames: less may be noise alone; and of how
+many keypoints it must be more."""
+LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS = 1.0, 8.0
+"""Smaller drifts, and those that are not sure, are none: slow errors of a detector look like a drift."""
+LARGEST_SIGMA_FRAMES = 0.2
+"""A delay less certain than this cannot be reported: too little moves."""
+MEDIAN_FRAMES = 5
+"""Length of the running median that takes outliers from the tracks before they are interpolated."""
+SMOOTHING = np.array([1.0, 4.0, 6.0, 4.0, 1.0]) / 16.0
+"""Kernel of the smoothing that follows; both are symmetric and alike in all views, so that they delay nothing."""
+
+
+@dataclass(frozen=True)
+class Delays:
+    """How late each of C cameras is."""
+
+    frames: np.ndarray
+    """(C,) what a camera shows at frame f happened at ``f - delay``; their median is 0; NaN where unknown."""
+    sigma: np.ndarray
+    """(C,) standard deviation; NaN where too little moves."""
+    drift: np.ndarray
+    """(C,) frames by which the delay is larger at the last frame than in the middle, and smaller at the first; 0 where
+    it is not sure."""
+    beyond: np.ndarray
+    """(C,) whether the views agree best at the end of what was looked for, so that the delay is larger or another."""
+
+    def at(self, num_frames: int) -> np.ndarray:
+        """Return (C, F) the delay in every frame."""
+        return self.frames[:, None] + self.drift[:, None] * place_in_take(np.arange(num_frames), num_frames)
+
+
+def estimate_delays(
+    cameras: Cameras, keypoints: Keypoints2D, triangulation: Triangulation, others: Sequence[Keypoints2D] = (),
+    progress: Progress = silent,
+) -> Delays:  # fmt: skip
+    """Estimate the delays of all cameras against each other, in one.
+
+    Whole frames first, by epipolar lines (``whole_lags``), then the rest by Gauss-Newton steps on the reprojection
+    error (``delay_step``) of a sample of frames. Constant differences, such as those of an inexact calibration, do not
+    count.
+
+    Args:
+        cameras: C cameras.
+        keypoints: detections of one person.
+        triangulation: of these detections.
+        others: detections of everybody else, in the same joint set: a delay is a camera's, whomever it films.
+        progress: called as pairs of cameras are compared.
+    """
+    frames = _sampled(keypoints.num_frames, max(SAMPLED_FRAMES * FEW_VIEWS // max(len(cameras), FEW_VIEWS), 100))
+    compared = LIMBS["arms"] + LIMBS["legs"] + FEET
+    names = keypoints.joint_set.keypoints
+    limbs = np.array([k for k, name in enumerate(names) if name.endswith(compared)])
+    tracks = smoothed_tracks(np.concatenate([person.xy[:, :, limbs] for person in (keypoints, *others)], axis=2))
+    usual = LAG_SIGMA_SHARE * float(cameras.image_size.max(axis=1).mean())
+    sigma_px = np.tile(np.minimum(np.asarray(triangulation.sigma_px)[limbs], usual), 1 + len(others))
+    moving = _moving(tracks, frames, sigma_px)
+    if keypoints.num_frames < LEAST_FRAMES or moving.sum() < 2:
+        unknown = np.full(len(cameras), np.nan)
+        return Delays(unknown, unknown, unknown, np.zeros(len(cameras), bool))
+    lags, beyond = np.zeros(len(cameras)), np.zeros(len(cameras), bool)
+    joints = np.tile([not names[k].endswith(FEET) for k in limbs], 1 + len(others))
+    seen = cameras.subset(np.flatnonzero(moving).tolist())
+    lags[moving], beyond[moving] = _whole(seen, tracks[moving][:, :, joints], keypoints.fps, usual, progress)
+    if lags.any() or others:
+        xy = tracks_at(tracks, frames + lags[:, None])
+        points = triangulate(cameras, xy, np.isfinite(xy[..., 0]).astype(float), sigma_px).points
+    else:
+        points = triangulation.of_keypoints(limbs).points[frames]
+    search = _Search(cameras, tracks, frames, sigma_px)
+    delay, drift, sigma = search.converged(lags, np.asarray(points), progress)
+    known = moving & ~beyond & (sigma < LARGEST_SIGMA_FRAMES)
+    reported = [np.where(known, values - _median(values[known]), np.nan) for values in (delay, drift)]
+    reported[1][np.abs(reported[1]) < LEAST_DRIFT_FRAMES] = 0.0
+    return Delays(reported[0], np.where(known, sigma, np.nan), reported[1], beyond)
+
+
+@dataclass(frozen=True)
+class _Search:
+    """What the steps on the delays share."""
+
+    cameras: Cameras
+    tracks: np.ndarray
+    """(C, F, K, 2) px."""
+    frames: np.ndarray
+    """(N,) those that are looked at."""
+    sigma_px: np.ndarray
+    """(K,)."""
+
+    def converged(
+        self, delay: np.ndarray, points: np.ndarray, progress: Progress
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return delays, drifts and the delays' deviations, each (C,), from whole frames and (N, K, 3) points on."""
+        drift, drifting, sigma = np.zeros(len(delay)), False, np.full(len(delay), np.nan)
+        for number in range(ROUNDS):
+            progress(STAGE, number, ROUNDS)
+            found = self._step(delay, drift, points, drifting=drifting)
+            sigma = found.sigma
+            points, step = found.points, np.clip([found.delay, found.drift], -1.0, 1.0)
+            delay, drift = delay + step[0], drift + step[1]
+            late = np.ptp(delay) > IN_STEP_FRAMES
+            if np.abs(step).max() >= (SETTLED_FRAMES if late else IN_STEP_FRAMES):
+                continue
+            if drifting:
+                break
+            tried = self._step(delay, drift, points, drifting=True)
+            least = np.maximum(LEAST_DRIFT_FRAMES, LEAST_DRIFT_SIGMAS * tried.drift_sigma)
+            drifting = bool((np.abs(tried.drift - _median(tried.drift)) > least).any())
+            if not drifting:
+                break
+        progress(STAGE, ROUNDS, ROUNDS)
+        return delay, drift, sigma
+
+    def _step(self, delay: np.ndarray, drift: np.ndarray, points: np.ndarray, *, drifting: bool) -> DelayStep:
+        place = place_in_take(self.frames, self.tracks.shape[1])
+        times = self.frames + delay[:, None] + drift[:, None] * place
+        velocity = 0.5 * (tracks_at(self.tracks, times + 1.0) - tracks_at(self.tracks, times - 1.0))
+        xy = tracks_at(self.tracks, times)
+        return delay_step(self.cameras, xy, velocity, points, place, self.sigma_px, drifting=drifting)
+
+
+def place_in_take(frames: np.ndarray, num_frames: int) -> np.ndarray:
+    """Return where frames lie in a take, -1 at its first and 1 at its last."""
+    return 2.0 * frames / max(num_frames - 1, 1) - 1.0
+
+
+def synchronised(keypoints: Keypoints2D, delay: np.ndarray) -> Keypoints2D:
+    """Return the detections with each view moved by its delay (0 = none), linear between frames.
+
+    Args:
+        keypoints: detections of C views in F frames.
+        delay: frames, (C,) or (C, F).
+    """
+    xy, confidence = keypoints.xy.copy(), keypoints.confidence.copy()
+    hands = None if keypoints.hands is None else keypoints.hands.copy()
+    delay = np.broadcast_to(delay.reshape(len(delay), -1), xy.shape[:2])
+    for view in np.flatnonzero(delay.any(axis=1)):
+        times = np.arange(keypoints.num_frames) + delay[view]
+        xy[view] = _view_at(keypoints.xy[view], times)
+        confidence[view] = _view_at(keypoints.confidence[view], times)
+        if hands is not None:
+            hands[view] = _view_at(hands[view], times)
+    return replace(keypoints, xy=xy, confidence=np.where(np.isfinite(xy[..., 0]), confidence, 0.0), hands=hands)
+
+
+def _whole(
+    cameras: Cameras, tracks: np.ndarray, fps: float, sigma_px: float, progress: Progress
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C,) whole frames by which cameras lag, their median 0, and which of them are at the search's end."""
+    num_frames = tracks.shape[1]
+    reach = min(max(round(REACH_S * fps), LEAST_REACH_FRAMES), num_frames // 3)
+    pairs = len(cameras) * (len(cameras) - 1) // 2
+    count = max(LAG_FRAMES * 6 // max(pairs, 6), LEAST_LAG_FRAMES)
+    middles = np.linspace(0, num_frames - 1, 2 * LAG_STRETCHES + 1).round().astype(int)[1::2]
+    near = LAG_STEP * (np.arange(count // LAG_STRETCHES) - count // LAG_STRETCHES // 2)
+    frames = np.unique(np.clip(middles[:, None] + near, 0, num_frames - 1))
+    lags = whole_lags(cameras, tracks, frames, np.full(tracks.shape[2], sigma_px), reach, progress)
+    lags = lags - _median(lags)
+    return lags, np.abs(lags) >= reach
+
+
+def _moving(tracks: np.ndarray, frames: np.ndarray, sigma_px: np.ndarray) -> np.ndarray:
+    """Return (C,) whether the person moves so that a view shows when."""
+    way = tracks_at(tracks, np.tile(frames + MOTION_FRAMES, (len(tracks), 1)))
+    way = way - tracks_at(tracks, np.tile(frames - MOTION_FRAMES, (len(tracks), 1)))
+    square = ((way / sigma_px[:, None]) ** 2).sum(-1)
+    known = np.isfinite(square)
+    mean = np.where(known, square, 0.0).sum(axis=1) / np.maximum(known.sum(axis=1), 1)
+    return (mean >= LEAST_MOTION).sum(axis=1) >= LEAST_MOVING
+
+
+def smoothed_tracks(xy: np.ndarray) -> np.ndarray:
+    """Return (C, F, K, 2) tracks after a running median and a low-pass; missing where fewer than three are near."""
+    around = _windows(xy, MEDIAN_FRAMES)
+    count = np.isfinite(around[..., 0, :]).sum(-1)
+    middle = np.take_along_axis(np.sort(around, axis=-1), np.maximum(count - 1, 0)[..., None, None] // 2, axis=-1)
+    track = np.where((count >= 3)[..., None], middle[..., 0], np.nan)
+    return _windows(track, len(SMOOTHING)) @ SMOOTHING
+
+
+def _windows(track: np.ndarray, length: int) -> np.ndarray:
+    """Return (C, F, K, 2, length) the values around each frame, NaN beyond the ends."""
+    half = length // 2
+    padded = np.pad(track, ((0, 0), (half, half), (0, 0), (0, 0)), constant_values=np.nan)
+    return np.lib.stride_tricks.sliding_window_view(padded, length, axis=1)
+
+
+def _sampled(num_frames: int, count: int) -> np.ndarray:
+    """Return up to so many frames spread over the take."""
+    return np.unique(np.linspace(0, num_frames - 1, min(count, num_frames)).round().astype(int))
+
+
+def tracks_at(tracks: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return (C, N, K, 2) tracks at (C, N) times in frames."""
+    return np.stack([_view_at(track, when) for track, when in zip(tracks, times, strict=True)])
+
+
+def _view_at(track: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """Return a track (F, ...) at times in frames, NaN beyond its ends and where a neighbour is."""
+    last = len(track) - 1
+    low = np.clip(np.floor(times).astype(int), 0, last)
+    share = (times - low).reshape(-1, *[1] * (track.ndim - 1))
+    between = np.where(share > 0, (1 - share) * track[low] + share * track[np.minimum(low + 1, last)], track[low])
+    return np.where((times < 0).reshape(share.shape) | (times > last).reshape(share.shape), np.nan, between)
+
+
+def _median(values: np.ndarray) -> float:
+    """Return the lower median; 0 of nothing."""
+    return float(np.sort(values)[(len(values) - 1) // 2]) if len(values) else 0.0

@@ -1,0 +1,221 @@
+"""People in space: which detections of different views are the same person in one frame.
+
+Every pair of detections from two views is intersected ray by ray (midpoint of the shortest segment between two rays).
+Pairs whose rays meet are carried into all other views, and each gathers the detections that lie where it is seen.
+Distances are metres at the person's depth, so one tolerance serves every lens and distance. Whether a detector
+swapped left and right does not matter: each comparison is made both ways.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.agreement.detections import MIN_POINTS, Sightings
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.types import Cameras
+
+TOLERANCE_M = 0.15
+"""Median distance over the keypoints up to which a detection belongs to a person."""
+MAX_EXTENT_M = 1.6
+"""No keypoint of a person is further from the middle of all."""
+SMALLEST_ANGLE_SIN2 = 0.0076
+"""Squared sine of the smallest angle between two rays that place a point: 5 degrees."""
+_FRAMES_AT_A_TIME = 400
+"""Frames that are compared at a time, which bounds memory; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class PeopleInSpace:
+    """H people, or groups of detections that may be people, each in one frame; several may share a frame."""
+
+    frame: np.ndarray
+    """(H,) frame of each, ascending."""
+    members: np.ndarray
+    """(H, C) which detection of each view is this person; -1 = none."""
+    points: np.ndarray
+    """(H, J, 3) world metres of the compared keypoints; NaN where unknown."""
+    score: np.ndarray
+    """(H,) sum over its views of 1 - distance / tolerance."""
+
+
+def candidates(seen: Sightings) -> Iterator[tuple[int, PeopleInSpace]]:
+    """Yield the frames done so far and, for each block of frames, every group of detections that may be one person.
+
+    Groups may share detections: two rays of different people can meet by chance. ``assigned_exclusively`` decides.
+    """
+    frames = seen.xy.shape[1]
+    for start in range(0, frames, _FRAMES_AT_A_TIME):
+        stop = min(start + _FRAMES_AT_A_TIME, frames)
+        block = Sightings(seen.cameras, seen.xy[:, start:stop], seen.mirror)
+        people = _candidates_of_block(block)
+        yield stop, PeopleInSpace(people.frame + start, people.members, people.points, people.score)
+
+
+def _candidates_of_block(seen: Sightings) -> PeopleInSpace:
+    frame, points = _seeds(seen)
+    members, swapped, _ = gather(seen, frame, points)
+    frame, members, swapped = _without_copies(frame, members, swapped)
+    points = _intersection(seen, frame, members, swapped)
+    members, _, score = gather(seen, frame, points)
+    several = (members >= 0).sum(1) >= 2
+    return PeopleInSpace(frame[several], members[several], points[several], score[several])
+
+
+def _seeds(seen: Sightings) -> tuple[np.ndarray, np.ndarray]:
+    """Return frame (N,) and points (N, J, 3) of every pair of detections whose rays meet."""
+    present = seen.present()
+    frames: list[np.ndarray] = [np.zeros(0, np.int64)]
+    points: list[np.ndarray] = [np.zeros((0, seen.xy.shape[3], 3))]
+    count = len(seen.cameras)
+    for a in range(count):
+        for b in range(a + 1, count):
+            frame, p, q = np.nonzero(present[a][:, :, None] & present[b][:, None, :])
+            first, second = seen.xy[a, frame, p], seen.xy[b, frame, q]
+            for swapped in (False, True):
+                middle, gap = _midpoints(seen.cameras, a, b, first, second[:, seen.mirror] if swapped else second)
+                meets = _median(gap) < TOLERANCE_M
+                person = meets & _is_person_sized(middle)
+                frames.append(frame[person])
+                points.append(middle[person])
+                frame, first, second = frame[~meets], first[~meets], second[~meets]
+    return np.concatenate(frames), np.concatenate(points)
+
+
+def _midpoints(cameras: Cameras, a: int, b: int, n_a: np.ndarray, n_b: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return midpoint (N, J, 3) and length (N, J) in metres of the shortest segment between rays of two views.
+
+    Both are NaN where a keypoint is missing, the rays are nearly parallel, or they meet behind a camera (midpoint
+    method; Hartley and Sturm 1997, "Triangulation").
+    """
+    d_a, d_b = _directions(cameras, a, n_a), _directions(cameras, b, n_b)
+    base = cameras.centres[b] - cameras.centres[a]
+    along_a, along_b, cosine = d_a @ base, d_b @ base, (d_a * d_b).sum(-1)
+    spread = 1.0 - cosine**2
+    usable = spread > SMALLEST_ANGLE_SIN2
+    spread = np.where(usable, spread, np.nan)
+    s, u = (along_a - cosine * along_b) / spread, (cosine * along_a - along_b) / spread
+    p_a = cameras.centres[a] + s[..., None] * d_a
+    p_b = cameras.centres[b] + u[..., None] * d_b
+    ahead = (s > 0) & (u > 0)
+    middle = np.where(ahead[..., None], (p_a + p_b) / 2, np.nan)
+    return middle, np.where(ahead, np.linalg.norm(p_a - p_b, axis=-1), np.nan)
+
+
+def _directions(cameras: Cameras, c: int, n: np.ndarray) -> np.ndarray:
+    """Return unit ray directions in the world, (..., 3), of normalised coordinates (..., 2)."""
+    ray = n @ cameras.R[c][:2] + cameras.R[c][2]
+    return ray / np.sqrt(1.0 + (n * n).sum(-1))[..., None]
+
+
+def gather(seen: Sightings, frame: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return which detection of each view is the person at ``points``, and how well the views agree.
+
+    Args:
+        seen: all detections.
+        frame: (N,) frame of each person.
+        points: (N, J, 3) world metres, NaN where unknown.
+
+    Returns:
+        members (N, C), -1 where no detection lies within the tolerance, whether left and right are swapped in each
+        (N, C), and score (N,) as in ``PeopleInSpace``.
+    """
+    members = np.full((len(frame), len(seen.cameras)), -1)
+    swaps = np.zeros(members.shape, bool)
+    score = np.zeros(len(frame))
+    for c in range(len(seen.cameras)):
+        fit, distance, swapped = detection_distances(seen, c, frame, points)
+        best = np.argmax(np.where(distance < TOLERANCE_M, fit, -1.0), axis=1)[:, None]
+        nearest = np.take_along_axis(distance, best, axis=1)[:, 0]
+        members[:, c] = np.where(nearest < TOLERANCE_M, best[:, 0], -1)
+        swaps[:, c] = np.take_along_axis(swapped, best, axis=1)[:, 0]
+        score += np.maximum(0.0, 1.0 - nearest / TOLERANCE_M)
+    return members, swaps, score
+
+
+def detection_distances(
+    seen: Sightings, c: int, frame: np.ndarray, points: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compare every detection of one view with a person in space.
+
+    Args:
+        seen: all detections.
+        c: the view.
+        frame: (N,) frame of each person.
+        points: (N, J, 3) world metres, NaN where unknown.
+
+    Returns:
+        (N, P) how many keypoints lie where expected (a soft count); (N, P) the median distance in metres at the
+        person's depth, infinite where too few keypoints can be compared; (N, P) whether that is with left and right
+        swapped.
+    """
+    local = points @ seen.cameras.R[c].T + seen.cameras.t[c]
+    depth = np.where(local[..., 2] > 0.05, local[..., 2], np.nan)
+    expected = local[..., :2] / depth[..., None]
+    fits, distances, swaps = [], [], []
+    for p in range(seen.xy.shape[2]):
+        found = seen.xy[c, frame, p]
+        fit, distance = _fit(found, expected, depth)
+        swapped_fit, swapped_distance = _fit(found[:, seen.mirror], expected, depth)
+        swapped = swapped_distance < distance
+        swaps.append(swapped)
+        fits.append(np.where(swapped, swapped_fit, fit))
+        distances.append(np.where(swapped, swapped_distance, distance))
+    return np.stack(fits, axis=1), np.stack(distances, axis=1), np.stack(swaps, axis=1)
+
+
+def _fit(found: np.ndarray, expected: np.ndarray, depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many keypoints lie where expected (soft count) and the median distance in metres, each (N,)."""
+    across, down = found[..., 0] - expected[..., 0], found[..., 1] - expected[..., 1]
+    distance = np.sqrt(across * across + down * down) * depth
+    fit = np.where(distance < 2 * TOLERANCE_M, 1.0 - distance / (2 * TOLERANCE_M), 0.0).sum(-1)
+    return fit, _median(distance)
+
+
+def _median(values: np.ndarray) -> np.ndarray:
+    """Return the median over the last axis of what is not NaN; inf where fewer than ``MIN_POINTS`` are."""
+    enough = np.isfinite(values).sum(-1) >= MIN_POINTS
+    return np.where(enough, quantile(values, 0.5, axis=-1, method="lower"), np.inf)
+
+
+def _is_person_sized(points: np.ndarray) -> np.ndarray:
+    """Return (N,) whether no point is too far from the middle of all, but for a few stray ones."""
+    known = np.isfinite(points[..., 0])
+    count = np.maximum(known.sum(-1), 1)
+    middle = np.where(known[..., None], points, 0.0).sum(-2) / count[:, None]
+    far = np.linalg.norm(np.where(known[..., None], points - middle[:, None], 0.0), axis=-1) > MAX_EXTENT_M
+    return far.sum(-1) <= 0.2 * count
+
+
+def _without_copies(
+    frame: np.ndarray, members: np.ndarray, swapped: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return each combination of detections once, of those with at least two views, by frame."""
+    several = (members >= 0).sum(1) >= 2
+    rows, first = np.unique(np.column_stack([frame[several], members[several]]), axis=0, return_index=True)
+    return rows[:, 0], rows[:, 1:], swapped[several][first]
+
+
+def _intersection(seen: Sightings, frame: np.ndarray, members: np.ndarray, swapped: np.ndarray) -> np.ndarray:
+    """Return (N, J, 3) the points nearest to the rays of all views in metres: ``Σ (I - d dᵀ) x = Σ (I - d dᵀ) c``.
+
+    Hartley and Sturm 1997, "Triangulation" (midpoint method), for any number of views.
+    """
+    count, joints = len(frame), seen.xy.shape[3]
+    A, b = np.zeros((count, joints, 3, 3)), np.zeros((count, joints, 3))
+    used = np.zeros((count, joints), np.int64)
+    for c in range(len(seen.cameras)):
+        n = np.where((members[:, c] >= 0)[:, None, None], seen.xy[c, frame, members[:, c]], np.nan)
+        n = np.where(swapped[:, c, None, None], n[:, seen.mirror], n)
+        known = np.isfinite(n[..., 0])
+        d = np.where(known[..., None], _directions(seen.cameras, c, np.nan_to_num(n)), 0.0)
+        across = np.where(known[..., None, None], np.eye(3), 0.0) - d[..., :, None] * d[..., None, :]
+        A += across
+        b += across @ seen.cameras.centres[c]
+        used += known
+    # Of two rays at an angle the determinant is 2 sin²; more rays only add to it.
+    solvable = (used >= 2) & (np.linalg.det(A) > 2 * SMALLEST_ANGLE_SIN2)
+    A = np.where(solvable[..., None, None], A, np.eye(3))
+    return np.where(solvable[..., None], np.linalg.solve(A, b[..., None])[..., 0], np.nan)
