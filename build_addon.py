@@ -4,9 +4,6 @@
 (``.cdx.json``, CycloneDX), has Blender's own extension tool validate
 it where the ``bpy`` module is installed, and has the same tool write ``index.json``: the folder can then be served by
 any web server as an extension repository. Same sources, same bytes.
-
-``python build_addon.py --vendor`` copies the exchange library, with which both halves read and write the files that
-they meet at, from the solver into the add-on; the copy is committed.
 """
 
 from __future__ import annotations
@@ -14,7 +11,6 @@ from __future__ import annotations
 import argparse
 import hashlib
 import json
-import shutil
 import subprocess
 import sys
 import tomllib
@@ -27,7 +23,7 @@ from supply.bill_of_materials import bill_of_materials
 
 ROOT = Path(__file__).resolve().parent
 ADDON, SOLVER = ROOT / "blender_addon", ROOT / "solver_backend"
-EXCHANGE, VENDORED = SOLVER / "exchange", ADDON / "_exchange"
+EXCHANGE = SOLVER / "exchange"
 MANIFEST = ADDON / "blender_manifest.toml"
 WHEEL_CACHE = ROOT / "build" / "wheels"
 WHEEL_SHA256 = {
@@ -52,12 +48,7 @@ def main(arguments: list[str] | None = None) -> int:
     """Build, validate and index; return 0 if all went well."""
     parser = argparse.ArgumentParser(description="Build the Blender extension.")
     parser.add_argument("--out", type=Path, default=ROOT / "dist", help="folder for the zip (default: dist)")
-    parser.add_argument("--vendor", action="store_true", help="copy the exchange library into the add-on instead")
-    options = parser.parse_args(arguments)
-    if options.vendor:
-        vendor(EXCHANGE, VENDORED)
-        return 0
-    out = options.out
+    out = parser.parse_args(arguments).out
     try:
         path = build(out)
     except WheelMissing as error:
@@ -74,12 +65,6 @@ def main(arguments: list[str] | None = None) -> int:
     steps = [["validate", str(path)], ["server-generate", "--repo-dir", str(out)]]
     codes = [subprocess.run([sys.executable, str(tool), *step], check=False).returncode for step in steps]
     return max(codes)
-
-
-def vendor(source: Path, copy: Path) -> None:
-    """Make a folder the copy of another, byte for byte; what else was in it goes."""
-    shutil.rmtree(copy, ignore_errors=True)
-    shutil.copytree(source, copy, ignore=shutil.ignore_patterns("__pycache__"))
 
 
 def build(out: Path) -> Path:
@@ -109,8 +94,10 @@ def contents() -> dict[str, Path]:
     """Return the files of the extension by their names in the zip, sorted.
 
     The solver lies in a folder of its own, so that a child process that finds it finds nothing of the add-on.
+    The exchange library is in both halves: each imports its own.
     """
     found = {path.relative_to(ADDON).as_posix(): path for path in _files(ADDON)}
+    found |= {f"_exchange/{path.relative_to(EXCHANGE).as_posix()}": path for path in _files(EXCHANGE)}
     found |= {f"backend/solver_backend/{path.relative_to(SOLVER).as_posix()}": path for path in _files(SOLVER)}
     found |= {f"wheels/{name}": wheel(name) for name in manifest_wheels()}
     found["LICENSE"] = ROOT / "LICENSE"

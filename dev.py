@@ -36,7 +36,6 @@ VERBS = {
     "lint": "the checks alone",
     "bench": "benchmarks against their committed baseline",
     "build": "the extension's zip",
-    "vendor": "the exchange library copied into the add-on",
     "setup": "the environment alone",
     "docs": "the generated pages and charts of docs, and the site in build/site",
     "detectors": "an environment of its own for MediaPipe, which finds keypoints in videos (downloads 150 MB, once)",
@@ -96,9 +95,8 @@ def run_verb(args: argparse.Namespace, rest: list[str]) -> int:
     """Make the environment where it is missing, then do what was asked for."""
     if args.verb == "demo":
         return demo(args)
-    plain = {"vendor": ["build_addon.py", "--vendor"], "detectors": ["-m", "supply.detectors"]}
-    if args.verb in plain:
-        return call([sys.executable, *plain[args.verb]])
+    if args.verb == "detectors":
+        return call([sys.executable, "-m", "supply.detectors"])
     set_up()
     made = {
         "test": ["-m", "supply.checks", "test", *rest],

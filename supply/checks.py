@@ -10,6 +10,8 @@ import threading
 from pathlib import Path
 from typing import IO
 
+from supply.exchange_stubs import write_stubs
+
 ROOT = Path(__file__).resolve().parents[1]
 VENV = Path(sys.prefix)
 COMPILED = VENV / "compiled"
@@ -36,7 +38,8 @@ def main(argv: list[str]) -> int:
 
 
 def lint_steps(fix: bool) -> list[list[str]]:
-    """Return the commands of the linters, the longest last."""
+    """Return the commands of the linters, the longest last, and write the stubs that the type checker needs."""
+    write_stubs()
     python = [sys.executable, "-m"]
     check = [*python, "ruff", "check", *(["--fix"] if fix else []), "."]
     layout = [*python, "ruff", "format", *([] if fix else ["--check"]), "--quiet", "."]

@@ -15,8 +15,6 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("solver_backend", "blender_addon", "dev.py")
-_COPIED = ROOT / "blender_addon" / "_exchange"
-"""A copy of the solver's library; its texts stand there."""
 VALUE = "{…}"
 """Where a message holds a value."""
 _SENTENCE = re.compile(r"[A-Za-z]{2,}\W+[A-Za-z]{2,}")
@@ -49,8 +47,6 @@ def texts() -> Iterator[tuple[Path, int, str]]:
     known = set[str]()
     for package in PACKAGES:
         for path in sorted((ROOT / package).rglob("*.py")) or [ROOT / package]:
-            if _COPIED in path.parents:
-                continue
             for line, found in sorted(shown_strings(path)):
                 text = " ".join(found.split())
                 if text not in known and _SENTENCE.search(text):

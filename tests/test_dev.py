@@ -251,12 +251,7 @@ def test_a_chosen_python_has_its_own_environment(dev, monkeypatch):
     assert chosen.WANTED == (3, 13) and chosen.VENV == ROOT / ".venv-3.13"
 
 
-def test_vendoring_needs_no_environment(dev, monkeypatch):
+def test_detectors_get_an_environment_of_their_own(dev, monkeypatch):
     monkeypatch.setattr(dev, "set_up", lambda: pytest.fail("the environment was made"))
-    assert dev.main(["vendor"]) == 0
-    assert [command for command, _ in dev.commands] == [[sys.executable, "build_addon.py", "--vendor"]]
-
-
-def test_detectors_get_an_environment_of_their_own(dev):
     assert dev.main(["detectors"]) == 0
     assert [command[1:] for command, _ in dev.commands] == [["-m", "supply.detectors"]]

@@ -122,11 +122,8 @@ def test_no_folders_beside_each_other_import_each_other_in_a_ring(package: str) 
 
 
 def test_a_class_name_has_one_home() -> None:
-    """The add-on's copy of the exchange library is a copy, no second home."""
     homes: dict[str, list[str]] = {}
     for path in product_files():
-        if path.is_relative_to(ROOT / "blender_addon" / "_exchange"):
-            continue
         for name in found_in(path)[1]:
             homes.setdefault(name, []).append(dotted(path))
     assert len(homes) > 500

@@ -63,9 +63,8 @@ def joint_numbers(tree: ast.AST) -> Iterator[int]:
 
 
 def files() -> list[Path]:
-    """Return the product's files; the add-on's copy of the exchange library is looked at where it is copied from."""
-    found = (path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py")))
-    return [path for path in found if not path.is_relative_to(ROOT / "blender_addon" / "_exchange")]
+    """Return the product's files."""
+    return [path for package in PACKAGES for path in sorted((ROOT / package).rglob("*.py"))]
 
 
 @pytest.mark.slow

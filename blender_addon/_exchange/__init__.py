@@ -1,5 +1,6 @@
-"""What both halves of the program share: errors, progress, and the files that they meet at.
+"""The exchange library inside the add-on: real files in the zip, the solver's folder in a checkout."""
 
-NumPy and the standard library alone, and relative imports only: the add-on carries this folder byte for byte as
-``blender_addon/_exchange`` (``python3 dev.py vendor``), because neither half imports the other.
-"""
+from pathlib import Path
+
+if not Path(__file__).with_name("errors.py").is_file():
+    __path__ = [str(Path(__file__).resolve().parents[2] / "solver_backend" / "exchange")]

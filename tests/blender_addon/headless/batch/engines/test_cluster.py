@@ -142,7 +142,7 @@ def test_a_worker_of_another_version_is_named_with_both_and_gets_nothing(
         (other / path.name).symlink_to(path)
     exchange = other / "_exchange"
     exchange.unlink()
-    shutil.copytree(ROOT / "blender_addon" / "_exchange", exchange)
+    shutil.copytree(ROOT / "solver_backend" / "exchange", exchange)
     (exchange / "version.py").write_text('VERSION = "7.8.9"\n', encoding="utf-8")
     odd_worker(path=other.parent)
     request = batch(tmp_path, ["a", "b", "c", "d"])
