@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.opencv import opencv
 from solver_backend.exchange.errors import FileDamaged, FileMissing
-from solver_backend.io.footage.recording import parts_of
+from solver_backend.io.footage import parts_of
 from solver_backend.io.recognition.camera_names import natural_key
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")

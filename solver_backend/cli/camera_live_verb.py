@@ -38,7 +38,7 @@ _SWITCH_S = 5e-4
 def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
     _check(args)
-    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.statistics import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels

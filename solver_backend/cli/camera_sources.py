@@ -154,7 +154,7 @@ def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequenc
     from solver_backend.io.captures.pose2sim import read_config
     from solver_backend.io.detections.read import read_detections
     from solver_backend.io.detections.search import camera_sources
-    from solver_backend.io.footage.footage import find_footage, headers
+    from solver_backend.io.footage import find_footage, headers
 
     sources = camera_sources(args.source)
     levels = levels_above(args.source)

@@ -18,7 +18,7 @@ from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, e
 from solver_backend.fitters.partial_body.informed_parts import parts_without
 from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
-from solver_backend.io.markers.take import gaps_of
+from solver_backend.io.markers.source import gaps_of
 from solver_backend.io.motions.motion_checks import odd_shape
 from solver_backend.io.recognition.marker_labels import subjects_of
 from solver_backend.types import MarkerCloud, MarkerSubject

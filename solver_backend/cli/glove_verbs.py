@@ -38,7 +38,7 @@ def add_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.body.files.choices import load_chosen_body
     from solver_backend.cli.motion_reading import any_motion
     from solver_backend.fitters.motion_import.merge_gloves import merge_gloves
-    from solver_backend.io.motions.gloves.read import read_gloves
+    from solver_backend.io.motions.gloves import read_gloves
     from solver_backend.io.native.motion_file import write_motion
 
     motion, body = any_motion(args.motion, args.body), load_chosen_body(args.body)

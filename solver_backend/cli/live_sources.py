@@ -93,7 +93,7 @@ def _poses(args: argparse.Namespace) -> LiveSource:
             "Poses are recorded as a motion.", where=str(args.record), hint="Name a file that ends in .npz."
         )
     from solver_backend.body.body import load_body
-    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.face_recording import FaceRecorder
     from solver_backend.live.pose_recording import PoseRecorder
     from solver_backend.live.vmc_frames import FrameAssembly

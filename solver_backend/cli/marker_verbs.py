@@ -77,7 +77,7 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.exchange.errors import NoDetections
     from solver_backend.fitters.label_first import labelled_capture, named_in, named_points
     from solver_backend.fitters.label_of_person import labelled_as_person
-    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.native.motion_file import read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.labelling import labelling_html
 
@@ -119,7 +119,7 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
 
 
 def _write(path: Path, labelled: Capture, *, overwrite: bool) -> None:
-    from solver_backend.io.markers.write import write_markers
+    from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
 
     assert labelled.markers is not None
@@ -158,7 +158,7 @@ def export_markers(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_ending(args.out)
     check_output(args.out, overwrite=overwrite)
-    from solver_backend.io.markers.write import write_markers
+    from solver_backend.io.markers.read import write_markers
     from solver_backend.types import MarkerCloud
 
     positions, labels, fps = _markers(args.motion, args.contents)

@@ -12,7 +12,7 @@ from solver_backend.job import Job
 from solver_backend.types import Capture, Motion
 
 if TYPE_CHECKING:
-    from solver_backend.types.camera_fits import CameraFits
+    from solver_backend.types.cameras import CameraFits
 
 
 def write_both(job: Job, capture: Capture, motion: Motion, progress: Progress) -> None:

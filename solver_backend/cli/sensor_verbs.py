@@ -61,7 +61,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
     check_output(args.out, overwrite=overwrite)
     import numpy as np
 
-    from solver_backend.io.markers.write import write_markers
+    from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.sensors.fusion.settings import FusionSettings
     from solver_backend.sensors.take import capture_from, cloud_of

@@ -109,8 +109,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.label_first import labelled_capture, named_points
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
-    from solver_backend.io.native.motion_file import read_motion
-    from solver_backend.io.native.subject_file import read_subject
+    from solver_backend.io.native.motion_file import read_motion, read_subject
     from solver_backend.report.diagnose import diagnose
 
     start = time.monotonic()

@@ -26,7 +26,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import CameraChange, CaptureResult, CapturesResult, PersonResult, RefineResult
-from solver_backend.io.footage.footage import SENSOR_RECORDING
+from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
@@ -41,7 +41,7 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.fitters.label_of_person import person_of_nameless
     from solver_backend.fitters.pipeline import calibrate_person
-    from solver_backend.io.native.subject_file import write_subject
+    from solver_backend.io.native.motion_file import write_subject
 
     settings = SolveSettings.from_dict(given_settings(args))
     nameless = list[Capture]()
@@ -143,7 +143,7 @@ def refine_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     capture = load(args.capture, reading(args), progress)
-    from solver_backend.cameras.calibration_refinement import refine_calibration
+    from solver_backend.cameras.refinement import refine_calibration
 
     progress("Refining the cameras", 0, 1)
     found = refine_calibration(capture)

@@ -224,7 +224,7 @@ def _pictures_fps(args: argparse.Namespace) -> float:
 def _footage(given: list[Path]) -> dict[str, Path]:
     """Return the videos that were named, or those of the one folder that was, by the cameras' names."""
     if len(given) > 1 or not given[0].is_dir():
-        from solver_backend.io.footage.recording import join_chapters
+        from solver_backend.io.footage import join_chapters
 
         return {parts[0].stem: parts[0] for parts in join_chapters(given)}
     from solver_backend.videos.pipeline.layout import look_through

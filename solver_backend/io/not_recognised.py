@@ -11,8 +11,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised
 from solver_backend.io.captures.pose2sim import trials_below
 from solver_backend.io.detections.search import DETECTION_FOLDERS, camera_sources
 from solver_backend.io.detections.unsupported import name_unsupported
-from solver_backend.io.footage.footage import SENSOR_RECORDING
-from solver_backend.io.footage.recording import count_recordings
+from solver_backend.io.footage import SENSOR_RECORDING, count_recordings
 from solver_backend.io.markers.unsupported import name_unsupported_file
 from solver_backend.io.reader import Reader
 from solver_backend.io.recognition.camera_names import listing

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
 from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
-from solver_backend.io.native.subject_file import read_subject
+from solver_backend.io.native.motion_file import read_subject
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 

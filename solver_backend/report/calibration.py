@@ -7,7 +7,7 @@ import numpy as np
 from solver_backend.report.markup import facts, heat_table, number, section, text
 from solver_backend.report.plots import PlotCurve, time_plot
 from solver_backend.types import Capture
-from solver_backend.types.camera_fits import COLUMNS, ROWS, CameraFits
+from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 
 def calibration_section(capture: Capture, fit: CameraFits | None) -> str:

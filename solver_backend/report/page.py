@@ -23,7 +23,7 @@ from solver_backend.report.props import props_section
 from solver_backend.report.rest_pose import rest_pose_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
-from solver_backend.types.camera_fits import CameraFits
+from solver_backend.types.cameras import CameraFits
 
 
 def write_report(

@@ -19,13 +19,19 @@ from solver_backend.exchange.motion_file import (
 )
 from solver_backend.exchange.skeleton_file import SkeletonMotion
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.capture import Capture, Keypoints2D, PersonInViews
-from solver_backend.types.hands_in_views import UNSEEN_POINT, stacked_hands
-from solver_backend.types.limbs import FEET, LIMBS
-from solver_backend.types.marker_cloud import MarkerCloud
-from solver_backend.types.marker_subject import MarkerSubject
+from solver_backend.types.capture import (
+    BONES,
+    FEET,
+    LIMBS,
+    UNSEEN_POINT,
+    Capture,
+    Keypoints2D,
+    OwnPoint,
+    PersonInViews,
+    stacked_hands,
+)
+from solver_backend.types.marker_cloud import MarkerCloud, MarkerSubject
 from solver_backend.types.motion import Motion
-from solver_backend.types.own_point import BONES, OwnPoint
 
 __all__ = [
     "BONES",

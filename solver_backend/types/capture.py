@@ -1,12 +1,14 @@
-"""What was recorded: 2D keypoints, markers, and the capture that holds them."""
+"""What was recorded: 2D keypoints, hands, own points, markers, and the capture that holds them."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.diagnostics import EARLIER_NOTE, Diagnostic, read_diagnostics
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
@@ -17,13 +19,63 @@ from solver_backend.exchange.errors import (
     PersonUnknown,
     TooFewViews,
 )
+from solver_backend.exchange.hand_points import HAND_POINTS, NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.joint_sets import JointSet
 from solver_backend.exchange.plausible import FARTHEST_PX
+from solver_backend.exchange.rigs.roles import JOINT_OF
 from solver_backend.types.cameras import Cameras
-from solver_backend.types.hands_in_views import checked_hands
 from solver_backend.types.marker_cloud import MarkerCloud
-from solver_backend.types.own_point import OwnPoint
 from solver_backend.types.shapes import Float
+
+BONES = {role: SMPL.joints[joint] for role, joint in JOINT_OF.items()} | {
+    name: name for name in ("spine1", "spine2", "spine3", "neck")
+}
+"""The joint that turns each bone, by what people call the bone: ``left_forearm`` turns at ``left_elbow``."""
+
+
+@dataclass(frozen=True)
+class OwnPoint:
+    """A point at an unknown, constant place on a bone."""
+
+    name: str
+    """What the user calls it."""
+    bone: str
+    """Of ``BONES``."""
+
+
+UNSEEN_POINT = (np.nan, np.nan, 0.0)
+"""x, y and confidence of a point that was not seen."""
+
+
+def stacked_hands(hands: Sequence[np.ndarray | None], axis: int) -> np.ndarray | None:
+    """Return the hands of several people side by side, NaN of people without; None where nobody has any."""
+    like = next((hand for hand in hands if hand is not None), None)
+    if like is None:
+        return None
+    return np.stack([np.full_like(like, np.nan) if hand is None else hand for hand in hands], axis=axis)
+
+
+def checked_hands(hands: np.ndarray, shape: tuple[int, ...]) -> np.ndarray:
+    """Return hands whose unseen points are NaN with confidence 0.
+
+    Raises:
+        KeypointCountMismatch: they are of other views or frames, or of another number of points.
+        NonFiniteData: one is infinite or beyond any picture.
+    """
+    hands = np.array(hands, dtype=np.float64)
+    expected = (*shape, 2, NUM_HAND_POINTS, 3)
+    if hands.shape != expected:
+        raise KeypointCountMismatch(f"The hands have the shape {hands.shape}; {expected} is expected.")
+    beyond = (np.abs(hands) > FARTHEST_PX).any(-1)
+    if beyond.any():
+        view, frame, hand, point = np.argwhere(beyond)[0]
+        raise NonFiniteData(
+            "A point of a hand is infinite or beyond any picture.",
+            where=f"view {view}, frame {frame}, {SIDES[hand]} {HAND_POINTS[point]}",
+            hint="Write NaN (or 0 0 0) for a point that was not seen.",
+        )
+    hands[~np.isfinite(hands).all(-1) | ~(hands[..., 2] > 0)] = UNSEEN_POINT
+    return hands
 
 
 @dataclass(frozen=True)
@@ -278,3 +330,9 @@ class Capture:
             footage=footage,
             people=people,
         )
+
+
+LIMBS: dict[str, tuple[str, ...]] = {"arms": ("shoulder", "elbow", "wrist"), "legs": ("hip", "knee", "ankle")}
+"""Joints of each side that every detector finds, from the trunk outwards."""
+FEET: tuple[str, ...] = ("big_toe", "small_toe", "heel", "foot")
+"""Points of each side's foot, where a vocabulary has them."""

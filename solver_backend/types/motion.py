@@ -1,4 +1,4 @@
-"""The result of a solve: the motion of a body, as wide as its layout."""
+"""The result of a solve: the motion of a body, as wide as its layout; and hands as gloves record them."""
 
 from __future__ import annotations
 
@@ -130,3 +130,22 @@ class Motion:
                 f"The motion is of the body {self.body}, not {body}.", where=where,
                 hint="Use the body that the motion was solved with.",
             )  # fmt: skip
+
+
+@dataclass(frozen=True)
+class GloveTake:
+    """F frames of both hands."""
+
+    name: str
+    """Of the recording."""
+    times: Float[np.ndarray, " frames"]
+    """(F,) seconds from the first frame, rising."""
+    angles: Float[np.ndarray, "frames 2 a"]
+    """(F, 2, A) radians of the left and the right hand, see ``hand_angles``; NaN where the file does not have them."""
+    palms: Float[np.ndarray, "frames 2 3 3"]
+    """(F, 2, 3, 3) rotations of the palms in a world of the file's own; NaN where it has none."""
+
+    @property
+    def sides(self) -> tuple[int, ...]:
+        """Hands that the file has: 0 left, 1 right."""
+        return tuple(side for side in range(2) if np.isfinite(self.angles[:, side]).any())

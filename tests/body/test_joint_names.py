@@ -8,7 +8,7 @@ from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import name_markers
 from solver_backend.body.markers import marker_landmarks, placement_precision
 from solver_backend.exchange.joint_sets import SMPL_JOINTS, JointSet
-from solver_backend.io.motions.skeleton_maps import MAPS
+from solver_backend.io.motions.recorded_clip import MAPS
 from tests.support.label_systems import SKELETONS, SYSTEMS
 from tests.support.skeleton_labels import POSE2SIM, SUIT
 

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.cameras import calibration_refinement
-from solver_backend.cameras.calibration_refinement import RefinedCalibration, refine_calibration
+from solver_backend.cameras import refinement
 from solver_backend.cameras.projection import project
+from solver_backend.cameras.refinement import RefinedCalibration, refine_calibration
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import NoDetections
@@ -82,7 +82,7 @@ def test_the_recordings_cameras_fit_better_afterwards(
 ) -> None:
     ran: list[tuple[Capture, RefinedCalibration]] = []
     spy = lambda capture: ran.append((capture, refine_calibration(capture))) or ran[-1][1]  # noqa: E731
-    monkeypatch.setattr(calibration_refinement, "refine_calibration", spy)
+    monkeypatch.setattr(refinement, "refine_calibration", spy)
     out = tmp_path / "refined.npz"
     assert main(["refine-cameras", str(shared_data / BALANCING_TRIAL), "--out", str(out)]) == 0
     assert "px before" in capsys.readouterr().out

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from solver_backend.cameras.camera_rotation import estimated_rotation, rotated_back
 from solver_backend.cameras.projection import project
+from solver_backend.cameras.refinement import estimated_rotation, rotated_back
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.camera_ring import record, ring
 

@@ -11,8 +11,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.main import main
 from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.io.native.motion_file import read_motion
-from solver_backend.io.native.subject_file import read_subject
+from solver_backend.io.native.motion_file import read_motion, read_subject
 from solver_backend.io.png import read_png
 from solver_backend.types import MarkerCloud
 from tests.support.worn_markers import worn_markers

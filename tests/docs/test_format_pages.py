@@ -17,7 +17,8 @@ from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.live_lines import FrameLine
 from solver_backend.exchange.reading_settings import ROWS as READING_ROWS
-from solver_backend.io.native import capture_file, own_columns, subject_file
+from solver_backend.io.native import capture_file
+from solver_backend.io.native import motion_file as native_motion_file
 from solver_backend.job import Job
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -67,11 +68,11 @@ def test_the_capture_file_has_these_keys() -> None:
     stored = {*capture_file._STORED} - _EARLIER - {"format", "version"}
     written = code(text)
     assert stored <= written | {"format", "version"}, stored - written
-    assert keys(text) - {"truth_*"} <= {*stored, *own_columns.STORED}
+    assert keys(text) - {"truth_*"} <= {*stored, *capture_file.STORED}
 
 
 def test_the_subject_file_has_these_keys() -> None:
-    assert keys(section(_FORMATS, "Subject file")) == set(subject_file._STORED)
+    assert keys(section(_FORMATS, "Subject file")) == set(native_motion_file._STORED)
 
 
 @pytest.mark.parametrize(

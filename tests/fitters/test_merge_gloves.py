@@ -18,7 +18,7 @@ from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.motion_import.merge_gloves import MergedHands, merge_gloves
 from solver_backend.fitters.output.finger_turns import finger_turns_of
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.motions.gloves.read import read_gloves
+from solver_backend.io.motions.gloves import read_gloves
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion

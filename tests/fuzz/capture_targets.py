@@ -11,7 +11,7 @@ from solver_backend.io.calibration import read_calibration
 from solver_backend.io.calibration.read import calibrations_in
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
-from solver_backend.io.footage.mp4 import read_video_header
+from solver_backend.io.footage import read_video_header
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.types import Cameras, Capture, JointSet

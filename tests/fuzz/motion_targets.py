@@ -18,8 +18,7 @@ from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.npz import read_npz
 from solver_backend.io.load import load_motion
 from solver_backend.io.motions.motion_checks import check_motion
-from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.io.native.subject_file import read_subject
+from solver_backend.io.native.motion_file import read_motion, read_subject, write_motion
 from solver_backend.job import Job
 from solver_backend.priors.svae import load_svae
 from solver_backend.priors.weights import arrays_hash

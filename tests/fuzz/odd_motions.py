@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.io.native.motion_file import write_motion
-from solver_backend.io.native.subject_file import write_subject
+from solver_backend.io.native.motion_file import write_motion, write_subject
 from solver_backend.types import MarkerSubject, Motion
 from tests.fuzz.target import Write, file
 from tests.support.scenes import small_motion

@@ -228,14 +228,6 @@ def test_a_file_of_labels_that_makes_no_sense_is_refused(tmp_path, demo, item, e
         read_user_labels(path, demo)
 
 
-@pytest.mark.parametrize("name", ["manifold_mocap_user_labels", "manifold_mocap_told_points"])
-def test_a_file_of_labels_is_read_by_its_earlier_name_too(tmp_path, demo, name):
-    path = tmp_path / "labels.json"
-    item = {"point": 0, "frame": int(np.isfinite(demo.positions[:, 0, 0]).argmax()), "marker": "C7"}
-    path.write_text(json.dumps({"format": name, "version": 1, "points": [item]}))
-    assert list(read_user_labels(path, demo).values()) == ["C7"]
-
-
 def test_a_points_residual_goes_with_its_label(demo):
     rng = np.random.default_rng(0)
     order = rng.permutation(demo.positions.shape[1])

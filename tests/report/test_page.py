@@ -12,7 +12,7 @@ import pytest
 from solver_backend.exchange.errors import MotionInvalid, OutputExists
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
-from solver_backend.types.camera_fits import CameraFits
+from solver_backend.types.cameras import CameraFits
 from tests.support.html_page import Strict
 from tests.support.solved import FRAMES, NAME, bare, solved
 

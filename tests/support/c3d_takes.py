@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.source import MarkerTake
 from tests.support.c3d_bytes import C3dBytes
 
 LABELS = ("LFHD", "C7", "LANK", "LTOE")

@@ -16,7 +16,7 @@ from solver_backend.exchange.progress import Progress, silent
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.person_scale import MEAN_STATURE_M, scale_from_stature
 from solver_backend.types import Cameras, Keypoints2D
-from solver_backend.types.camera_fits import COLUMNS, ROWS, CameraFits
+from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 STAGE = "Checking the calibration"
 FRAMES = 240

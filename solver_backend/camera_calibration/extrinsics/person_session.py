@@ -14,7 +14,7 @@ from solver_backend.camera_calibration.extrinsics.from_person import (
     refined_by_person,
 )
 from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
-from solver_backend.cameras.calibration_refinement import view_distances
+from solver_backend.cameras.refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.alignment import umeyama

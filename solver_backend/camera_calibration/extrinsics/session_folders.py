@@ -8,7 +8,7 @@ from pathlib import Path
 
 from solver_backend.camera_calibration.frames import VIDEOS, is_footage
 from solver_backend.exchange.errors import CaptureNotRecognised, FileMissing
-from solver_backend.io.footage.recording import join_chapters
+from solver_backend.io.footage import join_chapters
 from solver_backend.io.recognition.camera_names import natural_key
 
 _LENS = ("intrinsics", "intrinsic", "lens", "lenses")

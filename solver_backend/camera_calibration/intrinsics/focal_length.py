@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import Lens, rough_lens
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.io.footage.recorded_lens import PLAUSIBLE_MM, recorded_focal_mm
+from solver_backend.io.footage import PLAUSIBLE_MM, recorded_focal_mm
 
 GUESSED_SIGMA = 0.15
 """Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""

@@ -19,7 +19,7 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.runs import true_runs
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import Motion
-from solver_backend.types.glove_take import GloveTake
+from solver_backend.types.motion import GloveTake
 
 _AGREE, _CLEARLY, _CERTAIN = 0.6, 0.1, 5.0
 """Correlation of the wrists' speeds from which a time is sure, by how much every other is lower, and its certainty: of

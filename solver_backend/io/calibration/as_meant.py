@@ -7,8 +7,7 @@ from dataclasses import replace
 from solver_backend.agreement.calibration_fit import CalibrationFit, fit_calibration
 from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.io.calibration.entry import Calibration
-from solver_backend.io.calibration.units import UNIT_ASSUMED
+from solver_backend.io.calibration.entry import UNIT_ASSUMED, Calibration
 from solver_backend.io.recognition.person_unit import unit_by_person
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 

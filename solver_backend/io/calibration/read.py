@@ -9,13 +9,15 @@ from pathlib import Path
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, FileDamaged, MocapError
 from solver_backend.io.calibration.colmap import is_colmap, read_colmap
-from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras
-from solver_backend.io.calibration.matrix_files import SUFFIXES
-from solver_backend.io.calibration.meant_entries import meant_entries
-from solver_backend.io.calibration.opencv_cameras import MatrixFile, opencv_cameras, read_matrix_file
+from solver_backend.io.calibration.entry import Calibration, CameraEntry, build_cameras, in_metres, meant_entries
+from solver_backend.io.calibration.opencv_cameras import (
+    SUFFIXES,
+    MatrixFile,
+    opencv_cameras,
+    read_matrix_file,
+    read_toml_cameras,
+)
 from solver_backend.io.calibration.qualisys import read_qualisys
-from solver_backend.io.calibration.toml_cameras import read_toml_cameras
-from solver_backend.io.calibration.units import in_metres
 from solver_backend.io.files import LARGEST_TEXT
 from solver_backend.io.recognition.up_axis import with_up_axis
 

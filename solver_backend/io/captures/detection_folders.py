@@ -22,11 +22,10 @@ from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
 from solver_backend.io.captures.agreement import bring_to_agreement
 from solver_backend.io.captures.pose2sim import TrialConfig, read_config
-from solver_backend.io.detections.own_keypoints import find_own_keypoints
+from solver_backend.io.detections.named_keypoints import find_own_keypoints
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources, listed_paths
-from solver_backend.io.footage.footage import find_footage, headers, with_sizes_of
-from solver_backend.io.footage.mp4 import VideoHeader
+from solver_backend.io.footage import VideoHeader, find_footage, headers, with_sizes_of
 from solver_backend.io.reader import Reader, ReadOptions
 from solver_backend.io.recognition.frame_choice import cut_frames
 from solver_backend.io.recognition.picture_shares import in_pixels

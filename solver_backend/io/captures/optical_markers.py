@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from solver_backend.body.hand_markers import hand_labels
 from solver_backend.body.joint_names import is_joint_centre
+from solver_backend.body.label_segments import named_bone
+from solver_backend.body.label_words import LabelWords
+from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.marker_names import (
     LEAST_MARKERS,
     LEAST_NETWORK_PLACES,
@@ -18,10 +25,108 @@ from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.io.markers.read import MARKERS
-from solver_backend.io.markers.subjects import of_subject
-from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.source import MarkerTake
 from solver_backend.io.reader import Reader, ReadOptions
-from solver_backend.types import Capture
+from solver_backend.io.recognition.camera_names import listing
+from solver_backend.io.recognition.marker_labels import prefix_of
+from solver_backend.types import Capture, MarkerCloud
+
+SEPARATOR = ","
+"""Between the prefixes of one person."""
+
+
+def of_subject(take: MarkerTake, given: str | None = None) -> MarkerTake:
+    """Return the markers of one person.
+
+    Args:
+        take: markers of one or more subjects.
+        given: the subject's prefix without its colon, or several with commas between them that are one person's; None
+            takes the only subject, or the only one that wears markers of a body.
+
+    Raises:
+        JobInvalid: several subjects may be meant and none is named, or a named one is not among them.
+    """
+    subjects = take.report.subjects
+    if given is None:
+        if len(subjects) < 2:
+            return take
+        places = {name: _places(take, name) for name in subjects}
+        bodies = [name for name in subjects if len(places[name]) >= LEAST_MARKERS] or _parts(subjects, places)
+        if len(bodies) != 1:
+            raise JobInvalid(
+                f"The file holds {len(subjects)} subjects: {_counts(take)}.", where="subject_prefix",
+                hint=_hint(bodies, places),
+            )  # fmt: skip
+        # Rigid bodies that are named by a bone are that person's, where they name no places of their own.
+        names = (bodies[0], *(name for name in subjects if not places[name] and named_bone(f"{name}:1")))
+        chosen = _part(take, names, [name for name in subjects if not places[name] and name not in names])
+        others = [f"{name} ({_size(take, name)} markers)" for name in subjects if name not in names]
+        note = diagnostic("subject_chosen", person=listing(names), others=others)
+        return replace(chosen, report=replace(chosen.report, notes=(*chosen.report.notes, note)))
+    names = (given,) if given in subjects else tuple(name.strip() for name in given.split(SEPARATOR))
+    for name in names:
+        if name not in subjects:
+            raise JobInvalid(
+                f"The file has no subject '{name}'; it holds {_counts(take) or 'labels without prefixes'}.",
+                where="subject_prefix", hint="Name the one to solve by its prefix.",
+            )  # fmt: skip
+    beside = [name for name in subjects if name not in names]
+    bodies = _parts(tuple(beside), {name: _places(take, name) for name in beside})
+    return _part(take, names, [name for name in beside if name not in bodies])
+
+
+def _part(take: MarkerTake, names: tuple[str, ...], things: Sequence[str]) -> MarkerTake:
+    """Return the markers of a person, with those of things that are nobody's beside."""
+    labels = take.cloud.labels or ()
+    kept = [i for i, label in enumerate(labels) if prefix_of(label) in names]
+    report = replace(
+        take.report,
+        subjects=names,
+        unlabelled=tuple(label for label in take.report.unlabelled if prefix_of(label) in names),
+        gaps=tuple(take.report.gaps[i] for i in kept),
+        missing=tuple(take.report.missing[i] for i in kept),
+    )
+    beside = [i for i, label in enumerate(labels) if prefix_of(label) in things]
+    others = joined_columns(take.others, take.cloud.columns(beside, tuple(labels[i] for i in beside)))
+    return MarkerTake(take.cloud.columns(kept, tuple(labels[i] for i in kept)), report, others)
+
+
+def joined_columns(one: MarkerCloud | None, two: MarkerCloud) -> MarkerCloud | None:
+    """Return the markers of two clouds of the same frames side by side; None where there are none."""
+    if not two.labels:
+        return one
+    if one is None:
+        return replace(two, residual=None, covariance=None)
+    positions = np.concatenate([one.positions, two.positions], axis=1)
+    return MarkerCloud(positions, two.fps, (*(one.labels or ()), *two.labels))
+
+
+def _places(take: MarkerTake, name: str) -> frozenset[str]:
+    labels = [label for label in take.cloud.labels or () if prefix_of(label) == name]
+    return frozenset(name_markers(labels).known.values())
+
+
+def _size(take: MarkerTake, name: str) -> int:
+    return sum(prefix_of(label) == name for label in take.cloud.labels or ())
+
+
+def _counts(take: MarkerTake) -> str:
+    return listing(f"{name} ({_size(take, name)} markers)" for name in take.report.subjects)
+
+
+def _parts(subjects: tuple[str, ...], places: dict[str, frozenset[str]]) -> list[str]:
+    """Return the subjects that are named by a part of a body, or wear some markers of one."""
+    words: LabelWords = load_layouts().words
+    return [name for name in subjects if places[name] or words.of(name)[1] or words.of_glued(name)[1]]
+
+
+def _hint(parts: list[str], places: dict[str, frozenset[str]]) -> str:
+    """Return what to do, and which subjects may be one person: parts of a body that share no place."""
+    one = "Name the one to solve: --subject-prefix NAME, in Blender Subject under Reading Options."
+    claimed = [place for name in parts for place in places[name]]
+    if len(parts) < 2 or len(claimed) > len(set(claimed)):
+        return one
+    return f"{one} If they are parts of one person, name them all: --subject-prefix {SEPARATOR.join(parts)}."
 
 
 def _as_captures(reader: Reader[MarkerTake]) -> Reader[Capture]:

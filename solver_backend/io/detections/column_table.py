@@ -8,10 +8,10 @@ from __future__ import annotations
 import csv
 import io
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from functools import partial
 from operator import itemgetter
-from pathlib import Path
+from pathlib import Path, PurePath
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.detections.camera_frames import CameraFrames, People
 from solver_backend.io.files import LONGEST_HEADING, read_text
+from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 _COORD = "(?P<coord>x|y|z|score|confidence|conf|likelihood|visibility|vis|prob|c|p|v)"
 _COLUMN = re.compile(rf"(?P<name>.*\w)[ ._-]+{_COORD}", re.I)
@@ -232,3 +233,194 @@ def _whole_points(heading: list[str]) -> dict[str, dict[str, int]]:
         if len(points) >= LEAST_POINTS:
             return points
     return {}
+
+
+_NAMES = ("keypoint", "bodypart", "body_part", "joint", "landmark", "keypoint_name", "joint_name", "landmark_name",
+          "part", "node", "point", "name", "keypoint_id", "keypoint_index", "joint_id", "joint_index", "landmark_id",
+          "landmark_index")  # fmt: skip
+_PEOPLE = ("person", "person_id", "track", "track_id", "individual", "instance", "subject", "id")
+_X, _Y, _Z = ("x", "u", "x_px", "px"), ("y", "v", "y_px", "py"), ("z", "z_m", "z_mm")
+_SCORES = ("score", "confidence", "conf", "likelihood", "visibility", "prob", "probability", "c", "p")
+"""Headings in small letters, the likeliest first."""
+
+_LARGEST_NUMBER = 2.0**40
+"""Of a frame: no recording has more, and people's numbers are added to multiples of it."""
+MOST_POINTS = 1000
+"""Greatest number of a point: bodies, hands and faces together have 553."""
+
+
+def has_point_rows(path: Path) -> bool:
+    """Whether a file begins with such a heading row; positions in space, with z and no score, are none."""
+    heading = heading_of(path)
+    has = [column_of(heading, names) is not None for names in (_NAMES, _X, _Y, FRAMES[:-1])]
+    in_space = column_of(heading, _Z) is not None and column_of(heading, _SCORES) is None
+    return all(has) and not in_space
+
+
+def cameras_in_point_rows(path: Path) -> dict[str, Callable[[], CameraFrames]]:
+    """Return the cameras of a table of all of them, and how each is read; none where it is one camera's."""
+    return by_camera(path, lambda heading, rows: _frames_of_points(heading, partial(cells_of, rows), path))
+
+
+def read_point_rows(path: Path) -> CameraFrames:
+    """Return the frames of one camera; a point without a score is sure where it is there.
+
+    Raises:
+        FileDamaged: a row is short, or a value is no number.
+    """
+    return _frames_of_points(*read_columns(path), path)
+
+
+def _frames_of_points(heading: list[str], cells: Callable[[int], list[str]], path: Path) -> CameraFrames:
+    frame, part, x, y = (column_of(heading, names) for names in (FRAMES[:-1], _NAMES, _X, _Y))
+    score, person = column_of(heading, _SCORES), column_of(heading, _PEOPLE)
+    assert frame is not None and part is not None and x is not None and y is not None
+    try:
+        spelled = cells(part)
+        people = cells(person) if person is not None else []
+        numbers = _floats(cells(frame))
+        values = np.column_stack([_floats(cells(c)) for c in (x, y, score) if c is not None])
+        if not (np.abs(numbers) < _LARGEST_NUMBER).all():
+            raise ValueError("a frame's number")
+    except (ValueError, IndexError, OverflowError) as error:
+        raise FileDamaged(
+            f"A row is short or holds something that is not a number ({error}).", where=str(path)
+        ) from error
+    at = _places(spelled)
+    if max(at.values(), default=0) > MOST_POINTS:
+        raise FileDamaged(
+            f"A point has the number {max(at.values())}.", where=str(path),
+            hint=f"Number the points of a person from 0; at most {MOST_POINTS} are read.",
+        )  # fmt: skip
+    there = np.isfinite(values[:, :2]).all(-1)
+    sure = np.where(there, values[:, 2] if score is not None else 1.0, 0.0)
+    who = {name: i for i, name in enumerate(dict.fromkeys(people))}
+    keys = numbers.astype(np.int64) * max(len(who), 1)
+    keys += np.fromiter(map(who.__getitem__, people), np.int64) if who else 0
+    keys, group = np.unique(keys, return_inverse=True)
+    points = np.zeros((len(keys), max(at.values(), default=-1) + 1, 3))
+    seen = sure > 0
+    column = np.fromiter(map(at.__getitem__, spelled), np.int64)
+    points[group[seen], column[seen]] = np.column_stack([values[seen, :2], sure[seen]])
+    frames: dict[int, People] = {}
+    shown = (points[..., 2] > 0).any(-1).tolist()
+    for number, one, is_shown in zip((keys // max(len(who), 1)).tolist(), points, shown, strict=True):
+        people_here = frames.setdefault(number, [])
+        if is_shown:
+            people_here.append(one)
+    named = tuple(dict.fromkeys(name.strip() for name in at))
+    return CameraFrames.in_memory(frames, path, () if all(name.isdecimal() for name in named) else named)
+
+
+def _places(spelled: Iterable[str]) -> dict[str, int]:
+    """Return the column of each point's name as it is written; numbers are in the order of a joint set."""
+    written = {name: name.strip() for name in dict.fromkeys(spelled)}
+    if all(name.isdecimal() for name in written.values()):
+        first = min(map(int, written.values()), default=0)
+        return {name: int(number) - first for name, number in written.items()}
+    columns = {name: i for i, name in enumerate(dict.fromkeys(written.values()))}
+    return {name: columns[plain] for name, plain in written.items()}
+
+
+def _floats(cells: list[str]) -> np.ndarray:
+    """Return numbers, NaN where a cell is blank.
+
+    Raises:
+        ValueError: a cell is something else.
+    """
+    try:
+        return np.fromiter(map(float, cells), np.float64)
+    except ValueError:
+        return np.fromiter((float(cell.strip() or "nan") for cell in cells), np.float64)
+
+
+_HEADINGS = {"scorer": "scorer", "individuals": "individuals", "entities": "individuals", "bodyparts": "bodyparts",
+             "coords": "coords"}  # fmt: skip
+"""What each heading row is; JARVIS calls the individuals entities."""
+_DLC_COORDS = {"x": 0, "y": 1, "likelihood": 2, "state": 2}
+"""Column of each coordinate; JARVIS' state is 1 or 2 where a point was placed."""
+_DLC_START_BYTES = 64
+"""Bytes that recognise a file."""
+
+
+def is_deeplabcut(path: Path) -> bool:
+    """Whether a file begins as DeepLabCut's tables do."""
+    try:
+        with open_regular(path) as file:
+            return file.read(_DLC_START_BYTES).lstrip(b"\xef\xbb\xbf").lower().startswith(b"scorer,")
+    except OSError:
+        return False
+
+
+def deeplabcut_camera(path: Path) -> str:
+    """Return the video's name from the file's: ``cam01DLC_resnet50_dance.csv`` is of ``cam01``."""
+    return path.stem.split("DLC")[0].rstrip("_- ") or path.stem
+
+
+def read_deeplabcut(path: Path) -> CameraFrames:
+    """Return the frames of one camera.
+
+    Raises:
+        FileDamaged: a heading is missing, a row is short, or a value is no number.
+    """
+    try:
+        rows = [row for row in csv.reader(io.StringIO(read_text(path))) if row]
+    except csv.Error as error:
+        raise FileDamaged(f"The table cannot be read ({error}).", where=str(path)) from error
+    headings: dict[str, list[str]] = {}
+    while rows and (heading := _HEADINGS.get(rows[0][0].strip().lower())):
+        headings[heading] = [cell.strip() for cell in rows.pop(0)[1:]]
+    if missing := [name for name in ("bodyparts", "coords") if name not in headings]:
+        raise FileDamaged(
+            f"The table lacks DeepLabCut's heading row '{missing[0]}'.", where=str(path), hint="Export the CSV again."
+        )
+    parts, coords = headings["bodyparts"], [name.lower() for name in headings["coords"]]
+    people = headings.get("individuals", ["single"] * len(parts))
+    if not len(parts) == len(coords) == len(people):
+        raise FileDamaged("The heading rows differ in length.", where=str(path), hint="Export the CSV again.")
+    try:
+        values = np.array([[cell or "nan" for cell in row[1 : len(parts) + 1]] for row in rows], dtype=np.float64)
+        numbers = _frame_numbers([row[0] for row in rows], path)
+    except ValueError as error:
+        raise FileDamaged(
+            f"A row is short or holds something that is not a number ({error}).", where=str(path)
+        ) from error
+    if rows and values.shape[1] < len(parts):
+        raise FileDamaged(f"The rows have {values.shape[1]} values, the headings {len(parts)}.", where=str(path))
+    return frames_of_columns(numbers, values, people, parts, coords, path)
+
+
+def _frame_numbers(cells: Sequence[str], path: Path) -> list[int]:
+    """Return the numbers of rows, or of the pictures that they name."""
+    if all(cell.strip().isdecimal() for cell in cells):
+        return [int(cell) for cell in cells]
+    return frame_numbers([PurePath(cell).stem for cell in cells], where=str(path)).tolist()
+
+
+def frames_of_columns(
+    numbers: Sequence[int], values: np.ndarray, people: Sequence[str], parts: Sequence[str], coords: Sequence[str],
+    path: Path,
+) -> CameraFrames:  # fmt: skip
+    """Return frames of a table whose columns are each one coordinate of one point of one person.
+
+    Args:
+        numbers: of the F frames.
+        values: (F, N).
+        people: (N,) names.
+        parts: (N,) names of the points.
+        coords: (N,) x, y, likelihood; others are left out, and without likelihood a point is sure where it is there.
+        path: the file.
+
+    Raises:
+        FileDamaged: there are no frames.
+    """
+    names = tuple(dict.fromkeys(parts))
+    found = np.full((len(values), len(dict.fromkeys(people)), len(names), 3), np.nan)
+    who = {name: i for i, name in enumerate(dict.fromkeys(people))}
+    for column, (person, part, coord) in enumerate(zip(people, parts, coords, strict=True)):
+        if coord in _DLC_COORDS:
+            found[:, who[person], names.index(part), _DLC_COORDS[coord]] = values[:, column]
+    if not {"likelihood", "state"} & set(coords):
+        found[..., 2] = np.isfinite(found[..., :2]).all(-1)
+    frames = {n: [person for person in found[row] if (person[:, 2] > 0).any()] for row, n in enumerate(numbers)}
+    return CameraFrames.in_memory(frames, path, names)

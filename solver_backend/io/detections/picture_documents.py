@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+import json
+import os
+import re
+from collections.abc import Mapping, Sequence
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +15,8 @@ import numpy as np
 from solver_backend.exchange.errors import FileDamaged, KeypointCountMismatch
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.io.detections.camera_frames import (
+    SCORES,
+    CameraFrames,
     Hands,
     People,
     are_objects,
@@ -17,6 +25,8 @@ from solver_backend.io.detections.camera_frames import (
     points_with_scores,
     triples,
 )
+from solver_backend.io.files import LARGEST_TEXT, read_bytes
+from solver_backend.io.recognition.frame_numbers import frame_numbers
 
 _OPENPOSE = ("pose_keypoints_2d", "pose_keypoints")
 """Names of the body's list, of today's OpenPose and of version 1.0."""
@@ -200,3 +210,197 @@ def _easymocap_person(entry: Any, where: str) -> Any:
 
 def _kept(people: Any) -> People:
     return [person for person in people if person is not None and len(person)]
+
+
+_LEAST = 5
+"""Points that a person must have for its form to be recognised; a later one may have fewer."""
+_PERSON, _PEOPLE = ("keypoints", "landmarks", "points", "joints", "pose"), ("people", "persons", "instances", "poses")
+"""Names of a person's points where an object holds them, and of the list of people in a frame."""
+_NUMBERED = re.compile(r"(?:.*\D)?(\d{1,18})(\.\w+)?")
+"""A frame's name, such as ``12``, ``frame_000012`` or ``000012.jpg``."""
+
+Person = Mapping[str, Any]
+"""Points by name: lists of x, y and perhaps a score, objects with x and y, or null for what is unseen."""
+
+
+def named_people(frame: Any) -> list[Person] | None:
+    """Return the people of a frame whose points are an object by name; None where it holds nothing of that form."""
+    if frame is None or frame in ({}, []):
+        return []
+    if isinstance(frame, list):
+        people = [_person(entry) for entry in frame]
+        return None if any(person is None for person in people) else [p for p in people if p is not None]
+    if isinstance(frame, dict) and isinstance(listed := next((frame[n] for n in _PEOPLE if n in frame), None), list):
+        return named_people(listed)
+    person = _person(frame)
+    return None if person is None else [person]
+
+
+def are_named_frames(frames: Sequence[Any]) -> bool:
+    """Whether frames are of that form: the first that holds anybody."""
+    for frame in frames:
+        if people := named_people(frame):
+            return max(map(len, people)) >= _LEAST
+        if people is None:
+            return False
+    return False
+
+
+def frame_number(name: str) -> int | None:
+    """Return the number in a frame's name, None where it is no such name."""
+    found = _NUMBERED.fullmatch(name)
+    return int(found[1]) if found else None
+
+
+def read_named_frames(frames: Mapping[int, Any], where: str) -> tuple[dict[int, People], tuple[str, ...]]:
+    """Return people (K, 3) of numbered frames, and the names of the K points: those of all frames together.
+
+    Raises:
+        FileDamaged: a frame is of another form, or a coordinate is no number.
+    """
+    listed: dict[int, list[Person]] = {}
+    for number, frame in frames.items():
+        people = named_people(frame)
+        if people is None:
+            raise FileDamaged(f"Frame {number} holds no points by name, as others do.", where=where)
+        listed[number] = people
+    names = tuple(dict.fromkeys(name for people in listed.values() for person in people for name in person))
+    return {n: [_array(person, names, where) for person in people] for n, people in listed.items()}, names
+
+
+def _person(entry: Any) -> Person | None:
+    if not isinstance(entry, dict) or not entry:
+        return None
+    if all(_is_point(value) for value in entry.values()):
+        return entry
+    inner = next((entry[name] for name in _PERSON if isinstance(entry.get(name), dict)), None)
+    if inner is None or not all(_is_point(value) for value in inner.values()):
+        return None
+    return inner
+
+
+def _is_point(value: Any) -> bool:
+    if isinstance(value, list):
+        return 2 <= len(value) <= 4 and all(isinstance(v, (int, float)) or v is None for v in value)
+    return value is None or (isinstance(value, dict) and {"x", "y"} <= value.keys())
+
+
+def _array(person: Person, names: Sequence[str], where: str) -> np.ndarray:
+    try:
+        return np.array([_point(person.get(name)) for name in names], np.float64).reshape(-1, 3)
+    except (TypeError, ValueError, OverflowError) as error:
+        raise FileDamaged("A point in the file holds something that is not a number.", where=where) from error
+
+
+def _point(value: Any) -> tuple[Any, Any, Any]:
+    """Return x, y and score; the last of four numbers is the score, as z stands before it."""
+    if isinstance(value, dict):
+        value = [value["x"], value["y"], next((value[name] for name in SCORES if name in value), 1.0)]
+    if value is None or None in value:
+        return 0.0, 0.0, 0.0
+    return value[0], value[1], value[-1] if len(value) > 2 else 1.0
+
+
+_PADDING = re.compile(r"del_(\d{1,18})_\d+")
+"""Files that Pose2Sim writes, without people, where a camera that it moved in time has no frame."""
+_OWN_NAMES = "keypoints.json"
+_FLAT = re.compile(r"(.*?[^\d_\-. ].*?)[_\-. ]+(\d{3,18})([_\-. ]*[A-Za-z]*)")
+"""Camera and frame number in a file's name where all cameras share a folder: ``cam01_000000000012_keypoints``."""
+_FLAT_NUMBER_FIRST = re.compile(r"(\d{3,18})[_\-. ]+(.*?[^\d_\-. ].*)")
+"""The same with the number before the camera: ``000012_cam01``."""
+
+
+LINES = ".jsonl", ".ndjson"
+"""Endings of files that hold a JSON document on each line."""
+
+
+def json_files(folder: Path) -> list[Path]:
+    """Return the JSON files of a folder by name, without hidden ones and the user's names of keypoints."""
+    with os.scandir(folder) as entries:
+        names = [entry.name for entry in entries if _is_json(entry.name)]
+    return [folder / name for name in sorted(names)]
+
+
+def has_json_files(folder: Path) -> bool:
+    """Return whether a folder holds any of ``json_files``, without listing thousands."""
+    with os.scandir(folder) as entries:
+        return any(_is_json(entry.name) for entry in entries)
+
+
+def _is_json(name: str) -> bool:
+    lower = name.lower()
+    return lower.endswith(".json") and not name.startswith(".") and lower != _OWN_NAMES
+
+
+def line_files(folder: Path) -> list[Path]:
+    """Return the files of a folder that hold a JSON document on each line, by name, without hidden ones."""
+    return sorted(p for p in folder.iterdir() if p.suffix.lower() in LINES and not p.name.startswith("."))
+
+
+def cameras_of_flat_files(paths: Sequence[Path]) -> dict[str, list[Path]]:
+    """Return the files of each camera where one folder holds all cameras; {} where names do not state camera and frame.
+
+    A camera is what stands before the frame number, or after it. Every camera needs two files or more.
+    """
+    for pattern, group in ((_FLAT, 1), (_FLAT_NUMBER_FIRST, 2)):
+        cameras: dict[str, list[Path]] = {}
+        for path in paths:
+            if (found := pattern.fullmatch(path.stem)) is None:
+                break
+            cameras.setdefault(found[group].rstrip("_-. "), []).append(path)
+        else:
+            if len(cameras) > 1 and min(map(len, cameras.values())) > 1:
+                return cameras
+    return {}
+
+
+def frames_in_files(paths: Sequence[Path], where: str, numbered: Sequence[str] = ()) -> CameraFrames:
+    """Return a camera's frames, one file each, by the number in its name; a padding file gives way to a frame.
+
+    Args:
+        paths: the files of one camera.
+        where: their folder, for messages.
+        numbered: names that hold their frame numbers; those of the files if left out.
+
+    Raises:
+        FileDamaged: there are none, or the names give no frame numbers.
+    """
+    if not paths:
+        raise FileDamaged("The folder holds no JSON files.", where=where, hint="Put one file a frame there.")
+    stems = numbered or [path.stem for path in paths]
+    padded = [_PADDING.fullmatch(stem) for stem in stems]
+    padding = {int(found[1]): path for path, found in zip(paths, padded, strict=True) if found}
+    filmed = [(stem, path) for stem, path, found in zip(stems, paths, padded, strict=True) if not found]
+    numbers = frame_numbers([stem for stem, _ in filmed], where=where).tolist()
+    by_number = dict(zip(numbers, (path for _, path in filmed), strict=True))
+    by_number = dict(sorted((padding | by_number).items()))
+    files = tuple(by_number.values())
+    if are_named_frames([read_document(path) for path in dict.fromkeys(files[:: max(len(files) // 2, 1)])]):
+        frames, names = read_named_frames({n: read_document(path) for n, path in by_number.items()}, where)
+        return CameraFrames.in_memory(frames, Path(where), names)
+
+    @lru_cache(maxsize=1)
+    def document(row: int) -> Any:
+        return read_document(files[row])
+
+    return CameraFrames(
+        np.array(list(by_number), np.int64), lambda row: people_in_picture(document(row), str(files[row])),
+        lambda row: str(files[row]), hands=lambda row: hands_in_picture(document(row), str(files[row])),
+    )  # fmt: skip
+
+
+def read_document(path: Path) -> Any:
+    """Return what one picture's file holds.
+
+    Raises:
+        FileDamaged: the file is truncated or is not JSON.
+    """
+    data = read_bytes(path, LARGEST_TEXT)
+    try:
+        return json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(
+            f"The file is truncated or is not JSON ({error}).",
+            where=str(path),
+            hint="Export this frame again or delete the file.",
+        ) from error

@@ -13,11 +13,8 @@ from solver_backend.exchange.errors import KeypointCountMismatch, NoDetections, 
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.plausible import FARTHEST_PX
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People
-from solver_backend.io.detections.hand_columns import cleaned_hands, hands_of
-from solver_backend.io.detections.named_hands import with_named_hands
-from solver_backend.io.detections.named_keypoints import NamedKeypoints, match_cameras
-from solver_backend.io.detections.own_keypoints import OwnKeypoints
+from solver_backend.io.detections.camera_frames import CameraFrames, Hands, People, cleaned_hands, hands_of
+from solver_backend.io.detections.named_keypoints import NamedKeypoints, OwnKeypoints, match_cameras, with_named_hands
 from solver_backend.io.detections.search import CameraSource
 from solver_backend.io.recognition.confidence import on_unit_scale
 from solver_backend.io.recognition.frame_numbers import counted_together, shared_range

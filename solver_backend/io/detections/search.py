@@ -7,13 +7,15 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import NoReturn
 
-from solver_backend.exchange.errors import FileDamaged, MocapError
+from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged, MocapError
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration.search import is_calibration_folder
-from solver_backend.io.detections import freemocap, opencap, yolo
+from solver_backend.io.detections import column_table, hdf5, point_arrays, yolo
 from solver_backend.io.detections.camera_frames import CameraFrames
-from solver_backend.io.detections.openpose import (
+from solver_backend.io.detections.hdf5 import is_hdf5_table, read_hdf5_table
+from solver_backend.io.detections.picture_documents import (
     LINES,
     cameras_of_flat_files,
     frames_in_files,
@@ -22,9 +24,77 @@ from solver_backend.io.detections.openpose import (
     line_files,
 )
 from solver_backend.io.detections.take_documents import cameras_in_document, documents_in, frames_in_document, is_take
-from solver_backend.io.detections.take_files import take_files
 from solver_backend.io.files import read_text
-from solver_backend.io.recognition.camera_names import natural_key
+from solver_backend.io.recognition.camera_names import listing, natural_key
+
+
+@dataclass(frozen=True)
+class TakeFile:
+    """One kind of such files."""
+
+    recognises: Callable[[Path], bool]
+    """Whether a file is of the kind, by its name or its first bytes."""
+    camera: Callable[[Path], str]
+    """The camera in a file's name."""
+    read: Callable[[Path], CameraFrames]
+    """Raises our own errors."""
+    of_all: Callable[[Path], dict[str, Callable[[], CameraFrames]]] = lambda _: {}
+    """The cameras of a file that holds all of them, and how each is read; none where it is one camera's."""
+
+
+_KINDS = (
+    TakeFile(column_table.is_deeplabcut, column_table.deeplabcut_camera, column_table.read_deeplabcut),
+    TakeFile(column_table.is_table, hdf5.sleap_camera, column_table.read_table, column_table.cameras_in),
+    TakeFile(
+        column_table.has_point_rows,
+        hdf5.sleap_camera,
+        column_table.read_point_rows,
+        column_table.cameras_in_point_rows,
+    ),
+    TakeFile(hdf5.is_sleap, hdf5.sleap_camera, hdf5.read_sleap),
+    TakeFile(is_hdf5_table, column_table.deeplabcut_camera, read_hdf5_table),
+    TakeFile(point_arrays.is_array, lambda path: path.stem, point_arrays.read_array, point_arrays.cameras_in),
+)
+"""Asked in this order; a folder holds files of one kind."""
+
+
+def take_files(folder: Path) -> tuple[TakeFile, list[Path]] | None:
+    """Return the files of the first kind of which a folder holds any, None where it holds none."""
+    listed = sorted(p for p in folder.iterdir() if p.is_file())  # of a table and its filtered one the latter stays
+    for kind in _KINDS:
+        if found := [path for path in listed if kind.recognises(path)]:
+            return kind, found
+    return None
+
+
+_VIDEOS, _OUTPUT = "Videos", "OutputJsons*"
+"""``Videos/Cam0/OutputJsons_1x736/walk1/walk1_000000000000_keypoints.json`` of OpenCap's pipeline with OpenPose."""
+
+
+def cameras(root: Path) -> dict[str, list[Path]]:
+    """Return the folders of each camera's trials, {} where a folder is no session of OpenCap.
+
+    Args:
+        root: the session's folder.
+    """
+    found: dict[str, list[Path]] = {}
+    videos = root / _VIDEOS
+    for camera in sorted(videos.iterdir(), key=lambda p: natural_key(p.name)) if videos.is_dir() else ():
+        outputs = camera.glob(_OUTPUT) if camera.is_dir() else ()
+        trials = [folder for output in sorted(outputs) if output.is_dir() for folder in sorted(output.iterdir())]
+        if trials := [folder for folder in trials if folder.is_dir() and has_json_files(folder)]:
+            found[camera.name] = trials
+    return found
+
+
+def refuse_several(folders: Sequence[Path]) -> NoReturn:
+    """Raise CaptureNotRecognised: a camera has the folders of several trials, or of one with several settings."""
+    names = [f"{folder.parent.name}/{folder.name}" for folder in folders]
+    raise CaptureNotRecognised(
+        f"The session holds several trials: {listing(names)}.", where=str(folders[0].parents[1]),
+        hint="Copy the folders of one trial of every camera into a session of its own.",
+    )  # fmt: skip
+
 
 POSE_FOLDERS = ("pose-associated", "pose-sync", "pose", "pose-2d", "pose_sync")
 """Folders of a Pose2Sim trial that hold one folder a camera; the latest stage of its pipeline comes first."""
@@ -77,7 +147,7 @@ def camera_sources(root: Path) -> dict[str, CameraSource]:
     for parent in (folder for name in (*DETECTION_FOLDERS, "") if (folder := root / name).is_dir()):
         if found := _frame_folders(parent) or _folders(parent) or _camera_files(parent) or _flat_files(parent):
             return dict(sorted(found.items(), key=lambda item: natural_key(item[0])))
-    return _array(root) or {name: _of_opencap(folders) for name, folders in opencap.cameras(root).items()}
+    return _array(root) or {name: _of_opencap(folders) for name, folders in cameras(root).items()}
 
 
 def of_folder(folder: Path) -> CameraSource:
@@ -187,16 +257,18 @@ def _flat_files(parent: Path) -> dict[str, CameraSource]:
 
 def _array(root: Path) -> dict[str, CameraSource]:
     """Return the cameras of a FreeMoCap recording, which keeps all of them in one array."""
-    path = freemocap.find_array(root)
-    names = () if path is None else freemocap.camera_names(root, path)
-    return {name: CameraSource(path, partial(freemocap.read_camera, path, c)) for c, name in enumerate(names) if path}
+    path = point_arrays.find_array(root)
+    names = () if path is None else point_arrays.camera_names(root, path)
+    return {
+        name: CameraSource(path, partial(point_arrays.read_camera, path, c)) for c, name in enumerate(names) if path
+    }
 
 
 def _of_opencap(folders: Sequence[Path]) -> CameraSource:
     """Return the source of a camera that has a folder a trial, of which only one can be read."""
     if len(folders) == 1:
         return of_folder(folders[0])
-    return CameraSource(folders[0], partial(opencap.refuse_several, folders))
+    return CameraSource(folders[0], partial(refuse_several, folders))
 
 
 def camera_name(name: str) -> str:

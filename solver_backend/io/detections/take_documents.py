@@ -10,13 +10,15 @@ from typing import Any
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.json_file import parse_json
 from solver_backend.io.detections.camera_frames import CameraFrames, People, triples
-from solver_backend.io.detections.named_points import are_named_frames, frame_number, read_named_frames
 from solver_backend.io.detections.picture_documents import (
+    are_named_frames,
+    frame_number,
     instance,
     is_openpose,
     listed_people,
     names_in,
     people_in_picture,
+    read_named_frames,
 )
 from solver_backend.io.recognition.frame_numbers import frame_numbers
 

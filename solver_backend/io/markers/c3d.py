@@ -10,6 +10,7 @@ read without them is kept right by every writer, but counts above 65,535 are in 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -18,12 +19,70 @@ import numpy as np
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.io.files import read_bytes
-from solver_backend.io.markers.c3d_numbers import floats, integers
-from solver_backend.io.markers.c3d_parameters import BLOCK, Header, Parameters, read_header, read_parameters
-from solver_backend.io.markers.c3d_rotations import SegmentOrigins, read_origins
-from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
-from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.markers.c3d_parameters import (
+    BLOCK,
+    Header,
+    Parameters,
+    floats,
+    integers,
+    read_header,
+    read_parameters,
+)
+from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, as_take, left_out_note
 from solver_backend.io.recognition.marker_labels import is_model_output
+
+_WORDS = 17
+_NAMES = {"uarm": "upper_arm", "larm": "lower_arm", "torso": "thorax"}
+"""Names of segments as skeletons have them."""
+
+
+@dataclass(frozen=True)
+class SegmentOrigins:
+    """Where S segments begin and how they are turned, in F frames."""
+
+    positions: np.ndarray
+    """(F, S, 3) in the unit of the file's points, NaN where a segment is not seen."""
+    labels: tuple[str, ...]
+    """One a segment, the side in words."""
+    turns: np.ndarray
+    """(F, S, 3, 3) rotations from each segment's axes to the file's."""
+    rate: float | None
+    """Frames per second."""
+
+
+def read_origins(data: np.ndarray, parameters: Parameters) -> SegmentOrigins | None:
+    """Return the segments' origins, None where the file holds no rotations.
+
+    Args:
+        data: the file's bytes.
+        parameters: its parameters.
+    """
+    labels = parameters.continued_texts("ROTATION:LABELS")
+    count = min(int(parameters.number("ROTATION:USED") or 0), len(labels))
+    block = int(parameters.number("ROTATION:DATA_START") or 0)
+    start, stride = (block - 1) * BLOCK, 4 * _WORDS * count
+    if count <= 0 or block < 2 or start + stride > len(data):
+        return None
+    ratio = max(parameters.number("ROTATION:RATIO") or 1.0, 1.0)
+    stated = parameters.number("POINT:FRAMES")
+    frames = (len(data) - start) // stride
+    frames = min(frames, int(stated * ratio)) if stated else frames
+    values = floats(data[start : start + frames * stride].reshape(frames, stride), parameters.processor)
+    values = values.reshape(frames, count, _WORDS)
+    kept = [i for i, label in enumerate(labels[:count]) if not label.lower().startswith("world")]
+    positions = np.where(values[:, kept, -1:] >= 0, values[:, kept, 12:15], np.nan)
+    columns = values[:, kept, :16].reshape(frames, len(kept), 4, 4)[..., :3, :3]
+    names = tuple(_named(labels[i]) for i in kept)
+    return SegmentOrigins(positions, names, np.swapaxes(columns, -1, -2), parameters.number("ROTATION:RATE"))
+
+
+def _named(label: str) -> str:
+    """Return a segment's name as skeletons write it: ``left_upper_arm`` for ``l_uarm_4X4``."""
+    name = re.sub(r"_?4x4$", "", label.strip(), flags=re.IGNORECASE).lower()
+    side = {"l_": "left_", "r_": "right_"}.get(name[:2], "")
+    part = name[2:] if side else name
+    return side + _NAMES.get(part, part)
+
 
 MODEL_OUTPUTS = ("ANGLES", "FORCES", "MOMENTS", "POWERS", "SCALARS", "REACTIONS")
 """Lists of points that are not positions: programs keep what their models compute (joint angles) as points."""

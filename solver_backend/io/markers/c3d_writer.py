@@ -16,9 +16,8 @@ import numpy as np
 
 from solver_backend.exchange.errors import NonFiniteData, ShapeMismatch
 from solver_backend.exchange.outputs import atomic_output
-from solver_backend.io.markers.c3d_numbers import Processor
-from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS
-from solver_backend.io.markers.take import MarkerEvent
+from solver_backend.io.markers.c3d_parameters import BLOCK, KEY, MOST_BLOCKS, Processor
+from solver_backend.io.markers.source import MarkerEvent
 from solver_backend.types import MarkerCloud
 
 PER_PARAMETER = 255

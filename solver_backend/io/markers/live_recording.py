@@ -23,8 +23,7 @@ from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.plausible import FRAME_RATES
 from solver_backend.exchange.regular_file import open_regular
-from solver_backend.io.markers.source import MarkerSource, as_take
-from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.source import MarkerSource, MarkerTake, as_take
 
 SUFFIX = ".recording"
 """Added to the name of the file that the recording becomes."""

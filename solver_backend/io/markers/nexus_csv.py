@@ -18,8 +18,7 @@ import numpy as np
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerSource, as_take, left_out_note
-from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, as_take, left_out_note
 from solver_backend.io.markers.text_table import (
     ROWS_LOOKED_AT,
     decimal_comma,

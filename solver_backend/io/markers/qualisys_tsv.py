@@ -8,17 +8,18 @@ seen is blank, 'null' or 0. QTM's world has Z up unless changed.
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
+from solver_backend.exchange.errors import BackendMissing, CaptureNotRecognised, FileDamaged, FileMissing
+from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.qualisys_bodies import ENDING, bodies_file, qualisys_bodies
-from solver_backend.io.markers.rigid_bodies import RigidBodies
-from solver_backend.io.markers.source import MarkerSource, as_take
-from solver_backend.io.markers.take import MarkerEvent, MarkerTake
+from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, RigidBodies, as_take
 from solver_backend.io.markers.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,
@@ -30,6 +31,50 @@ from solver_backend.io.markers.text_table import (
     triples,
     with_whole_decimals,
 )
+
+WORDS = 16
+"""Numbers of a body in a frame."""
+ENDING = "_6D"
+"""What QTM adds to the name of the file of 6D data."""
+_AGREE = 1e-3
+"""Elements of two rotations differ by so little where they are one."""
+
+
+def bodies_file(path: Path) -> Path | None:
+    """Return the file of 6D data that belongs to a file of markers, ``walk_6D.tsv`` of ``walk.tsv``; None without."""
+    beside = path.with_name(f"{path.stem.removesuffix('_3D')}{ENDING}.tsv")
+    return beside if beside != path and beside.is_file() else None
+
+
+def qualisys_bodies(header: Mapping[str, Sequence[str]], values: np.ndarray, frames: int) -> RigidBodies | None:
+    """Return the bodies of a table of 6D data; None where it is no such table, or of other frames.
+
+    Args:
+        header: cells by the name at the line's beginning, in capitals.
+        values: (F, C) numbers, NaN where blank.
+        frames: of the markers.
+    """
+    names = [name for name in header.get("BODY_NAMES", []) if name]
+    count = len(names) or int(number_in(" ".join(header.get("NO_OF_BODIES", []))) or 0)
+    before = values.shape[1] - WORDS * count
+    if not count or before not in (0, 2) or len(values) != frames:
+        return None
+    words = values[:, before:].reshape(frames, count, WORDS)
+    names = [*names, *(f"Body {n + 1}" for n in range(len(names), count))]
+    seen = np.isfinite(words[..., :3]).all(-1) & (words[..., 7:] != 0).any(-1)
+    return RigidBodies(tuple(names), np.where(seen[..., None], words[..., :3], np.nan), _rotations(words, seen))
+
+
+def _rotations(words: np.ndarray, seen: np.ndarray) -> np.ndarray:
+    """Return the (F, B, 3, 3) rotations: Rot[0] to Rot[8] by columns, or by rows where the angles agree with that."""
+    columns = np.nan_to_num(words[..., 7:]).reshape(*words.shape[:2], 3, 3)
+    x, y, z = (matrix_from_rotvec(angle[..., None] * axis) for angle, axis in zip(
+        np.moveaxis(np.radians(np.nan_to_num(words[..., 3:6])), -1, 0), np.eye(3), strict=True,
+    ))  # fmt: skip
+    by_angles = x @ y @ z
+    by_rows = bool(seen.any()) and np.abs(columns - by_angles)[seen].max() < _AGREE
+    return columns if by_rows else np.swapaxes(columns, -1, -2)
+
 
 FIRST_LINE = "NO_OF_FRAMES"
 """How the files begin."""
@@ -154,3 +199,82 @@ def _has_frame_columns(values: np.ndarray, markers: int) -> bool:
         return True
     steps = np.diff(values[:, :2], axis=0)
     return bool(len(steps) and values.shape[1] != 3 * markers and (steps[:, 0] == 1).all() and (steps[:, 1] > 0).all())
+
+
+KINDS = ("Labeled", "Unidentified")
+"""Groups of trajectories that are read; those that somebody discarded are not."""
+
+
+def read_qualisys_mat(
+    path: Path | str, *, fps: float | None = None, unit: str | None = None, up_axis: str | None = None
+) -> MarkerTake:
+    """Read the trajectories of a MATLAB file of QTM.
+
+    Args:
+        path: the file.
+        fps: frames per second; None takes what the file states.
+        unit: its length unit; None takes mm, or estimates it from the markers' spread.
+        up_axis: its axis that points up; None takes Z, or how the body stands.
+
+    Raises:
+        FileMissing: there is no such file.
+        BackendMissing: SciPy is not installed.
+        FileDamaged: it is truncated, or no MATLAB file of version 5 to 7.2.
+        CaptureNotRecognised: it is none of QTM, or of MATLAB 7.3.
+        NoDetections: it holds no markers, or none is ever seen.
+        JobInvalid: the rate, unit or axis that is given is impossible.
+    """
+    path = Path(path)
+    record = _record(path)
+    parts, labels = [], []
+    for kind in KINDS:
+        group = getattr(getattr(record, "Trajectories", None), kind, None)
+        data = np.asarray(getattr(group, "Data", ()), dtype=np.float64)
+        if data.size:
+            data = data.reshape(-1, *data.shape[-2:])
+            names = [str(name) for name in np.atleast_1d(getattr(group, "Labels", ()))]
+            parts.append(data[:, :3])
+            labels += [*names, *[""] * (len(data) - len(names))][: len(data)]
+    rate, start = getattr(record, "FrameRate", None), getattr(record, "StartFrame", 1)
+    frames = int(getattr(record, "Frames", 0))
+    if len({part.shape[-1] for part in parts}) > 1 or any(part.shape[1] != 3 for part in parts):
+        raise FileDamaged("The file's trajectories are of different lengths, or no points.", where=str(path))
+    positions = np.concatenate(parts) if parts else np.zeros((0, 3, frames))
+    source = MarkerSource(
+        path=path, format="Qualisys MAT", positions=np.moveaxis(positions, 2, 0), labels=tuple(labels),
+        rate=None if rate is None else float(rate), default_unit="mm", default_up_axis="z",
+        first_frame=int(start) if np.isfinite(start) else 1,
+    )  # fmt: skip
+    return as_take(source, fps=fps, unit=unit, up_axis=up_axis)
+
+
+def _record(path: Path) -> Any:
+    """Return the structure of a QTM file."""
+    try:
+        matlab = import_module("scipy.io")
+    except ImportError as error:
+        raise BackendMissing(
+            "MATLAB files are read with SciPy, which is not installed.", where=str(path),
+            hint="Export C3D or TSV from QTM, or install SciPy in this Python.",
+        ) from error  # fmt: skip
+    if not path.is_file():
+        raise FileMissing("The file is not there.", where=str(path))
+    try:
+        content: dict[str, Any] = matlab.loadmat(path, squeeze_me=True, struct_as_record=False)
+    except NotImplementedError as error:
+        raise CaptureNotRecognised(
+            "The file is not supported: MATLAB 7.3 (HDF5).", where=str(path),
+            hint="Save it in MATLAB with save(name, '-v7'), or export C3D or TSV from QTM.",
+        ) from error  # fmt: skip
+    except Exception as error:  # SciPy raises what its parsers meet: of values, keys, types, memory, zlib
+        raise FileDamaged(
+            "The file is truncated, or no MATLAB file of version 5 to 7.2.", where=str(path),
+            hint="Export it again, or as C3D or TSV.",
+        ) from error  # fmt: skip
+    found = [value for name, value in content.items() if not name.startswith("__") and hasattr(value, "Trajectories")]
+    if not found:
+        raise CaptureNotRecognised(
+            "The MATLAB file is not one of Qualisys Track Manager: 'Trajectories' is expected.", where=str(path),
+            hint="Export C3D or TSV from the program that recorded it.",
+        )  # fmt: skip
+    return found[0]

@@ -11,16 +11,16 @@ from solver_backend.exchange.npz import require_file
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.files import as_text
 from solver_backend.io.markers.c3d import read_c3d
+from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.live_recording import SUFFIX, read_live_recording
 from solver_backend.io.markers.motive_csv import begins_as_motive, read_motive_csv
 from solver_backend.io.markers.nexus_csv import read_nexus_csv, sections_of
-from solver_backend.io.markers.point_array import is_point_array, read_point_array
-from solver_backend.io.markers.point_table import begins_as_points, read_point_table
-from solver_backend.io.markers.qualisys_mat import read_qualisys_mat
-from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_tsv
-from solver_backend.io.markers.take import MarkerTake
-from solver_backend.io.markers.trc import FILE_TYPE, read_trc
+from solver_backend.io.markers.point_table import begins_as_points, is_point_array, read_point_array, read_point_table
+from solver_backend.io.markers.qualisys_tsv import FIRST_LINE, read_qualisys_mat, read_qualisys_tsv
+from solver_backend.io.markers.source import MarkerTake
+from solver_backend.io.markers.trc import FILE_TYPE, read_trc, write_trc
 from solver_backend.io.reader import Reader, ReadOptions
+from solver_backend.types import MarkerCloud
 
 _HEAD_BYTES = 65536
 """A file's format is recognised from so much of it."""
@@ -93,3 +93,22 @@ def read_markers(path: Path | str, *, readers: Sequence[Reader[MarkerTake]] = MA
             "The file is not a recording of markers that can be read.", where=str(path), hint=f"Readable are {kinds}."
         )
     return reader.read(path, chosen)
+
+
+WRITERS: dict[str, Callable[..., Path]] = {"c3d": write_c3d, "trc": write_trc}
+"""By the ending of the files."""
+
+
+def write_markers(path: Path, cloud: MarkerCloud, *, overwrite: bool = False) -> Path:
+    """Write markers in the format that the path's ending names.
+
+    Args:
+        path: ends in one of ``WRITERS``.
+        cloud: markers, Z up, in metres.
+        overwrite: replace a file that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+        NonFiniteData, ShapeMismatch: the format cannot hold them, see its writer.
+    """
+    return WRITERS[path.suffix.lower().lstrip(".")](path, cloud, overwrite=overwrite)

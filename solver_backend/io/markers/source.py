@@ -11,15 +11,125 @@ import numpy as np
 from solver_backend.body.marker_names import is_unnamed
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
+from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.missing import without_sentinels
-from solver_backend.io.markers.rigid_bodies import RigidBodies
-from solver_backend.io.markers.take import MarkerEvent, MarkerReport, MarkerTake, gaps_of
 from solver_backend.io.recognition.marker_labels import subjects_of, unique_labels
 from solver_backend.io.recognition.marker_unit import Unit, find_unit
 from solver_backend.io.recognition.marker_up_axis import UpAxis, find_up_axis
 from solver_backend.io.recognition.subject_labels import by_subject
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.types import MarkerCloud
+
+
+@dataclass(frozen=True)
+class MarkerEvent:
+    """Something that happened during the take, as the recording program noted it."""
+
+    label: str
+    """Such as 'Foot Strike'."""
+    time: float
+    """Seconds on the file's clock, which starts at the trial's first frame even where the file does not."""
+    context: str = ""
+    """Such as 'Left'."""
+    subject: str = ""
+    """Name of the subject it concerns."""
+
+
+@dataclass(frozen=True)
+class MarkerReport:
+    """What was recognised in a file of markers."""
+
+    format: str
+    """The file's format, with its kind."""
+    frames: int
+    """Number of frames."""
+    first_frame: int
+    """The file's own number of the first frame."""
+    fps: float
+    """Frames per second."""
+    unit: str
+    """The file's length unit."""
+    up_axis: str
+    """The file's axis that points up."""
+    subjects: tuple[str, ...] = ()
+    """Prefixes of the labels, in the order of the file; empty where labels have none."""
+    unlabelled: tuple[str, ...] = ()
+    """Labels that a program gave to points that nobody named."""
+    gaps: tuple[int, ...] = ()
+    """Number of gaps of each marker."""
+    missing: tuple[int, ...] = ()
+    """Frames in which each marker is not seen."""
+    analog_channels: tuple[str, ...] = ()
+    """Analog channels (forces, muscles) that are in the file and are not read."""
+    events: tuple[MarkerEvent, ...] = ()
+    """Events in the file."""
+    notes: tuple[Diagnostic, ...] = ()
+    """What was found and assumed, how unit and axis were found among it."""
+    problems: tuple[Diagnostic, ...] = ()
+    """What the user should know before solving."""
+
+
+@dataclass(frozen=True)
+class MarkerTake:
+    """Markers of one file, Z up, in metres."""
+
+    cloud: MarkerCloud
+    """The markers; without labels where nobody named any."""
+    report: MarkerReport
+    """What was recognised."""
+    others: MarkerCloud | None = None
+    """Markers under prefixes of their own that name nobody: props, perhaps."""
+
+
+def gaps_of(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return how many gaps each marker has and in how many frames it is missing.
+
+    Args:
+        seen: (frames, markers) booleans.
+
+    Returns:
+        (markers,) gaps, those at the ends too, and (markers,) frames.
+    """
+    missing = ~seen
+    starts = missing[:1].sum(axis=0) + (missing[1:] & seen[:-1]).sum(axis=0)
+    return starts, missing.sum(axis=0)
+
+
+ARM_M = 0.1
+"""From a body's origin to the points on its axes: markers on things that people hold are about so far apart."""
+
+
+@dataclass(frozen=True)
+class RigidBodies:
+    """B rigid bodies over F frames, in the unit and axes of their file."""
+
+    names: tuple[str, ...]
+    """One a body."""
+    positions: np.ndarray
+    """(F, B, 3) their origins, NaN where a body is not seen."""
+    rotations: np.ndarray
+    """(F, B, 3, 3) from each body's axes to the file's."""
+
+    def kept(self, chosen: list[int]) -> RigidBodies:
+        """Return some of them."""
+        names = tuple(self.names[i] for i in chosen)
+        return RigidBodies(names, self.positions[:, chosen], self.rotations[:, chosen])
+
+    def points(self, metres: float, to_world: np.ndarray, fps: float) -> MarkerCloud:
+        """Return each body's origin and a point on each of its axes, labelled ``NAME:origin``, ``NAME:x`` and so on.
+
+        Args:
+            metres: a unit of the file.
+            to_world: (3, 3) from the file's axes to the world's.
+            fps: frames per second.
+        """
+        origins = metres * self.positions @ to_world.T
+        arms = ARM_M * np.swapaxes(to_world @ self.rotations, -1, -2)
+        points = np.concatenate([origins[:, :, None], origins[:, :, None] + arms], axis=2)
+        points = np.where(np.isfinite(points).all((-2, -1), keepdims=True), points, np.nan)
+        labels = tuple(f"{name}:{point}" for name in self.names for point in POSE_POINTS)
+        return MarkerCloud(points.reshape(len(points), -1, 3), fps, labels)
+
 
 STILL_FRAMES = 10
 """A marker that is exactly where it was over this many frames was not measured in them."""

@@ -13,10 +13,10 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.errors import FileDamaged
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData
+from solver_backend.exchange.outputs import write_text
 from solver_backend.io.files import read_text
-from solver_backend.io.markers.source import MarkerSource, as_take
-from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.source import MarkerSource, MarkerTake, as_take
 from solver_backend.io.markers.text_table import (
     ROWS_LOOKED_AT,
     between_tabs,
@@ -29,6 +29,9 @@ from solver_backend.io.markers.text_table import (
     triples,
     with_whole_decimals,
 )
+from solver_backend.io.recognition.length_unit import metres_in
+from solver_backend.io.recognition.up_axis import rotation_to_z_up
+from solver_backend.types import MarkerCloud
 
 FILE_TYPE = "pathfiletype"
 """How the files begin, in small letters."""
@@ -131,3 +134,45 @@ def _without_doubled_tabs(rows: list[list[str]], markers: int) -> list[list[str]
     if too_long and not any(cell.strip() for row in sample for cell in row[1::2]):
         return [row[::2] for row in rows]
     return rows
+
+
+def write_trc(
+    path: Path | str, cloud: MarkerCloud, *, unit: str = "mm", up_axis: str = "y", overwrite: bool = False
+) -> Path:
+    """Write markers to a TRC file, whole or not at all; missing ones are NaN.
+
+    Args:
+        path: the file.
+        cloud: markers, Z up, in metres.
+        unit: length unit of the file, a key of ``METRES``.
+        up_axis: axis of the file that points up; OpenSim's is Y.
+        overwrite: replace a file that is there.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+        NonFiniteData: the frame rate is not positive.
+        JobInvalid: the unit or the axis is unknown.
+    """
+    if not (np.isfinite(cloud.fps) and cloud.fps > 0):
+        raise NonFiniteData(f"The frame rate must be a positive number, not {cloud.fps}.", where=str(path))
+    positions = np.asarray(cloud.positions, dtype=np.float64)
+    frames, markers = positions.shape[:2]
+    labels = cloud.labels or tuple(f"*{i}" for i in range(1, markers + 1))
+    values = (positions.reshape(-1, 3) @ rotation_to_z_up(up_axis) / metres_in(unit)).reshape(frames, 3 * markers)
+    times = np.arange(frames) / cloud.fps
+    # Single numbers as plain as they are: 100, not 100.000000, but 119.88012 in full.
+    rate = f"{cloud.fps:.10g}"
+    name = Path(path).name
+    head = [
+        f"PathFileType\t4\t(X/Y/Z)\t{name}",
+        "DataRate\tCameraRate\tNumFrames\tNumMarkers\tUnits\tOrigDataRate\tOrigDataStartFrame\tOrigNumFrames",
+        f"{rate}\t{rate}\t{frames}\t{markers}\t{unit}\t{rate}\t1\t{frames}",
+        "Frame#\tTime\t" + "\t\t\t".join(label.replace("\t", " ") for label in labels) + "\t\t",
+        "\t\t" + "\t".join(f"{axis}{i}" for i in range(1, markers + 1) for axis in "XYZ"),
+        "",
+    ]
+    rows = [
+        f"{i}\t{time:.6f}\t" + "\t".join(f"{value:.6f}" if value == value else "NaN" for value in row)
+        for i, (time, row) in enumerate(zip(times.tolist(), values.tolist(), strict=True), 1)
+    ]
+    return write_text(path, "\n".join(head + rows) + "\n", overwrite=overwrite)

@@ -19,15 +19,73 @@ from solver_backend.exchange.diagnostics import (
     read_diagnostics,
     warnings_in,
 )
-from solver_backend.exchange.errors import CaptureInvalid, MocapError, NonFiniteData
+from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, FARTHEST_M, require_within
 from solver_backend.exchange.schema import Fields, read_fields
 from solver_backend.geometry.symmetric import packed, unpacked
-from solver_backend.io.native.earlier_sentences import as_today
-from solver_backend.io.native.own_columns import STORED, own_arrays, own_points, with_own
-from solver_backend.types import Cameras, Capture, Keypoints2D, MarkerCloud, PersonInViews, stacked_hands
+from solver_backend.types import (
+    BONES,
+    Cameras,
+    Capture,
+    Keypoints2D,
+    MarkerCloud,
+    OwnPoint,
+    PersonInViews,
+    stacked_hands,
+)
+
+STORED = ("own", "own_names", "own_bones", "people_own")
+"""Fields of a capture file."""
+
+
+def own_arrays(capture: Capture) -> dict[str, np.ndarray]:
+    """Return the fields of a capture's own points: (C, F, N, 3) x, y, confidence, and names; of everybody as well."""
+    if capture.keypoints is None or not capture.keypoints.own:
+        return {}
+    points = capture.keypoints.own
+    arrays = {
+        "own": _values(capture.keypoints),
+        "own_names": np.array([point.name for point in points]),
+        "own_bones": np.array([point.bone for point in points]),
+    }
+    if capture.people:
+        arrays["people_own"] = np.stack([_values(person.keypoints) for person in capture.people])
+    return arrays
+
+
+def own_points(fields: Fields) -> tuple[OwnPoint, ...]:
+    """Return the own points that a file names.
+
+    Raises:
+        FileDamaged: names and bones do not fit each other, or a bone is unknown.
+    """
+    names, bones = fields.texts("own_names"), fields.texts("own_bones")
+    if len(names) != len(bones) or not set(bones) <= set(BONES):
+        raise FileDamaged(f"Own points {', '.join(names)} are on {', '.join(bones)}.", where=str(fields.path))
+    return tuple(map(OwnPoint, names, bones))
+
+
+def with_own(keypoints: Keypoints2D, points: tuple[OwnPoint, ...], values: np.ndarray) -> Keypoints2D:
+    """Return keypoints with own points behind them.
+
+    Args:
+        keypoints: of the joint set.
+        points: N points.
+        values: (C, F, N, 3) x, y in pixels and confidence.
+    """
+    xy = np.concatenate([keypoints.xy, values[..., :2]], axis=2)
+    return replace(
+        keypoints, xy=xy, confidence=np.concatenate([keypoints.confidence, values[..., 2]], axis=2), own=points
+    )
+
+
+def _values(keypoints: Keypoints2D) -> np.ndarray:
+    behind = slice(keypoints.joint_set.num_keypoints, None)
+    values = np.concatenate([keypoints.xy, keypoints.confidence[..., None]], axis=-1)
+    return values[:, :, behind].astype(np.float32)
+
 
 _TRUTH = "truth_"
 ROUNDING = 1e-5
@@ -179,7 +237,7 @@ def _capture(fields: Fields, path: Path) -> Capture:
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
         footage_first=_footage_first(fields),
         sources=fields.texts("sources"),
-        notes=(*map(as_today, read_diagnostics(fields.texts("notes"), EARLIER_NOTE)), *notes_in(found)),
+        notes=(*read_diagnostics(fields.texts("notes"), EARLIER_NOTE), *notes_in(found)),
         problems=(*read_diagnostics(fields.texts("problems")), *warnings_in(found)),
         people=people,
         person=fields.text("person", "") if people else "",

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -11,18 +12,49 @@ from solver_backend.exchange import motion_file
 from solver_backend.exchange.amass_poses import AMASS_POSE_WIDTH
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileDamaged
-from solver_backend.exchange.motion_file import (
-    FORMAT,
-    STORED,
-    VERSION,
-    MotionFile,
-    layout_of,
-    motion_of,
-)
+from solver_backend.exchange.motion_file import FORMAT, STORED, VERSION, MotionFile, layout_of, motion_of
+from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plain_values import as_plain
 from solver_backend.exchange.schema import Fields, read_fields
-from solver_backend.io.native.provenance import read_provenance
-from solver_backend.types import NUM_BETAS, Motion
+from solver_backend.types import NUM_BETAS, MarkerSubject, Motion
+
+_TYPES: dict[str, tuple[type, ...]] = {
+    "edits": (list,), "resolved": (list,), "exchanged": (list,), "sigma_px": (list,), "settings": (dict,),
+    "person": (str,), "solver": (str,), "solve_s": (int, float),
+}  # fmt: skip
+"""Of the entries that the product reads back; whatever else is there is only shown."""
+_ITEMS: dict[str, tuple[type, ...]] = {
+    "edits": (dict,),
+    "resolved": (dict,),
+    "exchanged": (list,),
+    "sigma_px": (int, float),
+}
+"""Of the items of those that are lists."""
+
+
+def read_provenance(fields: Fields) -> dict[str, Any]:
+    """Return the provenance of a file, empty where it has none.
+
+    Raises:
+        FileDamaged: it is no JSON object, or an entry is of another type.
+    """
+    where = str(fields.path)
+    try:
+        value = json.loads(fields.text("provenance", "{}"))
+    except (ValueError, RecursionError) as error:
+        raise FileDamaged(f"The provenance is not JSON ({error}).", where=where) from error
+    if not isinstance(value, dict):
+        raise FileDamaged("The provenance is not a JSON object.", where=where)
+    for key, types in _TYPES.items():
+        entry = value.get(key)
+        items = entry if isinstance(entry, list) and key in _ITEMS else []
+        if not (entry is None or isinstance(entry, types)) or not all(isinstance(item, _ITEMS[key]) for item in items):
+            raise FileDamaged(
+                f"The provenance's '{key}' has an unexpected type.", where=where,
+                hint="Solve the take again, or copy the file again.",
+            )  # fmt: skip
+    return value
+
 
 _SAME = (
     "betas", "transl", "fps", "body", "body_layout", "joints", "keypoints3d", "joint_sigma", "joint_covariance",
@@ -94,3 +126,53 @@ def _require_arrays(fields: Fields) -> None:
         if key in fields or key in ("betas", "trans", "mocap_framerate", "joints"):
             fields.numbers(key, shape)
     fields.text("body")
+
+
+SUBJECT_FORMAT, SUBJECT_VERSION = "manifold_mocap_subject", 1
+_STORED = (
+    "format", "version", "body", "betas", "marker_labels", "marker_places", "offsets", "marker_sigma", "skin_distance",
+    "provenance",
+)  # fmt: skip
+
+
+def write_subject(path: Path | str, subject: MarkerSubject, *, overwrite: bool = False) -> Path:
+    """Write a subject.
+
+    Raises:
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    arrays = {
+        "format": np.array(SUBJECT_FORMAT),
+        "version": np.array(SUBJECT_VERSION),
+        "body": np.array(subject.body),
+        "betas": np.asarray(subject.betas, np.float64),
+        "marker_labels": np.array(subject.labels, np.str_),
+        "marker_places": np.array(subject.places, np.str_),
+        "offsets": np.asarray(subject.offsets, np.float64),
+        "marker_sigma": np.asarray(subject.sigma_m, np.float64),
+        "skin_distance": np.asarray(subject.skin_m, np.float64),
+        "provenance": np.array(json.dumps(subject.provenance, sort_keys=True)),
+    }
+    return write_npz(path, arrays, overwrite=overwrite)
+
+
+def read_subject(path: Path | str) -> MarkerSubject:
+    """Read a subject file.
+
+    Raises:
+        FileMissing, FileDamaged: it is not there, truncated, of another format or lacks fields.
+        SubjectInvalid: its values are impossible.
+    """
+    fields = read_fields(path, _STORED)
+    fields.require_format(SUBJECT_FORMAT, SUBJECT_VERSION)
+    labels = fields.texts("marker_labels")
+    return MarkerSubject(
+        body=fields.text("body"),
+        betas=fields.numbers("betas", (NUM_BETAS,)),
+        labels=labels,
+        places=fields.texts("marker_places"),
+        offsets=fields.numbers("offsets", (len(labels), 3)),
+        sigma_m=fields.numbers("marker_sigma", (len(labels),)),
+        skin_m=fields.numbers("skin_distance", (len(labels),)),
+        provenance=read_provenance(fields),
+    )

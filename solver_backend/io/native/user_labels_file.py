@@ -13,8 +13,6 @@ from solver_backend.labelling.outputs import MARKERS
 from solver_backend.types import MarkerCloud
 
 FORMAT, VERSION = "manifold_mocap_user_labels", 1
-_EARLIER_FORMAT = "manifold_mocap_told_points"
-"""Name of the same format up to version 0.1; read until the next release."""
 
 
 def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], str]:
@@ -27,8 +25,7 @@ def read_user_labels(path: Path, cloud: MarkerCloud) -> dict[tuple[int, int], st
         MarkersUnknown: a marker is none of the superset's.
     """
     values: Any = read_json(path)
-    kinds = ((FORMAT, VERSION), (_EARLIER_FORMAT, VERSION))
-    if not isinstance(values, dict) or (values.get("format"), values.get("version")) not in kinds:
+    if not isinstance(values, dict) or (values.get("format"), values.get("version")) != (FORMAT, VERSION):
         raise FileDamaged(f"The file is not a {FORMAT} of version {VERSION}.", where=str(path))
     items = values.get("points")
     if not isinstance(items, list):

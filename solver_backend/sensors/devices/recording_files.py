@@ -17,7 +17,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.io.files import read_json, read_text
-from solver_backend.io.footage.footage import SENSOR_RECORDING
+from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.sensors.errors import RecordingInvalid
 

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from solver_backend.camera_calibration.opencv import opencv
-from solver_backend.cameras.camera_rotation import rotated_back
 from solver_backend.cameras.projection import undistort
+from solver_backend.cameras.refinement import rotated_back
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.rotations import log_so3

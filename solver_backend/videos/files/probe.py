@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.io.footage.recording import parts_of
+from solver_backend.io.footage import parts_of
 from solver_backend.videos.files.container import AGAIN, opened, video_stream
 from solver_backend.videos.files.errors import VideoUnreadable
 

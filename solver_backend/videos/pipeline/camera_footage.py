@@ -6,7 +6,7 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from solver_backend.io.footage.recording import is_picture, is_video, join_chapters
+from solver_backend.io.footage import is_picture, is_video, join_chapters
 from solver_backend.io.recognition.camera_names import natural_key
 
 _CAMERA_FOLDER = re.compile(r"(.*[_\-. ])?(cam(era)?|view|gopro|miqus|port|int_cam|c)?[_\-. ]*\d+", re.IGNORECASE)

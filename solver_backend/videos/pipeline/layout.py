@@ -11,8 +11,7 @@ from pathlib import Path
 from solver_backend.exchange.errors import CalibrationMismatch, CalibrationMissing
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import find_calibration, is_calibration_folder
-from solver_backend.io.footage.footage import IMAGES, VIDEOS
-from solver_backend.io.footage.recording import chapter_of
+from solver_backend.io.footage import IMAGES, VIDEOS, chapter_of
 from solver_backend.io.recognition.camera_names import name_key, natural_key
 from solver_backend.videos.pipeline.camera_footage import is_video, recordings_beside, recordings_by_folder
 from solver_backend.videos.pipeline.errors import NoVideos

@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-
 from blender_addon._exchange.motion_file import read_motion
+
 from blender_addon.scene.marker_cloud import labels_of
 from blender_addon.ui.marker_view import name_places
 from blender_addon.ui.operators.import_capture import SUFFIXES
@@ -19,7 +19,7 @@ from blender_addon.ui.panels.markers import recognised
 from solver_backend.body.label_places import read_label_places
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.markers.trc_writer import write_trc
+from solver_backend.io.markers.trc import write_trc
 from solver_backend.job import Job
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import MarkerCloud

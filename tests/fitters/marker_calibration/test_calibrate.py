@@ -16,7 +16,7 @@ from solver_backend.fitters.marker_calibration.calibrate import FRAMES, POSE_FRA
 from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.load import load_capture
-from solver_backend.io.native.subject_file import read_subject, write_subject
+from solver_backend.io.native.motion_file import read_subject, write_subject
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 from tests.support.worn_markers import worn_markers
 

@@ -20,7 +20,7 @@ from solver_backend.fitters.marker_calibration.extra_names import named_extras, 
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
-from solver_backend.io.native.subject_file import write_subject
+from solver_backend.io.native.motion_file import write_subject
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject

@@ -11,10 +11,8 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
-from solver_backend.io.markers.read import read_markers
-from solver_backend.io.markers.write import write_markers
-from solver_backend.io.native.motion_file import write_motion
-from solver_backend.io.native.subject_file import write_subject
+from solver_backend.io.markers.read import read_markers, write_markers
+from solver_backend.io.native.motion_file import write_motion, write_subject
 from solver_backend.live.frames import from_lines
 from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE
 from solver_backend.types import MarkerCloud

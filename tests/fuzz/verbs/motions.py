@@ -11,8 +11,7 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.exchange.props import Prop
 from solver_backend.exchange.skeleton_file import SkeletonFile, write_skeleton
-from solver_backend.io.motions.bvh import read_bvh
-from solver_backend.io.motions.bvh_motion import bvh_motion, bvh_skeleton
+from solver_backend.io.motions.bvh import bvh_motion, bvh_skeleton, read_bvh
 from solver_backend.io.native.motion_file import write_motion
 from tests.fuzz.motion_targets import amass
 from tests.fuzz.target import Target

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.hand_points import FINGERS, HAND_POINTS
-from solver_backend.io.detections.named_hands import hand_point
+from solver_backend.io.detections.named_keypoints import hand_point
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras, Keypoints2D
 from tests.support.calibration_files import toml_text

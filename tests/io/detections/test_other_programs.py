@@ -11,7 +11,7 @@ import pytest
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CaptureNotRecognised, FileDamaged
 from solver_backend.io.detections.column_table import is_table
-from solver_backend.io.detections.point_rows import read_table as read_points
+from solver_backend.io.detections.column_table import read_point_rows as read_points
 from solver_backend.io.detections.read import read_detections
 from solver_backend.io.detections.search import camera_sources
 from solver_backend.io.load import load_capture

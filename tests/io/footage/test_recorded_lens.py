@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from solver_backend.io.footage.recorded_lens import recorded_focal_mm
+from solver_backend.io.footage import recorded_focal_mm
 from tests.support.phone_video import KEY, phone_video
 
 

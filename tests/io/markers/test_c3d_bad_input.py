@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, JobInvalid, NoDetections
+from solver_backend.io.captures.optical_markers import of_subject
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.subjects import of_subject
 from tests.support.c3d_bytes import C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
 from tests.support.words import codes, facts, words

@@ -10,7 +10,7 @@ import pytest
 
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.markers.c3d import read_c3d
-from solver_backend.io.markers.take import MarkerTake
+from solver_backend.io.markers.source import MarkerTake
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 
 MUTATIONS = 1500

@@ -13,11 +13,9 @@ from solver_backend.exchange.errors import NonFiniteData, OutputExists, ShapeMis
 from solver_backend.exchange.marker_formats import MARKER_FORMATS
 from solver_backend.io.markers.c3d import read_c3d
 from solver_backend.io.markers.c3d_writer import write_c3d
-from solver_backend.io.markers.read import MARKERS, read_markers
-from solver_backend.io.markers.take import MarkerEvent
-from solver_backend.io.markers.trc import read_trc
-from solver_backend.io.markers.trc_writer import write_trc
-from solver_backend.io.markers.write import WRITERS, write_markers
+from solver_backend.io.markers.read import MARKERS, WRITERS, read_markers, write_markers
+from solver_backend.io.markers.source import MarkerEvent
+from solver_backend.io.markers.trc import read_trc, write_trc
 from solver_backend.types import MarkerCloud
 from tests.support.words import codes
 

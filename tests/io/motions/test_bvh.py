@@ -11,8 +11,7 @@ import pytest
 
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, MotionInvalid, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.io.motions.bvh import read_bvh
-from solver_backend.io.motions.bvh_motion import bvh_skeleton
+from solver_backend.io.motions.bvh import bvh_skeleton, read_bvh
 
 HEAD = """HIERARCHY
 ROOT Hips

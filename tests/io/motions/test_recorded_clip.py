@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motions.recorded_clip import RecordedClip, body_rotations, read_clip, resample
-from solver_backend.io.motions.skeleton_maps import MAPS
+from solver_backend.io.motions.recorded_clip import MAPS, RecordedClip, body_rotations, read_clip, resample
 from solver_backend.training.data.points import rotation_points
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
-from solver_backend.io.footage.recording import join_chapters, parts_of
+from solver_backend.io.footage import join_chapters, parts_of
 from solver_backend.videos.pipeline.errors import NoVideos
 from solver_backend.videos.pipeline.layout import look_through
 

@@ -10,8 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3, log_so3
-from solver_backend.io.motions.recorded_clip import RecordedClip
-from solver_backend.io.motions.skeleton_maps import HIP_SPLAY
+from solver_backend.io.motions.recorded_clip import HIP_SPLAY, RecordedClip
 
 FPS = 120.0
 """CMU's rate; the files do not state it."""

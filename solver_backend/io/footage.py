@@ -1,0 +1,369 @@
+"""Videos or image folders of the cameras, and whether their size is the calibration's."""
+
+from __future__ import annotations
+
+import math
+import os
+import re
+import struct
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import BinaryIO
+
+import numpy as np
+
+from solver_backend.agreement.detections import Detections
+from solver_backend.cameras.camera_corrections import resized
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.regular_file import open_regular
+from solver_backend.io.calibration import Calibration
+from solver_backend.io.calibration.search import is_calibration_folder
+from solver_backend.io.recognition.camera_names import name_key, natural_key
+
+_LARGEST_HEADER = 1 << 26
+"""Bytes; ten hours of video have less."""
+_MOST_BOXES = 10_000
+"""Boxes of a file that are looked at; chosen by hand."""
+_QUARTER_TURNS = {(0, 1, -1, 0), (0, -1, 1, 0)}
+
+
+@dataclass(frozen=True)
+class VideoHeader:
+    """What the header of a video states."""
+
+    fps: float
+    """Frames per second, the mean over the video."""
+    num_frames: int
+    """Number of frames."""
+    size: tuple[int, int]
+    """Width and height in pixels, as a player shows it (rotated if the header states it)."""
+
+
+def read_video_header(path: Path) -> VideoHeader | None:
+    """Return the header of the first video track; None where the file is no MP4 or holds no such thing.
+
+    ``fps = timescale * Σ count / Σ (count * duration)`` over the table of sample durations (ISO/IEC 14496-12, stts).
+    """
+    try:
+        with open_regular(path) as stream:
+            moov = top_level_box(stream, b"moov")
+        return None if moov is None else _video_track(memoryview(moov))
+    except (OSError, struct.error, IndexError, ValueError, OverflowError):
+        return None
+
+
+def top_level_box(stream: BinaryIO, wanted: bytes) -> bytes | None:
+    """Return the content of the first box of this kind outside of all others; None where there is none."""
+    for _ in range(_MOST_BOXES):
+        if len(head := stream.read(8)) < 8:
+            return None
+        size, kind = struct.unpack(">I4s", head)
+        used = 8
+        if size == 1:
+            size, used = struct.unpack(">Q", stream.read(8))[0], 16
+        if kind == wanted:
+            return stream.read(min(size - used, _LARGEST_HEADER) if size else _LARGEST_HEADER)
+        if size < used:
+            return None
+        stream.seek(size - used, 1)
+    return None
+
+
+def boxes(data: memoryview) -> Iterator[tuple[bytes, memoryview]]:
+    """Yield kind and content of each box in a box."""
+    at = 0
+    for _ in range(_MOST_BOXES):
+        if at + 8 > len(data):
+            return
+        size, kind = struct.unpack_from(">I4s", data, at)
+        used = 8
+        if size == 1:
+            size, used = struct.unpack_from(">Q", data, at + 8)[0], 16
+        end = at + size if size else len(data)
+        if end < at + used:
+            return
+        yield kind, data[at + used : end]
+        at = end
+
+
+def inside(data: memoryview, *kinds: bytes) -> memoryview:
+    """Return the content of the first box found by following ``kinds`` inwards."""
+    for kind in kinds:
+        data = next((content for found, content in boxes(data) if found == kind), memoryview(b""))
+    return data
+
+
+def _video_track(moov: memoryview) -> VideoHeader | None:
+    for kind, track in boxes(moov):
+        if kind != b"trak" or inside(track, b"mdia", b"hdlr")[8:12] != b"vide":
+            continue
+        media = inside(track, b"mdia", b"mdhd")
+        timescale = struct.unpack_from(">I", media, 20 if media[0] == 1 else 12)[0]
+        table = inside(track, b"mdia", b"minf", b"stbl", b"stts")
+        entries = struct.unpack_from(">I", table, 4)[0]
+        counts, durations = np.frombuffer(table[8:], ">u4", 2 * entries).reshape(-1, 2).astype(np.float64).T
+        frames, ticks = int(counts.sum()), int(counts @ durations)
+        size = _shown_size(inside(track, b"tkhd"))
+        if not (frames and ticks and timescale and all(size)):
+            return None
+        return VideoHeader(timescale * frames / ticks, frames, size)
+    return None
+
+
+def _shown_size(tkhd: memoryview) -> tuple[int, int]:
+    at = 52 if tkhd[0] == 1 else 40
+    a, b, _, c, d = struct.unpack_from(">5i", tkhd, at)
+    width, height = (value >> 16 for value in struct.unpack_from(">II", tkhd, at + 36))
+    rotated = tuple(value >> 16 for value in (a, b, c, d)) in _QUARTER_TURNS
+    return (height, width) if rotated else (width, height)
+
+
+VIDEOS = (".mp4", ".mov", ".m4v", ".avi", ".mkv", ".webm", ".mpg", ".mpeg", ".wmv")
+IMAGES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")
+SENSOR_RECORDING = "recording.json"
+"""The file that states what a folder of infrared and depth sensors holds."""
+_FOLDERS = ("videos", "video", "images", "footage")
+
+
+def find_footage(levels: Sequence[Path], recorded: Sequence[str]) -> tuple[Path | None, ...]:
+    """Return the video or image folder of each recorded camera, None where there is none.
+
+    Args:
+        levels: folders that may hold a folder ``videos``, nearest first.
+        recorded: names of the recorded cameras.
+    """
+    for level in levels:
+        for name in (*_FOLDERS, "."):
+            folder = level / name
+            if folder.is_dir() and (found := footage_in(folder)):
+                matched = tuple(found.get(name_key(camera)) for camera in recorded)
+                if any(matched):
+                    return matched
+    return (None,) * len(recorded)
+
+
+def footage_in(folder: Path) -> dict[tuple[str, ...], Path]:
+    """Return the videos and folders of pictures of a folder by what distinguishes their names."""
+    found: dict[tuple[str, ...], Path] = {}
+    for path in sorted(folder.iterdir(), key=lambda p: natural_key(p.name)):
+        if path.suffix.lower() in VIDEOS and path.is_file():
+            found.setdefault(name_key(path.stem), path)
+        elif path.is_dir() and any(item.suffix.lower() in IMAGES for item in path.iterdir()):
+            found.setdefault(name_key(path.name), path)
+    return found
+
+
+def headers(footage: Sequence[Path | None]) -> list[VideoHeader | None]:
+    """Return the header of each video that has one we can read."""
+    return [read_video_header(path) if path is not None and os.path.isfile(path) else None for path in footage]
+
+
+def with_sizes_of(
+    calibration: Calibration, videos: Sequence[VideoHeader | None], detections: Detections
+) -> Calibration:
+    """Return the calibration in the pixels of the detections.
+
+    A camera without a stated size takes its video's. Where video and calibration have sizes of the same shape, the
+    calibration is scaled to the video if the detections only make sense there; other differences are reported.
+    """
+    cameras, notes, problems = calibration.cameras, list(calibration.notes), list(calibration.problems)
+    guessed: list[str] = []
+    for c, header in enumerate(videos):
+        name, size = cameras.names[c], tuple(cameras.image_size[c].tolist())
+        if not calibration.size_known[c]:
+            if header is None:
+                guessed.append(name)
+            else:
+                sizes = cameras.image_size.copy()
+                sizes[c] = header.size
+                cameras = replace(cameras, image_size=sizes)
+            continue
+        if header is None or header.size == size:
+            continue
+        if _made_for_video(size, header.size, detections.xy[c]):
+            cameras = resized(cameras, c, header.size)
+            notes.append(_of_sizes("calibration_resized", name, size, header.size))
+        else:
+            problems.append(_of_sizes("video_size_differs", name, size, header.size))
+    if guessed:
+        problems.append(diagnostic("image_size_assumed", cameras=guessed))
+    return replace(calibration, cameras=cameras, notes=tuple(notes), problems=tuple(problems))
+
+
+def _of_sizes(code: str, camera: str, calibrated: tuple[int, ...], video: tuple[int, int]) -> Diagnostic:
+    return diagnostic(
+        code, cameras=[camera], width=calibrated[0], height=calibrated[1], video_width=video[0], video_height=video[1],
+    )  # fmt: skip
+
+
+def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.ndarray) -> bool:
+    scale = np.array(video) / np.array(calibrated)
+    if abs(scale[0] / scale[1] - 1) > 0.005 or abs(scale[0] - 1) < 0.02:
+        return False
+    known = xy[np.isfinite(xy).all(-1)]
+    if not len(known):
+        return False
+    reach = np.quantile(known, 0.995, axis=0)
+    if scale[0] < 1:
+        return bool((reach <= 1.02 * np.array(video)).all())
+    return bool((reach > 1.02 * np.array(calibrated)).any())
+
+
+_CHAPTER = re.compile(r"(?P<head>.*?)(?P<kind>G[HXP])(?P<chapter>\d\d)(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
+"""GoPro's names: ``GX020101`` is chapter 2 of recording 0101; ``GH`` is H.264, ``GP`` that of cameras up to HERO5."""
+_FIRST = re.compile(r"(?P<head>.*?)GOPR(?P<number>\d{4})(?P<tail>.*)", re.IGNORECASE)
+"""The first chapter of cameras up to HERO5, which are followed by ``GP01``, ``GP02`` ..."""
+
+
+def parts_of(path: Path) -> tuple[Path, ...]:
+    """Return the files of a recording in their order: chapters beside its first, or the pictures of a folder.
+
+    Args:
+        path: a video, the first chapter of a recording, or a folder of pictures.
+    """
+    if path.is_dir():
+        return tuple(sorted((p for p in path.iterdir() if is_picture(p)), key=lambda p: natural_key(p.name)))
+    if chapter_of(path) is None or not path.parent.is_dir():
+        return (path,)
+    recordings = join_chapters(p for p in path.parent.iterdir() if p.suffix.lower() == path.suffix.lower())
+    return next((parts for parts in recordings if parts[0] == path), (path,))
+
+
+def count_recordings(root: Path) -> int:
+    """Return how many recordings, chapters joined, lie in a folder and in the folders in it."""
+    folders = [root, *sorted(path for path in root.iterdir() if path.is_dir())]
+    found = [list(footage_in(folder).values()) for folder in folders if not is_calibration_folder(folder)]
+    return sum(len(join_chapters(paths)) for paths in found)
+
+
+def join_chapters(videos: Iterable[Path]) -> list[tuple[Path, ...]]:
+    """Return the recordings of videos, each as its chapters in order; a chapter whose first is missing stands alone."""
+    recordings: list[list[Path]] = []
+    open_: dict[tuple[str, ...], list[Path]] = {}
+    numbered = [(chapter_of(path), path) for path in sorted(videos, key=lambda p: natural_key(p.name))]
+    for chapter, path in sorted(numbered, key=lambda item: -1 if item[0] is None else item[0][1]):
+        if chapter is None:
+            recordings.append([path])
+            continue
+        key, number = chapter
+        begun = open_.get(key)
+        if begun is not None and number == (chapter_of(begun[-1]) or (key, 0))[1] + 1:
+            begun.append(path)
+        else:
+            open_[key] = [path]
+            recordings.append(open_[key])
+    return [tuple(parts) for parts in sorted(recordings, key=lambda parts: natural_key(parts[0].name))]
+
+
+def chapter_of(path: Path) -> tuple[tuple[str, ...], int] | None:
+    """Return which recording a video is a chapter of by its name, and which chapter; None for other names."""
+    if found := _FIRST.fullmatch(path.stem):
+        return (found["head"], "GP", found["number"], found["tail"], path.suffix.lower()), 0
+    if found := _CHAPTER.fullmatch(path.stem):
+        kind = found["kind"].upper()
+        return (found["head"], kind, found["number"], found["tail"], path.suffix.lower()), int(found["chapter"])
+    return None
+
+
+def is_video(path: Path) -> bool:
+    """Whether a path is named like a video that people keep."""
+    return path.suffix.lower() in VIDEOS and path.is_file() and not path.name.startswith(".")
+
+
+def is_picture(path: Path) -> bool:
+    """Whether a path is named like a picture that people keep."""
+    return path.suffix.lower() in IMAGES and not path.name.startswith(".")
+
+
+PICTURES = (".jpg", ".jpeg")
+_MOST_EXIF = 1 << 16
+"""Bytes of a JPEG segment at most."""
+_MOST_SEGMENTS = 64
+_EXIF_POINTER, _FOCAL_35MM = 0x8769, 0xA405
+"""Tags of Exif 2.32: of the list of the camera's own entries, and FocalLengthIn35mmFilm."""
+_QUICKTIME_KEY = b"com.apple.quicktime.camera.focal_length.35mm_equivalent"
+_FORMATS = {21: {1: ">b", 2: ">h", 4: ">i", 8: ">q"}, 22: {1: ">B", 2: ">H", 4: ">I", 8: ">Q"}, 23: {4: ">f"},
+            24: {8: ">d"}, 65: {1: ">b"}, 66: {2: ">h"}, 67: {4: ">i"}, 74: {8: ">q"}, 75: {1: ">B"}, 76: {2: ">H"},
+            77: {4: ">I"}, 78: {8: ">Q"}}  # fmt: skip
+"""Number formats by their type and length (QuickTime File Format, well-known types)."""
+PLAUSIBLE_MM = (8.0, 1000.0)
+"""From fisheye to telescope; what lies beyond is no focal length."""
+
+
+def recorded_focal_mm(footage: Path) -> float | None:
+    """Return the 35 mm equivalent of the focal length in the metadata of a video, or a folder's first picture.
+
+    Args:
+        footage: a video, a picture, or a folder of pictures.
+
+    Returns:
+        Millimetres; None where the file states none that can be.
+    """
+    if footage.is_dir():
+        pictures = sorted(path for path in footage.iterdir() if path.suffix.lower() in PICTURES)
+        return recorded_focal_mm(pictures[0]) if pictures else None
+    with suppress(OSError, struct.error, IndexError, ValueError, OverflowError):
+        read = _of_jpeg if footage.suffix.lower() in PICTURES else _of_quicktime
+        found = read(footage)
+        if found is not None and math.isfinite(found) and PLAUSIBLE_MM[0] <= found <= PLAUSIBLE_MM[1]:
+            return float(found)
+    return None
+
+
+def _of_jpeg(path: Path) -> float | None:
+    with open_regular(path) as stream:
+        if stream.read(2) != b"\xff\xd8":
+            return None
+        for _ in range(_MOST_SEGMENTS):
+            marker, size = struct.unpack(">HH", stream.read(4))
+            content = stream.read(min(size - 2, _MOST_EXIF))
+            if marker == 0xFFE1 and content[:6] == b"Exif\0\0":
+                return _of_tiff(content[6:])
+            if marker == 0xFFDA:  # the picture itself begins
+                return None
+    return None
+
+
+def _of_tiff(data: bytes) -> float | None:
+    order = {b"II": "<", b"MM": ">"}[data[:2]] if data[:2] in (b"II", b"MM") else ""
+    if not order:
+        return None
+    pointer = _entry(data, struct.unpack_from(f"{order}I", data, 4)[0], _EXIF_POINTER, order)
+    return None if pointer is None else _entry(data, pointer, _FOCAL_35MM, order)
+
+
+def _entry(data: bytes, at: int, wanted: int, order: str) -> int | None:
+    """Return the value of a short or long entry of the list at this byte."""
+    for n in range(struct.unpack_from(f"{order}H", data, at)[0]):
+        tag, kind = struct.unpack_from(f"{order}HH", data, at + 2 + 12 * n)
+        if tag == wanted and kind in (3, 4):
+            return int(struct.unpack_from(f"{order}{'H' if kind == 3 else 'I'}", data, at + 10 + 12 * n)[0])
+    return None
+
+
+def _of_quicktime(path: Path) -> float | None:
+    with open_regular(path) as stream:
+        moov = top_level_box(stream, b"moov")
+    if moov is None:
+        return None
+    whole = memoryview(moov)
+    places = [whole, *(content for kind, content in boxes(whole) if kind == b"trak")]
+    held = (inside(place, *way) for place in places for way in ((b"meta",), (b"udta", b"meta")))
+    return next((mm for meta in held if (mm := _of_metadata(meta)) is not None), None)
+
+
+def _of_metadata(meta: memoryview) -> float | None:
+    meta = meta[4:] if bytes(meta[8:12]) == b"hdlr" else meta  # ISO's begins with a version, QuickTime's does not
+    keys, values = inside(meta, b"keys"), inside(meta, b"ilst")
+    names = [bytes(name) for _, name in boxes(keys[8:])]
+    if _QUICKTIME_KEY not in names:
+        return None
+    wanted = struct.pack(">I", 1 + names.index(_QUICKTIME_KEY))
+    data = inside(next((content for kind, content in boxes(values) if kind == wanted), memoryview(b"")), b"data")
+    kind, value = struct.unpack_from(">I", data, 0)[0], bytes(data[8:])
+    if kind == 1:
+        return float(value.decode("ascii", "replace"))
+    layout = _FORMATS.get(kind, {}).get(len(value))
+    return None if layout is None else float(struct.unpack(layout, value)[0])
