@@ -10,16 +10,14 @@ import numpy as np
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import quat_from_rotvec, quat_multiply, sign_continuous
 from ..body.armature import rotation_from_body_axes
-from ..body.controls.fingers import control_paths
-from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
+from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
 from ..body.posed_body import rotvec_on
 from ..conventions.coordinates import QUAT_BODY_ARMATURE
 from ..conventions.skeleton import SMPL, BodyLayout, layout_of
 from ..conventions.timing import TakeTiming
-from .confidence_lane import write_confidence
 from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
-from .few_keys import thin_channels
-from .resting_lane import write_resting
+from .key_reduction import thin_channels
+from .lanes import write_confidence, write_resting
 from .retiming import mark_laid
 
 _EDITED = 1e-4

@@ -11,8 +11,7 @@ import bpy
 
 from .._exchange.diagnostics import Diagnostic, DiagnosticValues, read_diagnostics, warnings_in
 from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
-from ..body.shape import set_betas
-from ..body.sliders import body_mesh
+from ..body.shape import body_mesh, set_betas
 from ..conventions.file_paths import file_of, stored
 from ..conventions.kept_findings import findings_in
 from .curves import action_curves

@@ -12,12 +12,10 @@ import numpy as np
 
 from ..conventions.coordinates import R_ARMATURE_BODY
 from ..conventions.skeleton import JOINTS, SMPL_HANDS, BodyLayout, layout_of
-from .controls.bones import add_limb_bones, add_root
-from .controls.finger_wiring import add_finger_controls, wire_finger_controls
-from .controls.fingers import COLLECTION as FINGER_COLLECTION
-from .controls.fingers import CONTROLS as FINGER_CONTROLS
+from .controls.limbs import COLLECTION as FINGER_COLLECTION
+from .controls.limbs import FINGER_CONTROLS as FINGER_CONTROLS
 from .controls.limbs import HELPERS, LIMBS, ROOT
-from .controls.wiring import wire_limbs
+from .controls.wiring import add_finger_controls, add_limb_bones, add_root, wire_finger_controls, wire_limbs
 from .layout import BoneLayout
 
 DEFORM_COLLECTION = "Deform"

@@ -9,12 +9,11 @@ from __future__ import annotations
 import bpy
 
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.looks import MANNEQUIN, PERSON_LOOK
-from ..conventions.materials import MANNEQUIN_COLOUR, create_material
+from ..conventions.datablocks import MANNEQUIN_COLOUR, create_material
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from .body_file import BodyFile
 from .mesh import positions
-from .shape import add_key
-from .sliders import LOOK_KEY, look_key, sliders
+from .shape import LOOK_KEY, add_key, look_key, sliders
 
 _MATERIAL = "Mannequin"
 

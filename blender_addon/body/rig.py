@@ -2,21 +2,178 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import bpy
 import numpy as np
 
-from ..conventions.skeleton import JOINTS
-from .armature import create_armature
-from .body_file import BodyFile
+from ..conventions.datablocks import add_driver
+from ..conventions.skeleton import JOINTS, BodyLayout
+from .armature import create_armature, deform_bone
+from .body_file import BodyFile, once_a_body
+from .controls.limbs import LIMBS
 from .controls.shapes import add_control_shapes
 from .correctives import add_correctives
 from .layout import around_pelvis, lay_out_bones, shape_directions
 from .looks import add_looks
 from .mesh import create_mesh
-from .shape import add_shape_keys, get_betas
-from .shape_drivers import drive_by_betas, drive_joints
+from .shape import add_shape_keys, all_sliders, get_betas
+
+_LEAST_M, _SAME_M = 5e-7, 5e-7
+"""Metres per beta: a smaller effect is none, and two that differ by less are the same."""
+_MOST_OTHERS = 6
+_LARGEST_FACTOR = 4.0
+"""Of combinations: larger factors would magnify what Blender rounds."""
+
+
+@dataclass(frozen=True)
+class _Driven:
+    """One axis of a bone's location and how the betas move it."""
+
+    bone: str
+    axis: int
+    row: np.ndarray
+
+
+def drive_joints(armature: bpy.types.Object, mesh: bpy.types.Object, body: BodyFile, rest_betas: np.ndarray) -> None:
+    """Let the sliders move the joints, and the bones that IK poses in their places.
+
+    In its own rest axes B_j each posed bone moves by ``B_j^T (D_j - D_parent) (betas - rest_betas)``, and its deform
+    bone back by ``-B_j^T D_j (betas - rest_betas)``, where ``D_j betas`` is how far a shape moves joint j.
+
+    Args:
+        armature: from ``create_armature``, laid out for ``rest_betas``.
+        mesh: its mesh, with sliders.
+        body: the body.
+        rest_betas: (10,) the shape at which nothing is moved.
+    """
+    names = [name for name, _ in _moved_with_joints(body.layout)] + [deform_bone(joint) for joint in body.layout.joints]
+    axes = [np.array(armature.data.bones[name].matrix_local.to_3x3(), np.float64) for name in names]
+    for driven, parts in _sources(body, tuple(names), np.stack(axes).tobytes()):
+        bone = armature.pose.bones[driven.bone]
+        if parts:
+            _drive_by_bones(bone, driven.axis, armature, parts)
+        else:
+            drive_by_betas(bone, "location", driven.axis, driven.row, float(-driven.row @ rest_betas), mesh)
+
+
+@once_a_body
+def _sources(body: BodyFile, names: tuple[str, ...], axes: bytes) -> list[tuple[_Driven, list[tuple[float, _Driven]]]]:
+    """Return every location that betas move, each with the earlier ones that drive it, none where betas do.
+
+    Args:
+        body: the body.
+        names: N bones: those that move against their parents, then one that deforms for each joint.
+        axes: (N, 3, 3) rest axes of the bones in columns, as bytes of float64.
+    """
+    _, directions = shape_directions(body)
+    joints, parents = body.layout.joints, body.layout.parents
+    from_parent = directions - np.where(np.array(parents)[:, None, None] >= 0, directions[list(parents)], 0.0)
+    ways = [(from_parent[j], ()) for _, j in _moved_with_joints(body.layout)]
+    ways += [(-directions[j], (n, deform_bone(joints[max(parents[j], 0)]))) for j, n in enumerate(joints)]
+    found: list[tuple[_Driven, list[tuple[float, _Driven]]]] = []
+    for name, B, (way, related) in zip(names, np.frombuffer(axes).reshape(-1, 3, 3), ways, strict=True):
+        earlier = [driven for driven, _ in found]  # a bone that moved by itself would be a cycle
+        for axis, row in enumerate(B.T @ way):
+            if np.abs(row).max() > _LEAST_M:
+                parts = _few_others(row, earlier) or _all_of(row, [d for d in earlier if d.bone in related])
+                found.append((_Driven(name, axis, row), parts))
+    return found
+
+
+def _few_others(row: np.ndarray, driven: Sequence[_Driven]) -> list[tuple[float, _Driven]]:
+    """Return the few driven locations that together move as this one does, nothing where they are as many as its betas.
+
+    Orthogonal matching pursuit (Pati, Rezaiifar and Krishnaprasad 1993): the likest of what is left, one at a time.
+    """
+    if not driven:
+        return []
+    rows = np.stack([d.row for d in driven])
+    length = np.linalg.norm(rows, axis=1)
+    chosen: list[int] = []
+    basis, left = np.zeros((0, len(row))), row
+    for _ in range(min(len(driven), int(np.sum(np.abs(row) > _LEAST_M)) - 1, _MOST_OTHERS)):
+        likeness = np.abs(rows @ left) / length
+        likeness[chosen] = -1.0
+        chosen.append(int(likeness.argmax()))
+        new = rows[chosen[-1]] - (rows[chosen[-1]] @ basis.T) @ basis
+        basis = np.concatenate([basis, new[None] / max(float(np.linalg.norm(new)), 1e-12)])
+        left = row - (row @ basis.T) @ basis
+        if np.abs(left).max() <= _SAME_M:
+            factors = np.linalg.lstsq(rows[chosen].T, row, rcond=None)[0]
+            fits = np.abs(factors).max() <= _LARGEST_FACTOR
+            return [(float(f), driven[k]) for f, k in zip(factors, chosen, strict=True)] if fits else []
+    return []
+
+
+def _all_of(row: np.ndarray, related: list[_Driven]) -> list[tuple[float, _Driven]]:
+    """Return related locations that together move as this one does, nothing where they do not or save nothing."""
+    if not related:
+        return []
+    rows = np.stack([d.row for d in related])
+    factors = np.linalg.lstsq(rows.T, row, rcond=1e-6)[0]
+    used = (np.abs(factors)[:, None] * np.abs(rows) > _LEAST_M).any(axis=1)
+    parts = [(float(f), d) for f, d, use in zip(factors, related, used, strict=True) if use]
+    found = sum((f * d.row for f, d in parts), np.zeros_like(row))
+    fits = np.abs(found - row).max() <= _SAME_M and np.abs(factors).max() <= _LARGEST_FACTOR
+    return parts if fits and len(parts) < np.sum(np.abs(row) > _LEAST_M) else []
+
+
+def _drive_by_bones(
+    bone: bpy.types.PoseBone, axis: int, armature: bpy.types.Object, parts: list[tuple[float, _Driven]]
+) -> None:
+    """Drive a bone's location by others'."""
+    driver = add_driver(bone, "location", axis)
+    driver.type = "SCRIPTED"
+    for k, (_, source) in enumerate(parts):
+        variable = driver.variables.new()
+        variable.name, variable.type = f"a{k}", "SINGLE_PROP"
+        target = variable.targets[0]
+        target.id_type, target.id = "OBJECT", armature
+        target.data_path = f'pose.bones["{source.bone}"].location[{source.axis}]'
+    driver.expression = "".join(f"{factor:+.7f}*a{k}" for k, (factor, _) in enumerate(parts)).lstrip("+")
+
+
+def _moved_with_joints(layout: BodyLayout) -> list[tuple[str, int]]:
+    """Return names of bones that move against their parents as a joint does against its own, and that joint's index."""
+    named = [(joint, j) for j, joint in enumerate(layout.joints)]
+    for limb in LIMBS:
+        named += [
+            (name, layout.joints.index(joint))
+            for name, joint in zip((*limb.solved, limb.reach), limb.joints, strict=True)
+        ]
+    return named
+
+
+def drive_by_betas(
+    owner: bpy.types.bpy_struct, path: str, axis: int, row: np.ndarray, constant: float, mesh: bpy.types.Object
+) -> bool:
+    """Drive one element of a property by ``constant + row @ betas``; False where no beta has an effect.
+
+    Args:
+        owner: what the property belongs to.
+        path: the property, an array.
+        axis: its element.
+        row: (10,) metres per beta.
+        constant: metres.
+        mesh: the mesh that has the sliders.
+    """
+    used = np.flatnonzero(np.abs(row) > _LEAST_M).tolist()
+    if not used:
+        return False
+    keys = all_sliders(mesh)
+    driver = add_driver(owner, path, axis)
+    driver.type = "SCRIPTED"
+    for k in used:
+        variable = driver.variables.new()
+        variable.name, variable.type = f"b{k}", "SINGLE_PROP"
+        target = variable.targets[0]
+        target.id_type, target.id = "KEY", mesh.data.shape_keys
+        target.data_path = f'key_blocks["{keys[k].name}"].value'
+    # Blender keeps 256 characters of an expression; a tenth of a micrometre is exact enough.
+    driver.expression = f"{constant:.7f}" + "".join(f"{row[k]:+.7f}*b{k}" for k in used)
+    return True
 
 
 @dataclass(frozen=True)

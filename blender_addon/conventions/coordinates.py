@@ -10,8 +10,10 @@ Blender's cameras have neither lens distortion nor skew: what they show is the u
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
+import bpy
 import numpy as np
 
 R_ARMATURE_BODY = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, -1.0], [0.0, 1.0, 0.0]])
@@ -73,3 +75,16 @@ def camera_rays(xy_normalised: np.ndarray) -> np.ndarray:
     """Return points at depth 1 m in a Blender camera's frame: (..., 2) normalised image to (..., 3) metres."""
     x, y = xy_normalised[..., 0], xy_normalised[..., 1]
     return np.stack([x, -y, np.full_like(x, -1.0)], axis=-1)
+
+
+def fit_units(scene: bpy.types.Scene, objects: Iterable[bpy.types.Object]) -> None:
+    """Scale objects that were built in metres to a scene whose Blender unit is not one; children follow."""
+    scale = 1.0 / scene.unit_settings.scale_length
+    if abs(scale - 1.0) < 1e-6:
+        return
+    for obj in objects:
+        if obj.parent is None:
+            obj.location = [scale * value for value in obj.location]
+            obj.scale = [scale * value for value in obj.scale]
+        if obj.type == "CAMERA":
+            obj.data.clip_start, obj.data.clip_end = scale * obj.data.clip_start, scale * obj.data.clip_end

@@ -16,7 +16,7 @@ from ..animation.retiming import is_take, laid_rate, same_rate
 from ..animation.takes import warnings_of_take
 from ..conventions.timing import scene_frame_rate, set_scene_frame_rate
 from ..errors import NothingToExport
-from ..scene.alone import alone
+from ..scene.session import alone
 from .destinations import AS_RECORDED, FileLayout
 
 _WHOLE = 1e-3

@@ -38,7 +38,7 @@ def read_source(path: Path, body: Path | None = None, armature: str = "", action
     Raises:
         MocapError: the file is missing or wrong, or its actor is not clear.
     """
-    from ..retarget.clips import play_action
+    from ..retarget.actor_rig import play_action
 
     if path.suffix.lower() in (".npz", ""):
         return _of_motion(path, body)
@@ -54,7 +54,7 @@ def read_clips(path: Path, body: Path | None = None, armature: str = "") -> Iter
     Raises:
         MocapError: see ``read_source``.
     """
-    from ..retarget.clips import clips_of, play_action
+    from ..retarget.actor_rig import clips_of, play_action
 
     if path.suffix.lower() == ".npz":
         read = _of_motion(path, body)
@@ -83,7 +83,7 @@ def _of_motion(path: Path, body: Path | None) -> ReadActor:
 
 
 def _opened(path: Path, armature: str) -> tuple[bpy.types.Scene, bpy.types.Object]:
-    from ..retarget.clips import chosen_actor
+    from ..retarget.actor_rig import chosen_actor
     from ..retarget.scene_files import open_scene
 
     scene = open_scene(path)
@@ -94,9 +94,8 @@ def _of_rig(rig: bpy.types.Object, scene: bpy.types.Scene) -> ReadActor:
     from ..animation.curves import current_action
     from ..animation.takes import warnings_of_take
     from ..retarget.actor_rig import is_actor, read_actor
-    from ..retarget.recognition import map_rig
+    from ..retarget.recognition import map_rig, user_presets_folder
     from ..retarget.rig_actor import read_rig_actor
-    from ..retarget.user_presets import user_presets_folder
 
     if is_actor(rig):
         action = current_action(rig)

@@ -11,7 +11,7 @@ from pathlib import Path
 from .._exchange.diagnostics import REFUSALS
 from .._exchange.marker_formats import MARKER_FORMATS
 from .._exchange.renamed import RenamedOption
-from ..conventions.looks import LOOKS
+from ..conventions.naming import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
 from .certificates import DAYS

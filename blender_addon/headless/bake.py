@@ -15,7 +15,7 @@ from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_choice import body_path_of, require_body
 from ..body.body_file import read_body
-from ..conventions.looks import PERSON_LOOK
+from ..conventions.naming import PERSON_LOOK
 from .result import TimedResult
 
 if TYPE_CHECKING:

@@ -11,7 +11,7 @@ import numpy as np
 from .._exchange.outputs import atomic_outputs
 from .._exchange.progress import Progress
 from ..body.body_file import default_body_path, read_body
-from ..conventions.looks import PERSON_LOOK
+from ..conventions.naming import PERSON_LOOK
 from ..conventions.skeleton import NUM_BETAS, SMPL, SMPL_HANDS
 from .result import CommandResult
 
@@ -53,7 +53,7 @@ def run_body(request: BodyRequest, progress: Progress) -> BodyResult:
     from ..body.correctives import CORRECTIVES
     from ..body.looks import show_look
     from ..body.rig import create_rig, stand_on_floor
-    from ..conventions.collections import child_collection
+    from ..conventions.datablocks import child_collection
     from ..scene.session import frame_viewports, fresh_scene, save_file
     from .body_asset import add_catalog, mark_body
 

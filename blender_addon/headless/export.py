@@ -58,7 +58,7 @@ def run_export(request: ExportRequest, progress: Progress) -> ExportResult:
         MocapError: the source is missing or wrong, a file is there already, or an exporter fails.
     """
     from ..body.looks import show_look
-    from ..body.sliders import body_mesh
+    from ..body.shape import body_mesh
     from ..export.take import take_of
     from ..export.write import export_take, file_names
 

@@ -17,7 +17,7 @@ from .._exchange.errors import Cancelled, MocapError
 from .._exchange.outputs import full_disk
 from .._exchange.plain_text import plain
 from .._exchange.progress import ConsoleProgress, JsonProgress, Progress
-from ..conventions.looks import PERSON_LOOK
+from ..conventions.naming import PERSON_LOOK
 from ..errors import BakeFailed, BatchInvalid
 from .arguments import SOLVERS_VERBS, parser
 from .bake import BakeRequest, run_bake

@@ -31,8 +31,8 @@ def run_retarget(request: RetargetRequest, progress: Progress) -> RetargetResult
     Raises:
         MocapError: an input is missing or wrong, the rig or its map is unsuitable, or an output exists.
     """
-    from ..retarget.maps.rig_map import write_map
     from ..retarget.retarget import retarget
+    from ..retarget.rig_map import write_map
     from ..scene.session import save_file
 
     start = time.monotonic()

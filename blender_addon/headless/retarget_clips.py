@@ -69,7 +69,7 @@ def run_retarget_clips(request: RetargetRequest, formats: tuple[str, ...], progr
     """
     from ..export.take import take_of
     from ..export.write import export_take, format_of
-    from ..retarget.clips import play_action
+    from ..retarget.actor_rig import play_action
     from ..retarget.retarget import retarget
     from ..scene.session import save_file
 

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     import bpy
 
     from ..conventions.timing import TakeTiming
-    from ..retarget.maps.rig_map import RigMap
+    from ..retarget.rig_map import RigMap
     from .retarget_request import RetargetRequest
 
 
@@ -47,10 +47,8 @@ def lay_out_time(request: RetargetRequest, scene: bpy.types.Scene, rates: Collec
 
 def map_target(request: RetargetRequest, rig: bpy.types.Object) -> RigMap:
     """Return the map of the rig: the request's own, a preset by name, or what is recognised."""
-    from ..retarget.maps.presets import named_preset
-    from ..retarget.maps.rig_map import read_map
-    from ..retarget.recognition import map_rig
-    from ..retarget.user_presets import user_presets_folder
+    from ..retarget.recognition import map_rig, named_preset, user_presets_folder
+    from ..retarget.rig_map import read_map
 
     names = rig.data.bones.keys()
     if request.map_file is not None:

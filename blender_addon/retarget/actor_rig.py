@@ -7,19 +7,17 @@ import numpy as np
 
 from .._exchange.errors import MocapError
 from .._exchange.motion_file import read_motion
-from ..animation.curves import current_action
+from ..animation.curves import action_curves, current_action
 from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.armature import bone_axes
-from ..body.shape import shaped_vertices
-from ..body.sliders import body_mesh
+from ..body.shape import body_mesh, shaped_vertices
 from ..conventions.skeleton import SMPL, layout_of
 from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
-from ..scene.alone import alone
-from .motion.figures import Actor, own_hands
-from .motion.parts import by_part, parts_of_joints
-from .skin import heaviest
+from ..scene.session import alone
+from .motion.figures import Actor, by_part, own_hands, parts_of_joints
+from .rest_stage import heaviest
 
 _BALLS = (10, 11)
 _SOLE_BELOW_BALL = 0.02
@@ -101,3 +99,45 @@ def _contacts(action: bpy.types.Action, frames: int) -> np.ndarray | None:
     except (MocapError, OSError):
         return None
     return motion.contacts if motion.contacts is not None and len(motion.contacts) == frames else None
+
+
+def clips_of(armature: bpy.types.Object) -> list[bpy.types.Action]:
+    """Return the actions of the file that move bones which the armature has, by name."""
+    bones = {f'pose.bones["{bpy.utils.escape_identifier(bone.name)}"]' for bone in armature.pose.bones}
+    actions = sorted(bpy.data.actions, key=lambda action: action.name)
+    return [a for a in actions if any(c.data_path.rpartition(".")[0] in bones for c in action_curves(a))]
+
+
+def chosen_actor(scene: bpy.types.Scene, name: str, where: str) -> bpy.types.Object:
+    """Return the one armature of a scene that moves or, of several, the one with a name; bodies of ours come first.
+
+    Raises:
+        ActorMissing: there is none, or several and no name.
+    """
+    rigs = {o.name: o for o in scene.objects if o.type == "ARMATURE" and o.animation_data is not None}
+    rigs = {rig: obj for rig, obj in rigs.items() if is_actor(obj)} or rigs
+    chosen = [name] if name else list(rigs)
+    if len(chosen) == 1 and chosen[0] in rigs:
+        return rigs[chosen[0]]
+    wanted = f"There is no armature '{name}' that moves." if name else "One actor is wanted."
+    hint = f"Name one with --armature: {', '.join(rigs) or 'the file has none that moves'}."
+    raise ActorMissing(wanted, where=where, hint=hint)
+
+
+def play_action(armature: bpy.types.Object, name: str) -> None:
+    """Play one action alone, without NLA.
+
+    Raises:
+        ActorMissing: there is no such action.
+    """
+    action = bpy.data.actions.get(name)
+    if action is None:
+        names = ", ".join(a.name for a in clips_of(armature)) or "the file has none"
+        raise ActorMissing(f"There is no action '{name}'.", where=armature.name, hint=f"There are: {names}.")
+    animation = armature.animation_data or armature.animation_data_create()
+    animation.use_nla = False
+    animation.action = action
+    slots = getattr(action, "slots", ())
+    if len(slots) and animation.action_slot is None:
+        fitting = [slot for slot in slots if slot.target_id_type in ("OBJECT", "UNSPECIFIED")]
+        animation.action_slot = next((s for s in fitting if s.name_display == armature.name), (fitting or [None])[0])

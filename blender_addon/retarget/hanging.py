@@ -15,7 +15,7 @@ import numpy as np
 from mathutils import Matrix, Quaternion, Vector
 
 from ..errors import TargetUnsuitable
-from ..scene.alone import alone
+from ..scene.session import alone
 
 _PROBE = Quaternion(Vector((0.36, 0.48, 0.8)), 0.5)
 _PROBE_SHIFT = Vector((0.06, -0.05, 0.07))

@@ -13,15 +13,13 @@ from ..animation.takes import push_down
 from ..body.body_file import BodyFile
 from ..body.posed_body import turns_on
 from ..conventions.skeleton import SMPL
-from .channels import Channel, channels_of
-from .check import deviation_m, require_near
 from .hanging import set_switches
-from .maps.rig_map import RigMap
 from .motion.figures import actor_of_poses, body_at_rest
 from .motion.map_pose import map_pose
 from .motion.proportions import measure_proportions, scale_of
 from .motion.transfer import Transferred, transfer
-from .retarget import RetargetSettings
+from .retarget import Channel, RetargetSettings, channels_of, deviation_m, require_near
+from .rig_map import RigMap
 from .target_rig import read_target
 
 _BONES = 3

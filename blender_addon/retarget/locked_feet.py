@@ -10,12 +10,11 @@ import numpy as np
 from .._exchange.motion_file import read_motion
 from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, rotvec_from_quat
 from .._exchange.stands import stands, steps
-from ..animation.few_keys import posed_joints, rest_of
+from ..animation.key_reduction import posed_joints, rest_of
 from ..animation.takes import take_file
 from ..scene.add_take import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
-from .motion.feet import eased
-from .motion.limbs import bend_to, longest_reach, swing, within_reach
+from .motion.limbs import bend_to, eased, longest_reach, swing, within_reach
 
 _LEGS = ((1, 4, 7, 10), (2, 5, 8, 11))
 """Hip, knee, ankle and ball of each leg among SMPL's joints."""

@@ -3,15 +3,150 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+import re
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from pathlib import Path
 
 import bpy
 
+from .._exchange.errors import MocapError
+from .._exchange.rigs.names import guess_roles
+from .._exchange.rigs.plausible import is_plausible
+from .._exchange.rigs.roles import FINGERS
 from .._exchange.rigs.skeleton import Skeleton
-from .maps.presets import choose_map
-from .maps.rig_map import RigMap
-from .maps.vrm import roles_of_vrm
+from .._exchange.rigs.structure import recognise
+from ..errors import MapInvalid
+from .rig_map import RigMap, read_map
+
+SHIPPED = Path(__file__).parent / "presets"
+GUESSED, STRUCTURE = "By Names", "By Structure"
+_FITS = 0.75
+"""Share of a preset's bones of trunk and limbs that a rig must have."""
+_OPTIONAL = ("root", "spine_", "neck_", "_ik", "_pole", "_toe", *(f"_{finger}_" for finger in FINGERS))
+"""Roles that many rigs of a kind lack."""
+
+
+def preset_files(user_folder: Path | None = None) -> dict[str, Path]:
+    """Return the presets by name; one of the user's hides one of ours of that name."""
+    folders = [SHIPPED, *([user_folder] if user_folder is not None and user_folder.is_dir() else [])]
+    return {path.stem: path for folder in folders for path in sorted(folder.glob("*.json"))}
+
+
+def choose_map(skeleton: Skeleton, user_folder: Path | None = None) -> RigMap:
+    """Return the preset that fits a rig best or, if none does, what its structure or else its names indicate.
+
+    A map whose limbs no person can have is passed over, however well its names fit. A preset of the user's whose bones
+    are all there comes before ours.
+
+    Args:
+        skeleton: the rig's bones.
+        user_folder: where the user's presets are.
+    """
+    bones = skeleton.names
+    fitting = []
+    for path in preset_files(user_folder).values():
+        try:
+            preset = read_map(path)
+        except MocapError:
+            continue  # one spoilt file of the user's does not keep the others from being found
+        found = fit(preset, bones)
+        needed = _needed(preset)
+        if needed and len(needed & found.bones.keys()) >= _FITS * len(needed) and is_plausible(found.bones, skeleton):
+            is_users_own = path.parent == user_folder and len(found.bones) == len(preset.bones)
+            fitting.append((is_users_own, len(found.bones), found))
+    if fitting:
+        return max(fitting, key=lambda entry: entry[:2])[2]
+    return _recognised(skeleton)
+
+
+def _recognised(skeleton: Skeleton) -> RigMap:
+    """Return what the structure indicates; where it does not find a person, what names do as far as it can be so."""
+    guess = recognise(skeleton)
+    if guess.roles or guess.doubts:
+        return RigMap(STRUCTURE, guess.roles, doubts=guess.doubts)
+    parents = {name: skeleton.names[p] for name, p in zip(skeleton.names, skeleton.parents, strict=True) if p >= 0}
+    named = guess_roles(skeleton.names, parents)
+    if not is_plausible(named, skeleton):
+        return RigMap(GUESSED, {}, doubts=("Neither names nor structure show a person.",))
+    return RigMap(GUESSED, named)
+
+
+def named_preset(name: str, bones: Iterable[str], user_folder: Path | None = None) -> RigMap:
+    """Return a preset by its name, with the names of a rig's bones.
+
+    Raises:
+        MapInvalid: there is no such preset, or it is damaged.
+    """
+    files = preset_files(user_folder)
+    if name not in files:
+        raise MapInvalid(f"There is no preset '{name}'.", hint=f"There are: {', '.join(files)}.")
+    return fit(read_map(files[name]), bones)
+
+
+def fit(preset: RigMap, bones: Iterable[str]) -> RigMap:
+    """Return a map with the names that its bones have in a rig, without the roles that the rig has no bone for.
+
+    A prefix that all names share, such as ``mixamorig:``, and the case of letters do not count.
+    """
+    exact = set(bones)
+    lower = {bone.lower(): bone for bone in exact}
+    wanted = {*preset.bones.values(), *(switch.bone for switch in preset.switches), *preset.map_pose}
+    best: dict[str, str] = {bone: bone for bone in wanted & exact}
+    for prefix in _prefixes(preset.bones.get("pelvis", ""), lower):
+        names = {bone: lower[prefix + bone.lower()] for bone in wanted if prefix + bone.lower() in lower}
+        if len(names) > len(best):
+            best = names
+    return preset.renamed(best)
+
+
+def _prefixes(anchor: str, lower: dict[str, str]) -> list[str]:
+    """Return what stands before the pelvis's name in a rig, the shortest first."""
+    ending = anchor.lower()
+    return sorted({name[: len(name) - len(ending)] for name in lower if ending and name.endswith(ending)}, key=len)
+
+
+def _needed(preset: RigMap) -> set[str]:
+    return {role for role in preset.bones if not any(part in role for part in _OPTIONAL)}
+
+
+_MIDDLE = {"hips": "pelvis", "neck": "neck_1", "head": "head"}
+_SPINE = ("spine", "chest", "upperChest")
+_PARTS = {
+    "Shoulder": "clavicle", "UpperArm": "upper_arm", "LowerArm": "forearm", "Hand": "hand", "UpperLeg": "thigh",
+    "LowerLeg": "shin", "Foot": "foot", "Toes": "toe",
+}  # fmt: skip
+_FINGER = re.compile(r"(left|right)(Thumb|Index|Middle|Ring|Little)(Metacarpal|Proximal|Intermediate|Distal)")
+_NEEDED = {"pelvis", "head", *(f"{side}_{part}" for side in ("left", "right") for part in ("thigh", "upper_arm"))}
+
+
+def roles_of_vrm(stated: Mapping[str, str], bones: Collection[str]) -> dict[str, str]:
+    """Return the bone by role that a humanoid states; empty unless it states a person whose bones are there.
+
+    A thumb's bones are called proximal, intermediate, distal in VRM 0.x and metacarpal, proximal, distal in 1.0.
+
+    Args:
+        stated: bone by VRM's name of it, such as ``leftUpperArm``.
+        bones: names of the rig's bones.
+    """
+    there = {human: bone for human, bone in stated.items() if bone in bones}
+    roles = {_MIDDLE[human]: bone for human, bone in there.items() if human in _MIDDLE}
+    spine = [there[human] for human in _SPINE if human in there]
+    roles |= {f"spine_{i + 1}": bone for i, bone in enumerate(spine)}
+    for side in ("left", "right"):
+        for word, part in _PARTS.items():
+            if f"{side}{word}" in there:
+                roles[f"{side}_{part}"] = there[f"{side}{word}"]
+    fingers: dict[str, list[tuple[int, str]]] = {}
+    for human, bone in there.items():
+        if match := _FINGER.fullmatch(human):
+            side, finger, segment = match.groups()
+            name = f"{side}_{'pinky' if finger == 'Little' else finger.lower()}"
+            rank = ("Metacarpal", "Proximal", "Intermediate", "Distal").index(segment)
+            fingers.setdefault(name, []).append((rank, bone))
+    for name, entries in fingers.items():
+        roles |= {f"{name}_{i + 1}": bone for i, (_, bone) in enumerate(sorted(entries))}
+    return roles if roles.keys() >= _NEEDED and len(set(roles.values())) == len(roles) else {}
+
 
 _VRM = "vrm_addon_extension"
 """Custom property in which the VRM add-on keeps a file's humanoid."""
@@ -68,3 +203,12 @@ def _at(value: Mapping, *keys: str) -> Mapping:
     for key in keys:
         value = value.get(key, {}) if hasattr(value, "get") else {}
     return value if hasattr(value, "get") else {}
+
+
+_FOLDER = "presets/manifold_mocap_rigs"
+
+
+def user_presets_folder(*, make: bool = False) -> Path | None:
+    """Return the folder of the user's presets, None where Blender has no folder for a user's files."""
+    folder = bpy.utils.user_resource("SCRIPTS", path=_FOLDER, create=make)
+    return Path(folder) if folder else None

@@ -2,18 +2,234 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import replace
+from itertools import pairwise
 
 import bpy
 import numpy as np
+from mathutils import Matrix
 
 from .._exchange.rigs.rest_frames import stage_axes
-from .._exchange.rigs.roles import LIMBS, SIDES
+from .._exchange.rigs.roles import FINGERS, LIMBS, SIDES, chain_roles
 from ..errors import MapInvalid
-from .extremities import end_of, estimate_sole, legs_of, measure_sole
 from .hanging import Hanging
-from .motion.figures import Target
-from .part_skin import skin_by_part
+from .motion.figures import Target, by_part, part_of_role
+
+
+def skin_points(armature: bpy.types.Object, bones: set[str], centre: np.ndarray, radius: float) -> np.ndarray:
+    """Return the (V, 3) vertices of all meshes on an armature that follow some bones most, near a place.
+
+    Places are those of the meshes without shape keys and modifiers, in the armature's space and rest pose.
+
+    Args:
+        armature: the rig.
+        bones: names of bones that deform.
+        centre: (3,) a place in the armature's space.
+        radius: how far from there vertices are looked at.
+    """
+    found = [np.zeros((0, 3))]
+    for mesh, to_armature, holder in _meshes(armature):
+        points = np.empty(3 * len(mesh.data.vertices), np.float32)
+        mesh.data.vertices.foreach_get("co", points)
+        placed = points.reshape(-1, 3) @ np.array(to_armature)[:3, :3].T + np.array(to_armature)[:3, 3]
+        near = np.flatnonzero(np.linalg.norm(placed - centre, axis=1) < radius)
+        if not holder:
+            chosen = {group.index for group in mesh.vertex_groups if group.name in bones}
+            near = [v for v in near if heaviest(mesh.data.vertices[int(v)]) in chosen] if chosen else []
+        elif holder not in bones:
+            continue
+        found.append(placed[near])
+    return np.concatenate(found)
+
+
+def skin_by_bone(armature: bpy.types.Object, most: int) -> Iterator[tuple[np.ndarray, list[str]]]:
+    """Yield the vertices (V, 3) of each mesh on an armature, places as in ``skin_points``, and the bone of each.
+
+    Args:
+        armature: the rig.
+        most: vertices of a mesh that are looked at, evenly chosen of more.
+    """
+    for mesh, to_armature, holder in _meshes(armature):
+        vertices, names = mesh.data.vertices, {group.index: group.name for group in mesh.vertex_groups}
+        points = np.empty(3 * len(vertices), np.float32)
+        vertices.foreach_get("co", points)
+        chosen = range(0, len(vertices), 1 + len(vertices) // most)
+        M = np.array(to_armature)
+        bones = [holder or names.get(heaviest(vertices[v]), "") for v in chosen]
+        yield points.reshape(-1, 3)[list(chosen)] @ M[:3, :3].T + M[:3, 3], bones
+
+
+def _meshes(armature: bpy.types.Object) -> Iterator[tuple[bpy.types.Object, Matrix, str]]:
+    """Yield the meshes on an armature, their way into its space at rest, and the bone that a rigid one hangs on."""
+    for obj in bpy.data.objects:
+        if obj.type != "MESH":
+            continue
+        if obj.parent == armature and obj.parent_type == "BONE" and obj.parent_bone in armature.data.bones:
+            bone = armature.data.bones[obj.parent_bone]
+            # Blender counts a bone's children from its tail.
+            tail = bone.matrix_local @ Matrix.Translation((0.0, bone.length, 0.0))
+            yield obj, tail @ obj.matrix_parent_inverse @ obj.matrix_basis, bone.name
+        elif any(m.type == "ARMATURE" and m.object == armature for m in obj.modifiers) or (
+            obj.parent == armature and obj.parent_type == "ARMATURE"
+        ):
+            yield obj, armature.matrix_world.inverted() @ obj.matrix_world, ""
+
+
+def heaviest(vertex: bpy.types.MeshVertex) -> int:
+    """Return the index of the group that a vertex follows most, -1 for none."""
+    return max(vertex.groups, key=lambda entry: entry.weight).group if len(vertex.groups) else -1
+
+
+_NEAR = 0.05
+"""Share of a shin within which a bone that begins at the ankle is the foot's, as control and skinned bone are."""
+_SOLE_SHARE = 0.095
+"""Height of the ankle over the sole by the leg's length where no skin shows it (ANSUR II: 0.08 of it for the malleolus
+barefoot, and the sole of a shoe)."""
+_BELOW_BALL = 0.02
+"""The same of the ball of the foot: by so much of the leg at least the sole lies below the toe's joint."""
+_LIKELY_SOLE = (0.01, 0.45)
+"""Heights of the ankle over the sole by the leg's length that a foot can have; 0.45 is a platform with a high heel."""
+_LIKELY_END = (0.08, 0.9)
+"""Distance of ball and knuckles from ankle and wrist by the shin or forearm."""
+
+
+def measure_sole(armature: bpy.types.Object, leg: dict[str, str], heads: np.ndarray, up: np.ndarray) -> float | None:
+    """Return the height along ``up`` of a foot's lowest skin, None where no skin is plausible.
+
+    Args:
+        armature: the rig.
+        leg: names of ``thigh``, ``shin``, ``foot`` and, if there is one, ``toe``.
+        heads: (3, 3) of thigh, shin and foot.
+        up: (3,) unit vector of the armature's space.
+    """
+    shin, reach = (float(np.linalg.norm(heads[k + 1] - heads[k])) for k in (1, 0))
+    bones = _bones_of_foot(armature, leg, _NEAR * shin)
+    points = skin_points(armature, bones, heads[2], shin)
+    if not len(points):
+        return None
+    sole = float((points @ up).min())
+    low, high = _LIKELY_SOLE
+    return sole if low <= (heads[2] @ up - sole) / (shin + reach) <= high else None
+
+
+def estimate_sole(heads: np.ndarray, toe: np.ndarray | None, up: np.ndarray) -> float:
+    """Return the height of a sole from joints alone: below the ankle by the leg's length, and below the toe's joint."""
+    leg = float(np.linalg.norm(np.diff(heads, axis=0), axis=1).sum())
+    below_ankle = heads[2] @ up - _SOLE_SHARE * leg
+    return float(below_ankle if toe is None else min(below_ankle, toe @ up - _BELOW_BALL * leg))
+
+
+def end_of(armature: bpy.types.Object, bones: dict[str, str], role: str, before: float) -> np.ndarray:
+    """Return the (3,) place where a hand or foot goes on: toe, knuckles, or whatever hangs on it; NaN without any.
+
+    A hand points to the middle finger's knuckle, as our body's does; without one, to the middle of those it has.
+
+    Args:
+        armature: the rig.
+        bones: by role, fingers included.
+        role: of the hand or foot.
+        before: length of the forearm or shin.
+    """
+    side, _, part = role.partition("_")
+    knuckle = f"{side}_middle_1"
+    knuckles = [knuckle] if knuckle in bones else [f"{side}_{finger}_1" for finger in FINGERS[1:]]
+    roles = [f"{side}_toe"] if part == "foot" else knuckles
+    data, start = armature.data.bones, np.array(armature.data.bones[bones[role]].head_local, np.float64)
+    named = [np.array(data[bones[other]].head_local, np.float64) for other in roles if other in bones]
+    if named:
+        return np.mean(named, axis=0)
+    low, high = _LIKELY_END
+    below = np.array([child.head_local for child in data[bones[role]].children], np.float64).reshape(-1, 3)
+    far = np.linalg.norm(below - start, axis=1)
+    below = below[(far > low * before) & (far < high * before)]
+    return below.mean(0) if len(below) else np.full(3, np.nan)
+
+
+def legs_of(bones: dict[str, str]) -> list[dict[str, str]]:
+    """Return the bones of each whole leg by part."""
+    parts = ("thigh", "shin", "foot", "toe")
+    legs = [{part: bones[f"{side}_{part}"] for part in parts if f"{side}_{part}" in bones} for side in SIDES]
+    return [leg for leg in legs if {"thigh", "shin", "foot"} <= leg.keys()]
+
+
+def _bones_of_foot(armature: bpy.types.Object, leg: dict[str, str], near: float) -> set[str]:
+    """Return foot and toe, whatever begins where one of them does, and all that hangs on these."""
+    data = armature.data.bones
+    starts = [data[leg[part]].head_local for part in ("foot", "toe") if part in leg]
+    seeds = {leg["foot"], leg.get("toe", leg["foot"])}
+    seeds |= {bone.name for bone in data if any((bone.head_local - start).length < near for start in starts)}
+    return {below.name for seed in seeds for below in (data[seed], *data[seed].children_recursive)}
+
+
+_MOST = 6000
+"""Vertices of a mesh that are looked at: a cell of a part's table of radii then has some ten."""
+_ON_ROD = 0.01
+"""Share of the figure's height within which a bone that has no role begins on another's way to its child."""
+_BEFORE_END = 0.95
+"""Share of that way up to which it does: what begins at its end is the next part's."""
+_ENDS = ("hand", "foot", "toe")
+"""Parts that hands are not kept on but that bones begin at."""
+
+
+def skin_by_part(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, np.ndarray]:
+    """Return the (V, 3) vertices at rest by part of the body, in the armature's space.
+
+    A vertex belongs to the part of the bone that it follows most: by that bone's role, else by the limb on which it
+    begins (helpers of twist, bones of a rig of controls that deform), else by its parent.
+
+    Args:
+        armature: the rig.
+        bones: by role.
+    """
+    parts = _parts_of_bones(armature, bones)
+    found: dict[str, list[np.ndarray]] = {}
+    for points, names in skin_by_bone(armature, _MOST):
+        for part, own in by_part(points, np.array([parts.get(name, "") for name in names])).items():
+            found.setdefault(part, []).append(own)
+    return {part: np.concatenate(pieces) for part, pieces in found.items()}
+
+
+def _parts_of_bones(armature: bpy.types.Object, bones: dict[str, str]) -> dict[str, str]:
+    """Return the part of each bone of an armature, "" for none."""
+    data, role_of = armature.data.bones, {bone: role for role, bone in bones.items()}
+    heads = {role: np.array(data[bone].head_local, np.float64) for role, bone in bones.items() if bone in data}
+    rods = _rods(heads)
+    height = float(np.ptp([bone.head_local for bone in data], axis=0).max())
+    parts: dict[str, str] = {}
+    for bone in data:  # parents come before their children
+        if bone.name in role_of:
+            parts[bone.name] = part_of_role(role_of[bone.name])
+            continue
+        near = _nearest(np.array(bone.head_local, np.float64), rods, _ON_ROD * height)
+        parts[bone.name] = near if near is not None else parts.get(bone.parent.name, "") if bone.parent else ""
+    return parts
+
+
+def _rods(heads: dict[str, np.ndarray]) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Return part, beginning and end of each limb and of the trunk's line; of hands and feet where they begin."""
+    trunk = ["pelvis", *chain_roles(dict.fromkeys(heads, ""), "spine"), "neck_1"]
+    lines = [("trunk", a, b) for a, b in pairwise(trunk)]
+    for side in ("left", "right"):
+        for start, end in (("thigh", "shin"), ("shin", "foot"), ("upper_arm", "forearm"), ("forearm", "hand")):
+            lines.append((f"{side}_{start}", f"{side}_{start}", f"{side}_{end}"))
+        lines += [("", f"{side}_{end}", f"{side}_{end}") for end in _ENDS]
+    return [(part, heads[a], heads[b]) for part, a, b in lines if a in heads and b in heads]
+
+
+def _nearest(head: np.ndarray, rods: list[tuple[str, np.ndarray, np.ndarray]], within: float) -> str | None:
+    """Return the part of the nearest rod that a place lies on, None where it lies on none."""
+    found, least = None, within
+    for part, start, end in rods:
+        way = end - start
+        share = float((head - start) @ way) / max(float(way @ way), 1e-12)
+        if share > _BEFORE_END:
+            continue
+        distance = float(np.linalg.norm(head - start - np.clip(share, 0.0, 1.0) * way))
+        if distance < least:
+            found, least = part, distance
+    return found
+
 
 _NEAR_FLOOR = 0.035
 """Share of the figure's height within which the armature's origin is its floor, where no skin shows the soles."""

@@ -8,18 +8,178 @@ from dataclasses import dataclass, field
 import bpy
 import numpy as np
 
+from .._exchange.rigs.roles import HELPER_OF, LIMBS
+from .._exchange.so3 import quat_from_matrix, rotvec_from_quat, sign_continuous
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..animation.takes import push_down
 from ..conventions.timing import TakeTiming
 from ..errors import TargetUnsuitable
-from .channels import Channel, channels_of
-from .check import deviation_m, require_near
-from .maps.rig_map import RigMap, map_values
-from .motion.figures import Actor
+from ..scene.session import alone
+from .hanging import neutral
+from .motion.figures import Actor, Target
 from .motion.map_pose import map_pose, map_pose_values
 from .motion.proportions import Proportions, measure_proportions
-from .motion.transfer import TransferSettings, transfer
-from .target_rig import read_target
+from .motion.transfer import Transferred, TransferSettings, transfer
+from .rig_map import RigMap, map_values
+from .target_rig import TargetRig, read_target
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One animated property of a control."""
+
+    bone: str
+    prop: str
+    """``location`` or a rotation."""
+    values: np.ndarray
+    """(F, n) a column for each of its numbers."""
+
+
+def channels_of(done: Transferred, target: Target, modes: dict[str, str]) -> list[Channel]:
+    """Return what is keyed: rotations of all controls, and the location of those that have a way of their own.
+
+    With r the axes at rest and D the rotations of a control and of the one it turns with,
+    ``basis = r^T D_with^T D r``; its location is ``l^T D_with^T (p - p_carried)`` with l the axes that it counts along.
+
+    Args:
+        done: from ``transfer``.
+        target: the rig.
+        modes: rotation mode of each bone.
+    """
+    channels, r = [], target.axes[:, None]
+    undone = np.where((target.turns_with < 0)[:, None, None, None], np.eye(3), done.turns[target.turns_with])
+    undone = undone.swapaxes(-1, -2)
+    basis = r.swapaxes(-1, -2) @ undone @ done.turns @ r
+    quat = sign_continuous(np.moveaxis(quat_from_matrix(basis), 0, 1))
+    for c, (name, role) in enumerate(zip(target.names, target.roles, strict=True)):
+        part = role.partition("_")[2]
+        if (part in HELPER_OF and part != "toe_ik") or c == done.carrier or role == "root":
+            m = target.moves_with[c]
+            if m >= 0:
+                carried = done.places[m] + (done.turns[m] @ (target.heads[c] - target.heads[m]))
+            else:
+                carried = target.heads[c]
+            way = target.place_axes[c].T @ undone[c] @ (done.places[c] - carried)[..., None]
+            channels.append(Channel(name, "location", way[..., 0] / target.unit_m))
+        if not part.endswith("pole"):
+            channels.append(_rotation(name, modes[name], basis[c], quat[:, c]))
+    return channels
+
+
+def _rotation(bone: str, mode: str, R: np.ndarray, quat: np.ndarray) -> Channel:
+    """Return a rotation, given as (F, 3, 3) and as (F, 4), in a bone's mode."""
+    if mode == "QUATERNION":
+        return Channel(bone, "rotation_quaternion", quat)
+    if mode == "AXIS_ANGLE":
+        rotvec = rotvec_from_quat(quat)
+        angle = np.linalg.norm(rotvec, axis=-1, keepdims=True)
+        axis = np.where(angle > 1e-9, rotvec / np.maximum(angle, 1e-9), np.array([0.0, 1.0, 0.0]))
+        return Channel(bone, "rotation_axis_angle", np.concatenate([angle, axis], axis=1))
+    return Channel(bone, "rotation_euler", euler_from_matrix(R, mode))
+
+
+def euler_from_matrix(R: np.ndarray, order: str) -> np.ndarray:
+    """Return continuous Euler angles: ``R = R_k(c) R_j(b) R_i(a)`` for the order "IJK", as Blender counts them.
+
+    Of the two triples for a rotation, (a, b, c) and (a + π, π - b, c + π), each frame has the one nearer to the
+    frame's before.
+
+    Args:
+        R: (F, 3, 3) rotations.
+        order: such as ``XYZ``.
+
+    Returns:
+        (F, 3) radians about x, y and z.
+    """
+    i, j, k = ("XYZ".index(letter) for letter in order)
+    sign = 1.0 if (i, j, k) in ((0, 1, 2), (1, 2, 0), (2, 0, 1)) else -1.0
+    b = np.arcsin(np.clip(-sign * R[:, k, i], -1.0, 1.0))
+    a = np.arctan2(sign * R[:, k, j], R[:, k, k])
+    c = np.arctan2(sign * R[:, j, i], R[:, i, i])
+    one = np.stack([a, b, c], axis=1)
+    other = np.stack([a + np.pi, np.pi - b, c + np.pi], axis=1)
+    stays, changes = (np.abs(_wrapped(next_[1:] - one[:-1])).sum(1) for next_ in (one, other))
+    flipped = np.concatenate([[False], np.cumsum(changes < stays) % 2 == 1])
+    angles = np.empty_like(one)
+    angles[:, [i, j, k]] = np.unwrap(np.where(flipped[:, None], other, one), axis=0)
+    return angles
+
+
+def _wrapped(angle: np.ndarray) -> np.ndarray:
+    return (angle + np.pi) % (2 * np.pi) - np.pi
+
+
+_CHECKED_FRAMES = 6
+_REFUSED_MM = 100.0
+"""Deviation of hands and feet, at the actor's size, from which a rig is refused."""
+_SAME_PLACE = 0.002
+"""Share of the rig's size within which a skinned bone stands where a control does."""
+
+
+def deviation_m(
+    rig: TargetRig,
+    scene: bpy.types.Scene,
+    done: Transferred,
+    channels: list[Channel],
+    switches: dict[tuple[str, str], float],
+) -> float:
+    """Return the largest distance of a hand or foot from its goal on a few frames; afterwards the rig is as it was.
+
+    Args:
+        rig: the rig.
+        scene: the scene it is in.
+        done: the motion, with the goals.
+        channels: what would be keyed.
+        switches: value of each custom property (bone, key).
+
+    Raises:
+        TargetUnsuitable: the rig cannot be posed.
+    """
+    ends = {roles[-1]: rig.target.index(roles[-1]) for roles in LIMBS.values() if roles[-1] in done.goals}
+    if not ends:
+        return 0.0
+    names = [_shown_bone(rig, end) for end in ends.values()]
+    frames = np.unique(np.linspace(0, done.places.shape[1] - 1, _CHECKED_FRAMES).round().astype(int))
+    worst = 0.0
+    with neutral(rig.armature, rig.target.names, switches), alone(rig.armature, scene) as (stage, depsgraph):
+        for f in frames:
+            for channel in channels:
+                setattr(rig.armature.pose.bones[channel.bone], channel.prop, channel.values[f].tolist())
+            stage.view_layers[0].update()
+            bones = rig.armature.evaluated_get(depsgraph).pose.bones
+            heads = on_stage(rig.target, np.array([bones[name].head for name in names], np.float64))
+            wanted = np.array([done.goals[role][f] for role in ends])
+            worst = max(worst, float(np.linalg.norm(heads - wanted, axis=1).max()))
+    return worst
+
+
+def require_near(deviation_mm: float, scale: float, name: str) -> None:
+    """Check that hands and feet of a rig come near where they belong.
+
+    Raises:
+        TargetUnsuitable: they do not.
+    """
+    if deviation_mm > _REFUSED_MM * scale:
+        raise TargetUnsuitable(
+            f"Hands or feet would be up to {deviation_mm:.0f} mm from where they belong.", where=name,
+            hint="Mute constraints and drivers that move the limbs, or correct the map of the bones.",
+        )  # fmt: skip
+
+
+def on_stage(target: Target, points: np.ndarray) -> np.ndarray:
+    """Return points (..., 3) of the armature's space on the target's stage."""
+    return target.unit_m * points @ target.R_stage_armature.T - target.ground
+
+
+def _shown_bone(rig: TargetRig, control: int) -> str:
+    """Return the bone that carries the skin where a control stands at rest, else the control itself."""
+    name, bones = rig.target.names[control], rig.armature.data.bones
+    if bones[name].use_deform:
+        return name
+    near = _SAME_PLACE * float(np.ptp(rig.target.heads, axis=0).max()) / rig.target.unit_m
+    place = bones[name].head_local
+    return next((b.name for b in bones if b.use_deform and (b.head_local - place).length < near), name)
+
 
 _TOLERATED_MM = 10.0
 """Deviation of hands and feet, at the actor's size, from which the result carries a note."""

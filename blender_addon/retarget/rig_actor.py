@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import bpy
@@ -9,17 +10,80 @@ import numpy as np
 
 from .._exchange.diagnostics import sentence
 from .._exchange.rigs.rest_frames import bent_at_rest
+from .._exchange.skeleton_file import SkeletonFile
+from ..animation.curves import action_curves, current_action
 from ..body.body_file import default_body_path, read_body
 from ..conventions.coordinates import R_ARMATURE_BODY
-from ..conventions.timing import TakeTiming, scene_frame_rate
+from ..conventions.timing import TakeTiming, go_to_frame, scene_frame_rate
 from ..errors import ActorMissing
+from ..scene.session import alone
 from .hanging import Hanging
-from .maps.rig_map import RigMap
 from .motion.figures import Actor, Target
 from .motion.foreign_actor import actor_of_bones
 from .motion.map_pose import map_pose
-from .played_bones import bone_rotations, played_bones, played_frames
+from .recognition import map_rig
 from .rest_stage import stand_on_stage
+from .rig_map import RigMap
+
+_EVEN = 1e-3
+"""Relative difference of scales that is none."""
+
+
+def played_frames(armature: bpy.types.Object) -> tuple[str, np.ndarray]:
+    """Return the name of the action that an armature plays and the (F,) scene frames that it covers.
+
+    Raises:
+        ActorMissing: it plays none, or one without keys.
+    """
+    action = current_action(armature)
+    if action is None:
+        hint = "Show one of its actions first, or choose the file with the clip."
+        raise ActorMissing("The actor plays no action.", where=armature.name, hint=hint)
+    if next(action_curves(action), None) is None:
+        raise ActorMissing(f"The action '{action.name}' has no keys.", where=armature.name, hint="Choose another one.")
+    first, last = action.frame_range
+    return action.name, first + np.arange(1 + int(np.floor(last - first + 0.01)))
+
+
+def played_bones(
+    armature: bpy.types.Object, scene: bpy.types.Scene, times: np.ndarray, names: Sequence[str]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the object's (F, 4, 4) and the bones' (B, F, 4, 4) matrices, constraints and drivers included.
+
+    Args:
+        armature: the rig.
+        scene: the scene it is in.
+        times: (F,) scene frames.
+        names: of B bones.
+
+    Raises:
+        ActorMissing: the armature is stretched, or bones are no numbers.
+    """
+    worlds, poses = np.empty((len(times), 4, 4)), np.empty((len(names), len(times), 4, 4))
+    with alone(armature, scene) as (stage, depsgraph):
+        for f, time in enumerate(times):
+            go_to_frame(stage, float(time))
+            shown = armature.evaluated_get(depsgraph)
+            worlds[f] = shown.matrix_world
+            poses[:, f] = [shown.pose.bones[name].matrix for name in names]
+    if not (np.isfinite(worlds).all() and np.isfinite(poses).all()):
+        hint = "Look for keys that are not numbers in the Graph Editor."
+        raise ActorMissing(
+            "The actor's bones have values that are not numbers on some frames.", where=armature.name, hint=hint
+        )
+    scale = np.linalg.norm(worlds[:, :3, :3], axis=1).mean(1)[:, None, None]
+    axes = worlds[:, :3, :3] / np.maximum(scale, 1e-12)
+    if np.abs(np.swapaxes(axes, -1, -2) @ axes - np.eye(3)).max() > _EVEN:
+        hint = "Apply its scale (Object > Apply > Scale), or give it the same scale in all directions."
+        raise ActorMissing("The actor's armature is stretched or flat.", where=armature.name, hint=hint)
+    return worlds, poses
+
+
+def bone_rotations(matrices: np.ndarray) -> np.ndarray:
+    """Return the axes (..., 3, 3) of matrices (..., 4, 4), each of length 1."""
+    R = matrices[..., :3, :3]
+    return R / np.maximum(np.linalg.norm(R, axis=-2, keepdims=True), 1e-12)
+
 
 _UPRIGHT = np.cos(np.radians(30.0))
 """Cosine of how far the rest pose may lean in the scene and still stand on its own floor."""
@@ -121,3 +185,32 @@ def stand_at_rest(armature: bpy.types.Object, rig_map: RigMap, unit_m: float) ->
     rest = Hanging(names, matrices, nobody, nobody, (), (), ())
     posed = {role: bone for role, bone in bones.items() if role in roles}
     return stand_on_stage(armature, rest, roles, posed, unit_m)[0]
+
+
+def skeleton_of_rig(armature: bpy.types.Object, scene: bpy.types.Scene) -> SkeletonFile:
+    """Return what all bones of an armature do over the frames of its action, in the world.
+
+    An armature that the world shows mirrored is a figure that is mirrored at rest.
+
+    Args:
+        armature: the rig.
+        scene: the scene it is in.
+
+    Raises:
+        ActorMissing: it plays nothing, is stretched, or bones are no numbers.
+    """
+    name, times = played_frames(armature)
+    bones = [bone for root in armature.data.bones if root.parent is None for bone in (root, *root.children_recursive)]
+    names = tuple(bone.name for bone in bones)
+    worlds, poses = played_bones(armature, scene, times, names)
+    rest = np.array([bone.matrix_local for bone in bones], np.float64)
+    mirrored = bool(np.linalg.det(worlds[0, :3, :3]) < 0)
+    S = np.diag([-1.0 if mirrored else 1.0, 1.0, 1.0])
+    turns = bone_rotations(worlds) @ bone_rotations(poses) @ np.swapaxes(S @ bone_rotations(rest), -1, -2)[:, None]
+    metres = scene.unit_settings.scale_length
+    unit_m = metres * float(np.linalg.norm(worlds[0, :3, :3], axis=0).mean())
+    parents = tuple(-1 if bone.parent is None else names.index(bone.parent.name) for bone in bones)
+    joints = metres * (worlds @ poses)[..., :3, 3].swapaxes(0, 1)
+    roles = {} if mirrored else map_rig(armature).bones
+    fps = scene_frame_rate(scene)
+    return SkeletonFile(name, names, parents, unit_m * rest[:, :3, 3] @ S, joints, turns.swapaxes(0, 1), fps, roles)

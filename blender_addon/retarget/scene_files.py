@@ -2,14 +2,86 @@
 
 from __future__ import annotations
 
+import json
+import struct
 from pathlib import Path
+from typing import Any
 
 import bpy
 
 from .._exchange.errors import FileDamaged, FileMissing
 from ..conventions.timing import set_scene_frame_rate
-from .gltf_header import frame_rate, humanoid, read_header
 from .recognition import state_humanoid
+
+_MAGIC, _JSON_CHUNK = 0x46546C67, 0x4E4F534A
+_MOST_BYTES = 64 * 1024 * 1024
+"""Length of a header from which it is taken for damaged: those of large characters have some megabytes."""
+_RATES = (1.0, 480.0)
+"""Frame rates that a file can mean, frames a second; chosen by hand."""
+
+
+def read_header(path: Path) -> dict[str, Any]:
+    """Return the JSON of a ``.gltf``, ``.glb`` or ``.vrm`` file (glTF 2.0, section 4.4).
+
+    Raises:
+        FileDamaged: it is none.
+    """
+    try:
+        with path.open("rb") as stream:
+            start = stream.read(20)
+            if len(start) == 20 and struct.unpack_from("<I", start)[0] == _MAGIC:
+                length, kind = struct.unpack_from("<II", start, 12)
+                if kind != _JSON_CHUNK or length > _MOST_BYTES:
+                    raise ValueError("its first chunk is not a header")
+                text = stream.read(length)
+            else:
+                text = start + stream.read(_MOST_BYTES)
+        header = json.loads(text)
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileDamaged(f"This is not a glTF file: {error}.", where=str(path)) from error
+    if not isinstance(header, dict):
+        raise FileDamaged("This is not a glTF file.", where=str(path))
+    return header
+
+
+def frame_rate(header: dict[str, Any]) -> float | None:
+    """Return the rate of the keys of a file's animations, the highest of them; None where it has none."""
+    rates = []
+    accessors = _list(header.get("accessors"))
+    for animation in _list(header.get("animations")):
+        for sampler in _list(_dict(animation).get("samplers")):
+            index = _dict(sampler).get("input")
+            entry = _dict(accessors[index]) if isinstance(index, int) and 0 <= index < len(accessors) else {}
+            count, ends = entry.get("count", 0), [*_list(entry.get("min"))[:1], *_list(entry.get("max"))[:1]]
+            if isinstance(count, int) and count > 2 and len(ends) == 2 and ends[1] > ends[0]:
+                rates.append((count - 1) / (ends[1] - ends[0]))
+    rates = sorted(rate for rate in rates if _RATES[0] <= rate <= _RATES[1])
+    # Most channels are sampled alike; a few sparse or doubled ones do not count.
+    return round(rates[len(rates) // 2], 3) if rates else None
+
+
+def humanoid(header: dict[str, Any]) -> dict[str, str]:
+    """Return the name of the node by VRM's name of the bone (VRM 0.x and 1.0); empty for other files."""
+    extensions, nodes = _dict(header.get("extensions")), _list(header.get("nodes"))
+    newer = _dict(_dict(_dict(extensions.get("VRMC_vrm")).get("humanoid")).get("humanBones"))
+    pairs = [(human, _dict(entry).get("node")) for human, entry in newer.items()]
+    older = _list(_dict(_dict(extensions.get("VRM")).get("humanoid")).get("humanBones"))
+    pairs += [(str(_dict(entry).get("bone", "")), _dict(entry).get("node")) for entry in older]
+    names = {
+        human: str(_dict(nodes[node]).get("name", ""))
+        for human, node in pairs
+        if isinstance(node, int) and 0 <= node < len(nodes)
+    }
+    return {human: name for human, name in names.items() if human and name}
+
+
+def _dict(value: Any) -> dict[str, Any]:
+    return value if isinstance(value, dict) else {}
+
+
+def _list(value: Any) -> list[Any]:
+    return value if isinstance(value, list) else []
+
 
 SUFFIXES = (".blend", ".fbx", ".glb", ".gltf", ".vrm", ".bvh")
 """What is read."""

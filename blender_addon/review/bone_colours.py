@@ -6,9 +6,8 @@ import bpy
 import numpy as np
 from numpy.typing import ArrayLike
 
-from ..animation.confidence_lane import confidence_at
 from ..animation.curves import current_action
-from ..animation.resting_lane import resting_bones
+from ..animation.lanes import confidence_at, resting_bones
 
 _BAD, _MIDDLE, _GOOD = np.array([[0.86, 0.09, 0.07], [0.95, 0.72, 0.10], [0.16, 0.70, 0.30]])
 RESTING = np.array([0.42, 0.47, 0.56])

@@ -15,8 +15,7 @@ from ..animation.retiming import laid_rate
 from ..animation.takes import BETAS, take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..body.shape import get_betas
-from ..body.sliders import body_mesh
+from ..body.shape import body_mesh, get_betas
 from ..errors import TakeMissing
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ..animation.confidence_lane import read_lane
+from ..animation.lanes import read_lane
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:

@@ -7,7 +7,7 @@ from collections.abc import Collection, Mapping
 import bpy
 import numpy as np
 
-from ..animation.confidence_lane import read_lane
+from ..animation.lanes import read_lane
 from ..body.armature import deform_bone
 from .bone_colours import RESTING, colours
 from .ranges import bad_ranges

@@ -15,13 +15,11 @@ from ..body.body_choice import require_body
 from ..body.body_file import BodyFile
 from ..body.posed_body import with_own_hands
 from ..body.rig import create_rig
-from ..conventions.collections import child_collection
-from ..conventions.materials import KEYPOINT_COLOUR
+from ..conventions.coordinates import fit_units
+from ..conventions.datablocks import KEYPOINT_COLOUR, child_collection
 from ..conventions.timing import TakeTiming, set_up_time, show_frame
-from ..conventions.units import fit_units
 from .cameras import look_through
-from .capture_stage import create_cameras, create_detections
-from .floor import create_floor
+from .capture_stage import create_cameras, create_detections, create_floor
 from .overlay import PointLook, create_point_overlay
 from .props import create_props
 

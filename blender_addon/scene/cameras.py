@@ -15,8 +15,7 @@ from .._exchange.capture_file import CameraFile
 from ..conventions.coordinates import SENSOR_WIDTH_MM, camera_to_world, lens_from_intrinsics
 from ..conventions.file_paths import stored
 from ..conventions.timing import TakeTiming
-from .footage import Footage, find_footage
-from .footage_timing import lay_footage, remember_footage
+from .footage import Footage, find_footage, lay_footage, remember_footage
 
 CAMERA_NAME = "capture_camera"
 """Custom property of a camera's data: what the capture calls it."""

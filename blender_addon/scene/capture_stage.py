@@ -2,20 +2,70 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import bpy
 import numpy as np
 
 from .._exchange.capture_file import CameraFile, CaptureFile
 from .._exchange.motion_file import MotionFile
-from ..conventions.collections import child_collection
+from ..conventions.coordinates import fit_units
+from ..conventions.datablocks import FLOOR_COLOURS, child_collection, create_material, get_input, set_input
 from ..conventions.timing import TakeTiming, set_up_time, show_frame
-from ..conventions.units import fit_units
 from .cameras import add_background, create_camera, look_through
-from .floor import create_floor
+from .footage import FOOTAGE_RATE
 from .marker_cloud import create_marker_cloud, grade_markers
 from .overlay import Players, create_view_overlay
+from .point_player import MODIFIER, RADIUS, player_of
+
+_LINE_M = 0.015
+"""Width of a line of the grid, metres; chosen by hand."""
+_MOST_TILES = 200
+"""Along a side; chosen by hand. Of longer ways a tile is more metres wide, for 20 km of metres take 3 GB."""
+
+
+def create_floor(points: np.ndarray, collection: bpy.types.Collection, *, margin_m: float = 2.0) -> bpy.types.Object:
+    """Create a floor of whole metres under everything that is given; of a long way, of tiles of more metres.
+
+    Args:
+        points: (..., 3) world metres, such as the pelvis's path; NaN is ignored.
+        collection: where the object is linked.
+        margin_m: metres beyond the outermost points.
+    """
+    flat = points.reshape(-1, 3)[:, :2]
+    flat = flat[np.isfinite(flat).all(axis=1)]
+    low = np.floor(flat.min(axis=0) - margin_m) if len(flat) else np.array([-2.0, -2.0])
+    high = np.ceil(flat.max(axis=0) + margin_m) if len(flat) else np.array([2.0, 2.0])
+    vertices, faces, is_line = _tiles(low, high)
+    mesh = bpy.data.meshes.new("Floor")
+    mesh.from_pydata(vertices.tolist(), [], faces.tolist())
+    for name, colour in zip(("Floor", "Floor lines"), FLOOR_COLOURS, strict=True):
+        mesh.materials.append(create_material(name, colour, roughness=0.9))
+    mesh.polygons.foreach_set("material_index", is_line.astype(np.int32))
+    mesh.update()
+    floor = bpy.data.objects.new("Floor", mesh)
+    floor.hide_select = True
+    collection.objects.link(floor)
+    return floor
+
+
+def _tiles(low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return vertices (N, 3), quads (M, 4) and which quads are lines (M,), with no two quads overlapping."""
+    tile = max(1.0, float(np.ceil((high - low).max() / _MOST_TILES)))
+    steps = [_steps(low[axis], high[axis], tile) for axis in (0, 1)]
+    x, y = np.meshgrid(*steps, indexing="ij")
+    vertices = np.stack([x, y, np.zeros_like(x)], axis=-1).reshape(-1, 3)
+    columns, rows = len(steps[0]), len(steps[1])
+    i, j = np.meshgrid(np.arange(columns - 1), np.arange(rows - 1), indexing="ij")
+    first = i * rows + j
+    faces = np.stack([first, first + rows, first + rows + 1, first + 1], axis=-1).reshape(-1, 4)
+    # Steps go line, tile, line, tile ...: an even interval is a line.
+    return vertices, faces, ((i % 2 == 0) | (j % 2 == 0)).reshape(-1)
+
+
+def _steps(low: float, high: float, tile: float) -> np.ndarray:
+    metres = np.arange(low, high + tile - 0.5, tile)
+    return np.stack([metres - _LINE_M / 2, metres + _LINE_M / 2], axis=-1).reshape(-1)
 
 
 @dataclass(frozen=True)
@@ -103,3 +153,64 @@ def _ground_points(capture: CaptureFile) -> np.ndarray:
     centres = np.array([-source.R.T @ source.t for source in capture.cameras]).reshape(-1, 3)
     markers = np.zeros((0, 3)) if capture.markers is None else capture.markers.reshape(-1, 3)
     return np.concatenate([centres, markers])
+
+
+def replace_stage(
+    scene: bpy.types.Scene, stage: CaptureStage, former: list[bpy.types.Object | None], collection: bpy.types.Collection
+) -> CaptureStage:
+    """Return the stage of objects that were there, which show what a new stage shows; the new ones go.
+
+    Names, parents, visibility and whatever else the user did to an object stay; what was deleted comes anew.
+
+    Args:
+        scene: the scene.
+        stage: the new stage, in a collection of its own, which goes.
+        former: what was there, in the order of the stage's cameras, overlays and floor; None for what was not.
+        collection: of the former stage.
+    """
+    new = [*stage.cameras, *stage.overlays, stage.floor]
+    kept = [_kept(scene, old, obj, collection) for old, obj in zip(former, new, strict=True)]
+    for child in stage.collection.children:
+        bpy.data.collections.remove(child)
+    bpy.data.collections.remove(stage.collection)
+    count = len(stage.cameras)
+    return replace(
+        stage, collection=collection, cameras=tuple(kept[:count]), overlays=tuple(kept[count:-1]), floor=kept[-1]
+    )
+
+
+def _kept(
+    scene: bpy.types.Scene, old: bpy.types.Object | None, new: bpy.types.Object, collection: bpy.types.Collection
+) -> bpy.types.Object:
+    """Return the object that stays: the old one with the new one's contents, or the new one moved to its place."""
+    if old is None:
+        for home in tuple(new.users_collection):
+            home.objects.unlink(new)
+        collection.objects.link(new)
+        return new
+    data, old.data = old.data, new.data
+    if old.type == "CAMERA":
+        _take_view(old, data)
+        old.matrix_world = new.matrix_world
+    elif player_of(new) is not None:
+        for key, value in new.items():
+            old[key] = value
+        old.modifiers[MODIFIER].node_group = player_of(new)
+        set_input(old.modifiers[MODIFIER], RADIUS, get_input(new.modifiers[MODIFIER], RADIUS))
+        old.parent = old.parent or new.parent  # a camera that was deleted left its detections behind
+    for child in new.children:
+        child.parent = old
+    if scene.camera == new:
+        scene.camera = old
+    bpy.data.objects.remove(new)
+    if data.users == 0:
+        bpy.data.batch_remove((data,))
+    return old
+
+
+def _take_view(camera: bpy.types.Object, former: bpy.types.Camera) -> None:
+    """Keep how the user saw through a camera: its footage's opacity and its size."""
+    camera.data.display_size = former.display_size
+    if FOOTAGE_RATE in camera.data and former.background_images:
+        camera.data.background_images[0].alpha = former.background_images[0].alpha
+        camera.data.show_background_images = former.show_background_images

@@ -9,18 +9,16 @@ from .._exchange.motion_file import MotionFile, read_motion
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_channels, pose_columns
 from ..animation.curves import action_curves
-from ..animation.few_keys import posed_joints, rest_of
+from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
 from ..animation.retiming import laid_rate
-from ..animation.sparse_curves import SparseCurves
 from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..body.controls.fingers import control_paths
-from ..body.controls.limbs import LIMBS, ROOT, has_limbs, switch_path
+from ..body.controls.limbs import LIMBS, ROOT, control_paths, has_limbs, switch_path
 from ..body.posed_body import with_own_hands
 from ..conventions.skeleton import layout_of
 from ..conventions.timing import TakeTiming
-from .limb_modes.samples import own_channels, sample_bones
+from .limb_modes import own_channels, sample_bones
 
 _TURN = 2.5e-3
 """Frobenius norm between two rotations that is an edit: 0.1 degrees; single precision and IK stay below a tenth."""

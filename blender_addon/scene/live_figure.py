@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 
 import bpy
 import numpy as np
 
+from .._exchange.errors import FileDamaged
+from .._exchange.json_file import read_json_file
 from ..animation.action import bone_quaternions
 from ..body.armature import rotation_from_body_axes
 from ..body.body_file import BodyFile
 from ..body.posed_body import pose_joints, turns_on
 from ..body.rig import create_rig
 from ..body.shape import set_betas
-from ..conventions.collections import child_collection
-from ..conventions.materials import MARKER_COLOURS
+from ..conventions.coordinates import fit_units
+from ..conventions.datablocks import MARKER_COLOURS, child_collection
 from ..conventions.skeleton import SMPL
 from ..conventions.timing import TakeTiming, scene_frame_rate
-from ..conventions.units import fit_units
 from .overlay import PointLook, create_point_overlay
 from .point_player import GRADE, SEEN
 
@@ -160,3 +163,46 @@ def remove_live_figure() -> None:
         for obj in list(collection.objects):
             bpy.data.objects.remove(obj, do_unlink=True)
         bpy.data.collections.remove(collection)
+
+
+@dataclass
+class LiveFace:
+    """A mesh, looked up each time, as undo replaces it."""
+
+    mesh: str
+    """Name of the object."""
+    table: Mapping[str, str] = field(default_factory=dict)
+    """Shape key of each channel, by the channel's name in lower case; others have the names of their channels."""
+
+    def show(self, face: Mapping[str, float]) -> int:
+        """Set the shape keys of channels, within the limits of their sliders; return how many there are.
+
+        Case does not matter. Channels without a shape key change nothing, and neither does a mesh that is gone.
+        """
+        obj = bpy.data.objects.get(self.mesh)
+        keys = getattr(obj.data, "shape_keys", None) if obj is not None else None
+        if keys is None:
+            return 0
+        blocks = {block.name.lower(): block for block in list(keys.key_blocks)[1:]}
+        found = 0
+        for channel, value in face.items():
+            block = blocks.get(self.table.get(channel.lower(), channel).lower())
+            if block is not None:
+                block.value = value
+                found += 1
+        return found
+
+
+def read_face_table(path: Path) -> dict[str, str]:
+    """Return a table of channels: a JSON object such as ``{"JawOpen": "Mouth Open"}``.
+
+    Raises:
+        FileMissing, FileDamaged: it cannot be read, or is none.
+    """
+    values = read_json_file(path)
+    if not isinstance(values, dict) or not all(isinstance(key, str) for key in values.values()):
+        raise FileDamaged(
+            "This is not a table of a face.", where=str(path),
+            hint='Write an object of channels and shape keys: {"JawOpen": "Mouth Open"}.',
+        )  # fmt: skip
+    return {channel.lower(): key for channel, key in values.items()}

@@ -13,7 +13,7 @@ import bpy
 import numpy as np
 
 from .._exchange.motion_file import MotionFile
-from ..conventions.materials import MARKER_COLOURS
+from ..conventions.datablocks import MARKER_COLOURS
 from ..conventions.timing import TakeTiming
 from .overlay import PointLook, create_point_overlay
 from .point_player import GRADE, POINTS, SEEN, played_row

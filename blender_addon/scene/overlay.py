@@ -10,8 +10,7 @@ import numpy as np
 from .._exchange.capture_file import CameraFile
 from .._exchange.lens import normalised, undistort
 from ..conventions.coordinates import camera_rays
-from ..conventions.materials import DETECTION_COLOUR, Colour, create_material
-from ..conventions.node_inputs import set_input
+from ..conventions.datablocks import DETECTION_COLOUR, Colour, create_material, set_input
 from ..conventions.timing import TakeTiming
 from .point_player import GRADE, MODIFIER, POINTS, RADIUS, SEEN, PlayerSettings, create_player
 

@@ -12,9 +12,9 @@ from .._exchange.props import Prop
 from .._exchange.so3 import quat_from_rotvec, sign_continuous
 from ..animation.curves import create_action, key_type_values, write_curves
 from ..animation.retiming import mark_laid
-from ..conventions.collections import child_collection
+from ..conventions.coordinates import fit_units
+from ..conventions.datablocks import child_collection
 from ..conventions.timing import TakeTiming
-from ..conventions.units import fit_units
 
 MARKERS = "marker_labels"
 """Custom property of a prop's mesh: the labels of its vertices, one a line."""

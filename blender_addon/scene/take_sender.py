@@ -18,8 +18,7 @@ from ..animation.takes import BETAS
 from ..body.armature import rotation_from_body_axes
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..body.shape import get_betas
-from ..body.sliders import body_mesh
+from ..body.shape import body_mesh, get_betas
 from ..conventions.skeleton import layout_of
 
 

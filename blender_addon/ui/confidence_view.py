@@ -38,7 +38,7 @@ class ConfidenceDrawing:
 
     def _draw_skins(self) -> None:
         """Draw the bodies whose confidence is shown into the viewport being drawn."""
-        from ..body.sliders import body_mesh
+        from ..body.shape import body_mesh
 
         context = bpy.context
         for review in shown_reviews(context.scene):
@@ -47,8 +47,7 @@ class ConfidenceDrawing:
                 self._draw_skin(context, review.armature, skin)
 
     def _draw_skin(self, context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
-        from ..animation.confidence_lane import current_confidence
-        from ..animation.resting_lane import resting_bones
+        from ..animation.lanes import current_confidence, resting_bones
         from ..conventions.skeleton import layout_of
         from ..review.skin_colours import joint_weights, skin_colours
 

@@ -14,8 +14,7 @@ from ..conventions.file_paths import stored
 if TYPE_CHECKING:
     from ..body.body_file import BodyFile
     from ..retarget.live_rig import LiveRig
-    from ..scene.live_face import LiveFace
-    from ..scene.live_figure import LiveFigure
+    from ..scene.live_figure import LiveFace, LiveFigure
     from ..solving.live import LiveRun
 
 _INTERVAL_S = 1 / 60

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ..conventions.marker_names import MARKERS
+from ..conventions.naming import MARKERS
 from ..conventions.skeleton import JOINTS
 
 MEANING_ITEMS = (

@@ -8,7 +8,7 @@ import bpy
 
 from .._exchange.joint_sets import JointSet
 from .._exchange.vmc.address import VmcAddress
-from ..conventions.looks import MANNEQUIN, PERSON_LOOK
+from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
 from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
 from .locations import RELATIVE

@@ -9,7 +9,7 @@ import bpy
 from .._exchange.errors import MocapError
 
 if TYPE_CHECKING:
-    from ..retarget.maps.rig_map import RigMap
+    from ..retarget.rig_map import RigMap
 
 
 def _is_other_armature(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
@@ -22,8 +22,7 @@ def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) 
 
 def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
     """Map the target that was chosen, where its bones show what they are."""
-    from ..retarget.recognition import map_rig
-    from ..retarget.user_presets import user_presets_folder
+    from ..retarget.recognition import map_rig, user_presets_folder
 
     self.table.clear()
     self.label = self.map_text = self.doubts = ""
@@ -39,7 +38,7 @@ def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
     import json
 
     from .._exchange.rigs.roles import JOINT_OF, order_of
-    from ..retarget.maps.rig_map import map_values
+    from ..retarget.rig_map import map_values
 
     settings.table.clear()
     settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))

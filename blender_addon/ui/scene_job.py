@@ -12,8 +12,7 @@ from .._exchange.capture_file import portable_path
 from .._exchange.errors import OutputNotWritable
 from .._exchange.job_file import JobFile, JobRange
 from .._exchange.outputs import write_text
-from ..body.shape import get_betas
-from ..body.sliders import body_mesh
+from ..body.shape import body_mesh, get_betas
 from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing

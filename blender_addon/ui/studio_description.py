@@ -12,7 +12,7 @@ from .._exchange.errors import CommandLineInvalid, FileMissing
 from .._exchange.outputs import write_text
 from ..animation.takes import take_file
 from ..conventions.file_paths import absolute
-from ..conventions.numbered import next_path
+from ..conventions.naming import next_path
 from ..studio.scene_array import array_of_scene
 from .locations import files_folder, usable
 from .scene_job import capture_file

@@ -12,7 +12,7 @@ import numpy as np
 
 from blender_addon._exchange.motion_file import MotionFile
 from blender_addon.animation.action import pose_channels
-from blender_addon.animation.few_keys import thin_channels
+from blender_addon.animation.key_reduction import thin_channels
 from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.body.rig import create_rig
 from tests.benchmarks.comparison.captures import filmed

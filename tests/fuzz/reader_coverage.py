@@ -49,10 +49,10 @@ _READERS = (
     "blender_addon/solving/road_file.py",
     "blender_addon/studio/place_file.py",
     "blender_addon/body/body_choice.py",
-    "blender_addon/retarget/maps/rig_map.py",
+    "blender_addon/retarget/rig_map.py",
     "blender_addon/studio/scene_file.py",
     "blender_addon/body/body_file.py",
-    "blender_addon/body/smpl_family.py",
+    "blender_addon/body/body_file.py",
 )
 _NO_READERS = ("choices.py", "_writer.py")
 """How the names of files beside the readers end that read nothing."""

@@ -13,8 +13,8 @@ import numpy as np
 
 from blender_addon.headless.batch.request import BatchRequest
 from blender_addon.render.picture import read_targa
-from blender_addon.retarget.maps import presets
-from blender_addon.retarget.maps.rig_map import read_map
+from blender_addon.retarget import recognition
+from blender_addon.retarget.rig_map import read_map
 from blender_addon.solving.child import event_in
 from blender_addon.solving.run import Run
 from blender_addon.studio.scene_file import FORMAT as SCENE
@@ -40,7 +40,7 @@ _SPEC: dict[str, Any] = {
     "film": ["infrared", "depth", "rgb"], "write": ["coco", "c3d"], "markers": "MANIFOLD_53", "joint_set": "BODY_25",
     "perturb": "none", "rgb": {"engine": "workbench", "samples": 2, "noise": 0.01},
 }  # fmt: skip
-_PRESETS = sorted((Path(presets.__file__).parent / "presets").glob("*.json"))
+_PRESETS = sorted((Path(recognition.__file__).parent / "presets").glob("*.json"))
 
 
 def _data_set(folder: Path) -> None:

@@ -110,9 +110,9 @@ def cmu_files(shared_data: Path, folder: Path, count: int) -> list[Path]:
 
 def library_files(shared_data: Path, folder: Path, count: int) -> Iterator[Path]:
     """Write clips of the CC0 library by way of Blender, as ``motion`` of the add-on does it."""
-    from blender_addon.retarget.clips import chosen_actor, clips_of, play_action
+    from blender_addon.retarget.actor_rig import chosen_actor, clips_of, play_action
+    from blender_addon.retarget.rig_actor import skeleton_of_rig
     from blender_addon.retarget.scene_files import open_scene
-    from blender_addon.retarget.skeleton_of_rig import skeleton_of_rig
 
     with tarfile.open(shared_data / "mesh2motion_cc0.tar.xz") as archive:
         archive.extract(_LIBRARY, folder, filter="data")

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import bpy
 
-from blender_addon.retarget.maps.rig_map import RigMap
 from blender_addon.retarget.recognition import map_rig
+from blender_addon.retarget.rig_map import RigMap
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
 from tests.support.retarget_measures import Limb, bent_hinge
 from tests.support.rigify_rig import rigify_rig

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import bpy
 
+from ..._exchange.hand_points import FINGERS, SIDES
+
 ROOT = "root"
 """The bone that carries everything; it lies on the floor at the armature's origin."""
 
@@ -116,3 +118,41 @@ def follow_mode(armature: bpy.types.Object, limb: Limb, *, from_end: bool) -> No
     unfit = armature.data.collections_all.get(limb.joint_collection if from_end else limb.collection)
     if unfit is not None and unfit.is_visible:
         show_limb(armature, limb, from_end=from_end)
+
+
+COLLECTION = "Finger Controls"
+"""Bone collection of the controls."""
+NAMES = ("Curl", "Spread", "Fist", "Fan")
+"""Of the constraints by which joints follow a finger's control and a hand's."""
+
+
+def finger_control(side: str, finger: str) -> str:
+    """Return the name of the bone that curls and spreads a finger."""
+    return f"{side}_{finger}_curl"
+
+
+def fist_control(side: str) -> str:
+    """Return the name of the bone that makes a fist."""
+    return f"{side}_fist"
+
+
+FINGER_CONTROLS = tuple(finger_control(side, finger) for side in SIDES for finger in FINGERS) + tuple(
+    fist_control(side) for side in SIDES
+)
+"""All controls of fingers."""
+
+
+def has_finger_controls(armature: bpy.types.Object | None) -> bool:
+    """Return whether an armature has these controls."""
+    return (
+        armature is not None
+        and armature.type == "ARMATURE"
+        and all(name in armature.pose.bones for name in FINGER_CONTROLS)
+    )
+
+
+def control_paths(armature: bpy.types.Object) -> list[tuple[str, str]]:
+    """Return data path and bone of the channels of the controls that an armature has."""
+    if not has_finger_controls(armature):
+        return []
+    return [(f'pose.bones["{name}"].rotation_euler', name) for name in FINGER_CONTROLS]

@@ -7,13 +7,13 @@ from collections.abc import Sequence
 import bpy
 import numpy as np
 
-from ...conventions.collections import child_collection
+from ...conventions.datablocks import child_collection
 from ...conventions.skeleton import JOINTS, BodyLayout
 from ..armature import bone_axes
 from ..body_file import BodyFile
 from ..layout import BoneLayout, body_part, is_finger, standing
-from .fingers import CONTROLS, has_finger_controls
-from .limbs import LIMBS, ROOT, Limb
+from .limbs import FINGER_CONTROLS as CONTROLS
+from .limbs import LIMBS, ROOT, Limb, has_finger_controls
 
 _SEGMENTS = 40
 _MARGIN, _LEAST_M = 1.12, 0.012

@@ -5,11 +5,72 @@ from __future__ import annotations
 import bpy
 import numpy as np
 
-from ...conventions.skeleton import JOINTS
-from ..drivers import add_driver
+from ..._exchange.hand_points import FINGERS, SIDES
+from ...conventions.datablocks import add_driver
+from ...conventions.skeleton import JOINTS, PARENTS
 from ..layout import BoneLayout
-from .bones import rest_pole
-from .limbs import LIMBS, ROOT, Limb, switch_path
+from .limbs import FINGER_CONTROLS as CONTROLS
+from .limbs import HELPERS, LIMBS, ROOT, Limb, finger_control, fist_control, switch_path
+
+ROOT_LENGTH_M = 0.3
+_REACH = 0.15
+"""Length of the bone at a limb's end, as a share of the lower bone."""
+_POLE_DISTANCE = 1.0
+"""How far poles are from their joints, in lengths of the upper bone."""
+_POLE_SIZE = 0.1
+_AHEAD = {"arm": np.array([0.0, 1.0, 0.0]), "leg": np.array([0.0, -1.0, 0.0])}
+"""Where elbows and knees point at rest: backward and forward."""
+
+
+def add_root(data: bpy.types.Armature) -> bpy.types.EditBone:
+    """Add the root: head at the armature's origin, axes those of the armature."""
+    root = data.edit_bones.new(ROOT)
+    root.head, root.tail = (0.0, 0.0, 0.0), (0.0, ROOT_LENGTH_M, 0.0)
+    root.align_roll((0.0, 0.0, 1.0))
+    root.use_deform = False
+    return root
+
+
+def add_limb_bones(data: bpy.types.Armature, layout: BoneLayout) -> None:
+    """Add the bones of all limbs to an armature that has its joints and root, in edit mode."""
+    for limb in LIMBS:
+        _add_limb(data, layout, limb)
+
+
+def rest_pole(layout: BoneLayout, limb: Limb) -> np.ndarray:
+    """Return the (3,) place of a limb's pole at rest."""
+    upper, lower, _ = (layout.heads[JOINTS.index(joint)] for joint in limb.joints)
+    return lower + _POLE_DISTANCE * np.linalg.norm(lower - upper) * _AHEAD[limb.kind]
+
+
+def _add_limb(data: bpy.types.Armature, layout: BoneLayout, limb: Limb) -> None:
+    bones, root = data.edit_bones, data.edit_bones[ROOT]
+    upper, lower, end = limb.joints
+    above = bones[JOINTS[PARENTS[JOINTS.index(upper)]]]
+    for joint, solved, turn in zip((upper, lower), limb.solved, limb.turns, strict=True):
+        above = _twin(data, solved, joint, above)
+        _twin(data, turn, joint, above)
+    knee, ankle = (layout.heads[JOINTS.index(joint)] for joint in (lower, end))
+    reach = bones.new(limb.reach)
+    reach.head, reach.tail = (ankle + _REACH * (knee - ankle)).tolist(), ankle.tolist()
+    reach.roll, reach.parent = bones[lower].roll, above
+    _twin(data, limb.control, end, root)
+    pole, place = bones.new(limb.pole), rest_pole(layout, limb)
+    pole.head, pole.tail = place.tolist(), (place + [0.0, _POLE_SIZE, 0.0]).tolist()
+    pole.align_roll((0.0, 0.0, 1.0))
+    pole.parent = root
+    for name in (*limb.keyed, *HELPERS):
+        if name in bones:
+            bones[name].use_deform = False
+
+
+def _twin(data: bpy.types.Armature, name: str, joint: str, parent: bpy.types.EditBone) -> bpy.types.EditBone:
+    """Add a bone that lies as a joint's does."""
+    bone, like = data.edit_bones.new(name), data.edit_bones[joint]
+    bone.head, bone.tail, bone.roll = like.head, like.tail, like.roll
+    bone.parent = parent
+    return bone
+
 
 FOLLOW = "IK"
 """Name of the constraint by which a joint follows."""
@@ -76,3 +137,70 @@ def _lock(bones: bpy.types.bpy_prop_collection, limb: Limb) -> None:
         bones[name].lock_location = (True, True, True)
     pole = bones[limb.pole]
     pole.lock_rotation, pole.lock_rotation_w, pole.lock_rotations_4d = (True, True, True), True, True
+
+
+_SHARES = {"thumb": (0.25, 0.45, 0.55)}
+_SHARES_OF_FINGERS = (0.75, 0.85, 0.5)
+"""Of a control's turn that each joint makes: at 90 degrees a relaxed hand is a fist."""
+_FAN = {"thumb": 1.0, "index": 0.8, "middle": 0.1, "ring": 0.5, "pinky": 1.0}
+"""Of the turn of a hand's control by which each finger spreads."""
+_LIMIT = np.pi
+_TOWARDS_THUMB = ("thumb", "index", "middle")
+"""Fingers that spread towards the thumb's side; the others spread away from it."""
+
+
+def add_finger_controls(data: bpy.types.Armature) -> None:
+    """Add the controls to an armature that has its joints, in edit mode; each lies as the joint it turns about does."""
+    bones = data.edit_bones
+    for side in SIDES:
+        likes = {finger_control(side, finger): f"{side}_{finger}1" for finger in FINGERS}
+        likes[fist_control(side)] = f"{side}_middle1"
+        for name, joint in likes.items():
+            bone, like = bones.new(name), bones[joint]
+            bone.head, bone.tail, bone.roll = like.head, like.tail, like.roll
+            bone.parent = bones[f"{side}_wrist"]
+            bone.use_deform = False
+
+
+def wire_finger_controls(armature: bpy.types.Object) -> None:
+    """Let the joints of fingers follow their controls."""
+    bones = armature.pose.bones
+    for name in CONTROLS:
+        bone = bones[name]
+        bone.rotation_mode = "XYZ"
+        bone.lock_location = bone.lock_scale = (True, True, True)
+        bone.lock_rotation = (False, True, False)
+    for side in SIDES:
+        for finger in FINGERS:
+            spread = _spread_sign(armature, side, finger)
+            for k, share in enumerate(_SHARES.get(finger, _SHARES_OF_FINGERS)):
+                joint = bones[f"{side}_{finger}{k + 1}"]
+                _follow_turn(armature, joint, "Curl", finger_control(side, finger), "x", share)
+                _follow_turn(armature, joint, "Fist", fist_control(side), "x", share)
+            first = bones[f"{side}_{finger}1"]
+            _follow_turn(armature, first, "Spread", finger_control(side, finger), "z", spread)
+            _follow_turn(armature, first, "Fan", fist_control(side), "z", spread * _FAN[finger])
+
+
+def _follow_turn(
+    armature: bpy.types.Object, joint: bpy.types.PoseBone, name: str, control: str, axis: str, share: float
+) -> None:
+    """Add a share of a control's turn about an axis to a joint's own."""
+    follow = joint.constraints.new("TRANSFORM")
+    follow.name, follow.target, follow.subtarget = name, armature, control
+    follow.owner_space = follow.target_space = "LOCAL"
+    follow.map_from = follow.map_to = "ROTATION"
+    follow.from_rotation_mode, follow.to_euler_order, follow.mix_mode_rot = "XYZ", "XYZ", "AFTER"
+    setattr(follow, f"map_to_{axis}_from", axis.upper())
+    for end, sign in (("min", -1.0), ("max", 1.0)):
+        setattr(follow, f"from_{end}_{axis}_rot", sign * _LIMIT)
+        setattr(follow, f"to_{end}_{axis}_rot", sign * _LIMIT * share)
+
+
+def _spread_sign(armature: bpy.types.Object, side: str, finger: str) -> float:
+    """Return 1 where a positive turn about Z leads the finger away from its neighbours, -1 where it leads to them."""
+    bones = armature.data.bones
+    axes = np.array(bones[f"{side}_{finger}1"].matrix_local.to_3x3(), np.float64)
+    thumbward = np.array(bones[f"{side}_index1"].head_local) - np.array(bones[f"{side}_pinky1"].head_local)
+    wanted = thumbward if finger in _TOWARDS_THUMB else -thumbward
+    return float(np.sign(np.cross(axes[:, 2], axes[:, 1]) @ wanted))

@@ -2,16 +2,93 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from dataclasses import replace
 from pathlib import Path
 
 import bpy
+import numpy as np
 
 from ..._exchange.progress import Progress
+from ..._exchange.unfinished import temporary_folder
+from ...body.mesh import positions
+from ...conventions.timing import go_to_frame
 from ...errors import NothingToExport
-from ..mesh_samples import sampled_meshes
 from ..take import ExportTake, chosen
-from .blender_exporters import run_exporter
-from .whole_files import require_space, require_whole
+from .blender_exporters import require_space, require_whole, run_exporter
+
+_CACHE = "vertices_{}.pc2"
+_HEADER = np.dtype([("sign", "S12"), ("version", "<i4"), ("points", "<i4"), ("first", "<f4"), ("rate", "<f4"),
+                    ("samples", "<i4")])  # fmt: skip
+
+
+@contextmanager
+def sampled_meshes(take: ExportTake) -> Iterator[ExportTake]:
+    """Yield a take whose frames are the scene's and whose unit is a metre: itself, or temporary copies of its meshes.
+
+    Copies play the sampled vertices from a point cache, one sample a scene frame, under the meshes' own names.
+    """
+    if take.is_on_frames and take.metres_a_unit == 1.0:
+        yield take
+        return
+    names = [mesh.name for mesh in take.meshes]
+    collection = bpy.data.collections.new("Export")
+    take.scene.collection.children.link(collection)
+    copies: list[bpy.types.Object] = []
+    with temporary_folder() as folder:
+        try:
+            files = [folder / _CACHE.format(number) for number in range(len(names))]
+            _sample(take, files)
+            for mesh, path in zip(take.meshes, files, strict=True):
+                copies.append(_player(mesh, path, take, collection))
+            for mesh, copy, name in zip(take.meshes, copies, names, strict=True):
+                mesh.name = f"{name} (source)"
+                copy.name = name
+            yield replace(take, meshes=tuple(copies), first=take.frame_start, step=1.0, is_plain=True)
+        finally:
+            for copy in copies:
+                data = copy.data
+                bpy.data.objects.remove(copy)
+                bpy.data.meshes.remove(data)
+            for mesh, name in zip(take.meshes, names, strict=True):
+                with suppress(ReferenceError):
+                    mesh.name = name
+            bpy.data.collections.remove(collection)
+
+
+def _sample(take: ExportTake, files: list[Path]) -> None:
+    """Write the world's vertices in metres of each mesh to a file (PC2, as 3ds Max has it)."""
+    scene, shown = take.scene, (take.scene.frame_current, take.scene.frame_subframe)
+    streams = [path.open("wb") for path in files]
+    try:
+        for f, time in enumerate(take.times):
+            go_to_frame(scene, float(time))
+            depsgraph = bpy.context.evaluated_depsgraph_get()
+            for mesh, stream in zip(take.meshes, streams, strict=True):
+                evaluated = mesh.evaluated_get(depsgraph)
+                world = take.metres_a_unit * np.array(evaluated.matrix_world)[:3]
+                vertices = positions(evaluated.data.vertices) @ world[:, :3].T + world[:, 3]
+                if f == 0:
+                    header = (b"POINTCACHE2", 1, len(vertices), take.frame_start, 1.0, take.num_frames)
+                    stream.write(np.array(header, _HEADER).tobytes())
+                stream.write(vertices.astype("<f4").tobytes())
+    finally:
+        for stream in streams:
+            stream.close()
+        scene.frame_set(shown[0], subframe=shown[1])
+
+
+def _player(mesh: bpy.types.Object, path: Path, take: ExportTake, collection: bpy.types.Collection) -> bpy.types.Object:
+    """Return a copy of an evaluated mesh that plays a point cache."""
+    evaluated = mesh.evaluated_get(bpy.context.evaluated_depsgraph_get())
+    copy = bpy.data.objects.new(mesh.name, bpy.data.meshes.new_from_object(evaluated))
+    collection.objects.link(copy)
+    cache = copy.modifiers.new("Samples", "MESH_CACHE")
+    cache.cache_format, cache.filepath = "PC2", str(path)
+    cache.frame_start = take.frame_start
+    return copy
+
 
 _BYTES_PER_VERTEX = 14
 """Of each frame: three floats, and a little more."""

@@ -13,7 +13,10 @@ from ..._exchange.progress import Progress
 from ..plain_take import plain_take
 from ..pose_samples import PoseSamples, sample_pose
 from ..take import ExportTake
-from .axes import R_YUP_ZUP
+
+R_YUP_ZUP = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0], [0.0, -1.0, 0.0]])
+"""(x, y, z) becomes (x, z, -y): what faces Blender's front, -Y, faces +Z."""
+
 
 UNITS_PER_METRE = 100.0
 """BVH files are in centimetres by convention."""

@@ -10,10 +10,10 @@ import numpy as np
 
 from ..._exchange.progress import Progress
 from ...animation.curves import current_action
-from ...animation.resting_lane import resting_at
+from ...animation.lanes import resting_at
 from ..pose_samples import PoseSamples, sample_joints
 from ..take import ExportTake
-from .axes import R_YUP_ZUP
+from .bvh import R_YUP_ZUP
 
 
 def export_trc(path: Path, take: ExportTake, progress: Progress) -> None:

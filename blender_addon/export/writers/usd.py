@@ -9,8 +9,7 @@ import bpy
 from ..._exchange.progress import Progress
 from ..plain_take import plain_take
 from ..take import ExportTake, chosen
-from .blender_exporters import run_exporter
-from .whole_files import require_space, require_whole
+from .blender_exporters import require_space, require_whole, run_exporter
 
 _BYTES_PER_VERTEX, _BYTES_PER_FRAME = 250, 2000
 _UNWRITABLE = "betas"

@@ -11,8 +11,7 @@ from ..._exchange.rigs.roles import JOINT_OF, SIDES, chain_roles
 from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
 from ...conventions.skeleton import PARENTS
 from .figures import Actor, Target
-from .fingers import hands_of
-from .trunk import rig_trunk
+from .limbs import hands_of, rig_trunk
 
 _SPINE, (_NECK, _HEAD) = SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head")
 _HIPS = SMPL.both("hip")

@@ -2,9 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, replace
+from itertools import pairwise
+
 import numpy as np
 
-from ..._exchange.so3 import matrix_from_rotvec
+from ..._exchange.body_layout import SMPL
+from ..._exchange.rigs.rest_frames import swing as turn_directions
+from ..._exchange.rigs.roles import FINGERS, JOINT_OF, SIDES
+from ..._exchange.so3 import matrix_from_rotvec, rotvec_from_matrix
+from .figures import Actor, Hand, Target, Trunk
+from .map_pose import foot_ball
 
 _STRAIGHTEST = 0.9995
 """Share of a limb's length that it is stretched to at most, unless the actor's is straighter."""
@@ -99,3 +108,259 @@ def _unit(v: np.ndarray) -> np.ndarray:
 
 def _dot(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * b).sum(-1)
+
+
+_BALL_AFTER_ANKLE = 3
+"""SMPL's foot joint, the ball, stands three after its ankle."""
+_STILL_M_S, _SLIDE_M, _HOLD_M, _EASE_S = 0.25, 0.04, 0.008, 0.15
+"""A foot that stands is slower than this; one that goes farther slides; it is held by so much at most, which fades in
+this time once it leaves."""
+
+
+@dataclass(frozen=True)
+class FootPath:
+    """What one foot of the target does."""
+
+    role: str
+    sole: np.ndarray
+    """(F, 3) the point on the floor under the ball of the standing foot."""
+    ankle_from_sole: np.ndarray
+    """(F, 3) the vector from there to the ankle."""
+
+    @property
+    def ankle(self) -> np.ndarray:
+        """(F, 3) where the ankle belongs."""
+        return self.sole + self.ankle_from_sole
+
+
+def foot_paths(actor: Actor, target: Target, turns: np.ndarray, scale: float) -> list[FootPath]:
+    """Return the paths of the feet that the target has.
+
+    The point of the sole under the ball follows the actor's, scaled; heel and ankle stand around it in the target's
+    own size, so that neither a standing foot nor a rolling one slides.
+
+    Args:
+        actor: the motion.
+        target: the rig.
+        turns: (N, F, 3, 3) rotations of its controls.
+        scale: of the target's legs by the actor's.
+    """
+    paths = []
+    for side in SIDES:
+        role = f"{side}_foot"
+        foot = target.index(role)
+        if foot >= 0:
+            ankle = JOINT_OF[role]
+            ball = ankle + _BALL_AFTER_ANKLE
+            below = actor.rest[ball] * [0.0, 0.0, -1.0]
+            sole = scale * (actor.joints[:, ball] + actor.turns[:, ankle] @ below)
+            own = target.heads[foot] - foot_ball(target, foot) * [1.0, 1.0, 0.0]
+            paths.append(FootPath(role, sole, turns[foot] @ own))
+    return paths
+
+
+def steadied(path: FootPath, stands: np.ndarray, fps: float) -> FootPath:
+    """Return a path that is level and still while the foot stands, and eased back to its own between.
+
+    Args:
+        path: the foot.
+        stands: (F,) bool.
+        fps: frames per second.
+    """
+    level = path.sole[:, :2]
+    speed = np.linalg.norm(np.gradient(level, axis=0), axis=1) * fps if len(level) > 1 else np.zeros(1)
+    held = np.zeros_like(level)
+    for first, stop in _runs(stands & (speed < _STILL_M_S)):
+        where = np.median(level[first:stop], axis=0)
+        apart = where - level[first:stop]
+        far = np.linalg.norm(apart, axis=1, keepdims=True)
+        if far.max() <= _SLIDE_M:
+            held[first:stop] = apart * np.minimum(1.0, _HOLD_M / np.maximum(far, 1e-9))
+    fixed = np.flatnonzero(held.any(axis=1))
+    if not len(fixed):
+        return path
+    sole = path.sole.copy()
+    sole[:, :2] += eased(held, fixed, _EASE_S * fps)
+    return replace(path, sole=sole)
+
+
+def eased(held: np.ndarray, fixed: np.ndarray, frames: float) -> np.ndarray:
+    """Return offsets that are as given on the fixed frames and fade between them, those before and after adding up.
+
+    Args:
+        held: (F, n) offsets.
+        fixed: frames on which they hold; the others count as 0 where there are none.
+        frames: in which they fade.
+    """
+    if not len(fixed):
+        return np.zeros_like(held)
+    index = np.arange(len(held))
+    after = np.searchsorted(fixed, index, side="left").clip(max=len(fixed) - 1)
+    before = (np.searchsorted(fixed, index, side="right") - 1).clip(min=0)
+    share = [_smoothstep(1.0 - np.abs(index - fixed[near]) / (frames + 1)) for near in (before, after)]
+    total = np.maximum(share[0] + share[1], 1.0)
+    faded = (share[0] / total)[:, None] * held[fixed[before]] + (share[1] / total)[:, None] * held[fixed[after]]
+    faded[fixed] = held[fixed]
+    return faded
+
+
+def _smoothstep(t: np.ndarray) -> np.ndarray:
+    t = np.clip(t, 0.0, 1.0)
+    return t * t * (3 - 2 * t)
+
+
+def _runs(mask: np.ndarray) -> np.ndarray:
+    """Return (R, 2) first frames and ends of what is true."""
+    edges = np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8))
+    return np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
+
+
+_SPINE, _HIPS = SMPL.numbers("pelvis", "spine1", "spine2", "spine3"), SMPL.both("hip")
+(_NECK,) = SMPL.numbers("neck")
+
+
+def trunk_of(actor: Actor) -> Trunk:
+    """Return the trunk of an actor that has our joints: pelvis and three joints of the spine."""
+    hips = actor.rest[list(_HIPS)].mean(0)
+    points = actor.rest[[*_SPINE, _NECK]]
+    heights = _heights((points[:-1] + points[1:]) / 2, hips, actor.rest[_NECK])
+    return Trunk(heights, np.stack([actor.turns[:, joint] for joint in _SPINE]))
+
+
+def rig_trunk(rest: Target, turns: np.ndarray) -> Trunk:
+    """Return the trunk of a rig that plays.
+
+    Args:
+        rest: N bones at rest.
+        turns: (N, F, 3, 3) their rotations from rest.
+    """
+    line = [rest.index("pelvis"), *_spine(rest)]
+    points = np.stack([*rest.heads[line], _top(rest, line[-1])])
+    return Trunk(_heights((points[:-1] + points[1:]) / 2, _base(rest), points[-1]), turns[line])
+
+
+def spine_heights(target: Target) -> Iterator[tuple[int, float]]:
+    """Yield each bone of a spine and the height of its middle, infinite of the topmost, which turns as the chest."""
+    spine = _spine(target)
+    if not spine:
+        return
+    end = _top(target, spine[-1])
+    for bone, after in pairwise(spine):
+        middle = (target.heads[bone] + target.heads[after]) / 2
+        yield bone, float(_heights(middle[None], _base(target), end)[0])
+    yield spine[-1], np.inf
+
+
+def trunk_ends(target: Target) -> tuple[np.ndarray, np.ndarray, int]:
+    """Return where a trunk begins and ends at rest (3,), and the control that turns its chest."""
+    chest = (_spine(target) or [target.index("pelvis")])[-1]
+    return _base(target), _top(target, chest), chest
+
+
+def turn_at(trunk: Trunk, height: float) -> np.ndarray:
+    """Return the (F, 3, 3) rotation of a trunk at a height, by the geodesic between neighbours."""
+    nodes = trunk.heights
+    if len(nodes) == 1 or not height < nodes[-1]:
+        return trunk.turns[-1]
+    upper = int(np.clip(np.searchsorted(nodes, height), 1, len(nodes) - 1))
+    share = np.clip((height - nodes[upper - 1]) / max(nodes[upper] - nodes[upper - 1], 1e-9), 0.0, 1.0)
+    return between(trunk.turns[upper - 1], trunk.turns[upper], float(share))
+
+
+def between(R0: np.ndarray, R1: np.ndarray, share: float) -> np.ndarray:
+    """Return ``R0 exp(w log(R0^T R1))``."""
+    return R0 @ matrix_from_rotvec(share * rotvec_from_matrix(R0.swapaxes(-1, -2) @ R1))
+
+
+def _heights(points: np.ndarray, base: np.ndarray, end: np.ndarray) -> np.ndarray:
+    axis = end - base
+    return (points - base) @ axis / (axis @ axis)
+
+
+def _spine(target: Target) -> list[int]:
+    spine = [c for c, role in enumerate(target.roles) if role.startswith("spine_")]
+    return sorted(spine, key=lambda c: int(target.roles[c].rpartition("_")[2]))
+
+
+def _base(target: Target) -> np.ndarray:
+    thighs = [target.index(f"{side}_thigh") for side in SIDES]
+    return target.heads[thighs].mean(0) if min(thighs) >= 0 else target.heads[target.index("pelvis")]
+
+
+def _top(target: Target, chest: int) -> np.ndarray:
+    """Return the (3,) place where the trunk ends: neck, head or the middle of the shoulders."""
+    for role in ("neck_1", "head"):
+        if (top := target.index(role)) >= 0:
+            return target.heads[top]
+    arms = [c for c in (target.index(f"{side}_upper_arm") for side in SIDES) if c >= 0]
+    return target.heads[arms].mean(0) if arms else target.heads[chest] + [0.0, 0.0, 1e-3]
+
+
+_BONES = 4
+"""Bones of a finger at most: three, and one in the palm or at the tip."""
+
+
+def hands_of(rest: Target, A: np.ndarray, turns: np.ndarray) -> tuple[Hand, ...]:
+    """Return the hands of a rig that plays, in the axes of our body's rest.
+
+    With D the rotations of finger and hand since rest and A the hand's map pose, a bend is
+    ``A D_hand^T D A^T``.
+
+    Args:
+        rest: N bones at rest, hands before their fingers.
+        A: (N, 3, 3) from ``map_pose``.
+        turns: (N, F, 3, 3) rotations of the bones since their rest.
+    """
+    hands = []
+    for side in SIDES:
+        hand, fingers = rest.index(f"{side}_hand"), _fingers(rest, side)
+        if hand >= 0 and fingers:
+            inner = A[hand] @ turns[hand].swapaxes(-1, -2) @ turns[fingers] @ A[hand].T
+            directions = _directions(rest, fingers) @ A[hand].T
+            starts = (rest.heads[fingers] - rest.heads[hand]) @ A[hand].T
+            hands.append(Hand(tuple(rest.roles[c] for c in fingers), directions, inner, starts))
+    return tuple(hands)
+
+
+def bend_fingers(actor: Actor, target: Target, A: np.ndarray, turns: np.ndarray) -> None:
+    """Turn the fingers of a rig as the actor's bend, in place: ``D = D_hand A^T B S A``.
+
+    B is the actor's bend and S the smallest rotation that makes the finger at rest point as the actor's does.
+
+    Args:
+        actor: the motion.
+        target: the rig.
+        A: (N, 3, 3) from ``map_pose``.
+        turns: (N, F, 3, 3) rotations of the controls since their rest; hands are right already.
+    """
+    for hand in actor.hands:
+        control = target.index(f"{hand.roles[0].partition('_')[0]}_hand")
+        rows = [row for row, role in enumerate(hand.roles) if target.index(role) >= 0]
+        if control >= 0 and rows:
+            fingers = [target.index(hand.roles[row]) for row in rows]
+            S = turn_directions(_directions(target, fingers) @ A[control].T, hand.directions[rows])
+            turns[fingers] = turns[control] @ A[control].T @ hand.bends[rows] @ S[:, None] @ A[control]
+
+
+def _fingers(target: Target, side: str) -> list[int]:
+    roles = (f"{side}_{finger}_{i + 1}" for finger in FINGERS for i in range(_BONES))
+    return [target.index(role) for role in roles if target.index(role) >= 0]
+
+
+def _directions(target: Target, fingers: list[int]) -> np.ndarray:
+    """Return the (B, 3) unit vectors along bones of fingers of a rig at rest."""
+    places = dict(zip(target.roles, target.heads, strict=True))
+    return np.array([_along(places, target.roles[finger]) for finger in fingers])
+
+
+def _along(places: Mapping[str, np.ndarray], role: str) -> np.ndarray:
+    """Return the (3,) unit vector along a bone of a finger: to the next one; of the last, from the one before.
+
+    A finger of one bone points away from the wrist.
+    """
+    stem, _, number = role.rpartition("_")
+    after, before = (f"{stem}_{int(number) + step}" for step in (1, -1))
+    hand = f"{stem.partition('_')[0]}_hand"
+    start, end = (role, after) if after in places else (before, role) if before in places else (hand, role)
+    way = places[end] - places[start]
+    return way / max(float(np.linalg.norm(way)), 1e-12)

@@ -2,11 +2,133 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+
 import numpy as np
 
-from ..._exchange.rigs.roles import SIDES
-from .figures import Actor, Target
-from .hand_places import HandPlace, fade, hand_places
+from ..._exchange.rigs.rest_frames import FORWARD, UP
+from ..._exchange.rigs.roles import FINGERS, JOINT_OF, SIDES
+from .figures import Actor, Hand, Target
+from .limbs import trunk_ends
+
+PALM = "palm"
+"""Name of the place that is no fingertip."""
+_HAND_AFTER_WRIST = 2
+"""Joints of SMPL from a wrist to its hand: both wrists come before both hands."""
+_BONES = 3
+"""Bones of a finger; what begins after them begins at the tip."""
+_LAST_BONE = 0.9
+"""Length of a finger's last bone with its pulp by the bone before: 0.6 to 0.8 of the bones (Buryanov and Kotiuk 2010)
+and 4 mm of pulp."""
+
+
+@dataclass(frozen=True)
+class HandPlace:
+    """A place of a hand, of the actor and of the target, over F frames."""
+
+    side: str
+    name: str
+    """``PALM`` or the finger."""
+    place: np.ndarray
+    """(F, 3) of the actor: half-way from its wrist to its knuckles, or the tip of a finger."""
+    size: float
+    """Metres from the actor's wrist to its knuckles."""
+    own: np.ndarray
+    """(F, 3) the same place of the target, with its wrist where it belongs so far."""
+    own_size: float
+
+    @property
+    def role(self) -> str:
+        """Role of the hand."""
+        return f"{self.side}_hand"
+
+    @property
+    def is_palm(self) -> bool:
+        """Whether it is the middle of the palm."""
+        return self.name == PALM
+
+
+def hand_places(
+    actor: Actor, target: Target, turns: np.ndarray, goals: Mapping[str, np.ndarray]
+) -> Iterator[HandPlace]:  # fmt: skip
+    """Yield the palms of hands that have a goal and a length, each with the fingertips that both figures have.
+
+    Args:
+        actor: the motion.
+        target: the rig.
+        turns: (N, F, 3, 3) rotations of its controls.
+        goals: (F, 3) by role: where wrists belong so far.
+    """
+    fingers = {hand.roles[0].partition("_")[0]: hand for hand in actor.hands}
+    for side in SIDES:
+        role = f"{side}_hand"
+        if role not in goals:
+            continue
+        wrist, control = JOINT_OF[role], target.index(role)
+        reach = actor.rest[wrist + _HAND_AFTER_WRIST] - actor.rest[wrist]
+        theirs = target.ends[control] - target.heads[control]
+        size, own_size = float(np.linalg.norm(reach)), float(np.linalg.norm(theirs))
+        if not (size > 0.0 and own_size > 0.0):  # where nothing shows the knuckles it is NaN
+            continue
+        middle = actor.joints[:, wrist] + actor.turns[:, wrist] @ (reach / 2)
+        yield HandPlace(side, PALM, middle, size, goals[role] + turns[control] @ (theirs / 2), own_size)
+        if side in fingers:
+            own_tips = _tips_of_target(target, control, side, turns)
+            for finger, tip in _tips_of_actor(fingers[side]).items():
+                if finger in own_tips:
+                    place = actor.joints[:, wrist] + (actor.turns[:, wrist] @ tip[..., None])[..., 0]
+                    yield HandPlace(side, finger, place, size, goals[role] + own_tips[finger], own_size)
+
+
+def _tips_of_actor(hand: Hand) -> dict[str, np.ndarray]:
+    """Return the (F, 3) tips of the fingers from the wrist, in the hand's axes, by finger."""
+    tips = {}
+    for finger, rows in _rows_by_finger(hand.roles).items():
+        start = np.broadcast_to(hand.starts[rows[0]], (hand.bends.shape[1], 3))
+        tips[finger] = start + _reach(hand.starts[rows], hand.bends[rows])
+    return tips
+
+
+def _tips_of_target(target: Target, hand: int, side: str, turns: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the (F, 3) tips of the fingers from the wrist, by finger."""
+    controls = np.array([c for c, role in enumerate(target.roles) if role.startswith(f"{side}_")])
+    tips = {}
+    for finger, rows in _rows_by_finger(tuple(target.roles[c] for c in controls)).items():
+        bones = controls[rows]
+        start = turns[hand] @ (target.heads[bones[0]] - target.heads[hand])
+        tips[finger] = start + _reach(target.heads[bones], turns[bones])
+    return tips
+
+
+def _reach(starts: np.ndarray, turns: np.ndarray) -> np.ndarray:
+    """Return the (F, 3) way from a finger's knuckle to its tip, where a fourth bone begins or by ``_LAST_BONE``.
+
+    Args:
+        starts: (B, 3) where its bones begin at rest.
+        turns: (B, F, 3, 3) their rotations since.
+    """
+    ways = np.diff(starts, axis=0)
+    if len(ways) < _BONES:
+        ways = np.concatenate([ways, _LAST_BONE * ways[-1:]])
+    return np.einsum("bfij,bj->fi", turns[: len(ways)], ways)
+
+
+def _rows_by_finger(roles: tuple[str, ...]) -> dict[str, list[int]]:
+    """Return the bones from the knuckle on of each finger that has at least two."""
+    found = dict[str, list[int]]()
+    for row in sorted(range(len(roles)), key=roles.__getitem__):
+        finger = roles[row].rpartition("_")[0].partition("_")[2]
+        if finger in FINGERS:
+            found.setdefault(finger, []).append(row)
+    return {finger: rows for finger, rows in found.items() if len(rows) > 1}
+
+
+def fade(value: np.ndarray, low: float, high: float) -> np.ndarray:
+    """Return 0 below ``low``, 1 above ``high``, and ``3 x^2 - 2 x^3`` of the share x between."""
+    x = np.clip((value - low) / (high - low), 0.0, 1.0)
+    return x * x * (3.0 - 2.0 * x)
+
 
 _TOUCH, _APART = (0.25, 0.45, 0.7), (0.5, 0.8, 1.1)
 """Distances by the length of the palm up to which two places of the hands touch, and from which they do not: of two
@@ -49,3 +171,235 @@ def _apart(left: HandPlace, right: HandPlace) -> tuple[np.ndarray, np.ndarray]:
     between = left.place - right.place
     share = 1.0 - fade(np.linalg.norm(between, axis=-1) / size, _TOUCH[palms], _APART[palms])
     return share, own_size / size * between - (left.own - right.own)
+
+
+CHEST, BASE, TOP = "chest", "base", "top"
+"""Places beside those of roles: the topmost bone of the spine, the middle of the hips, and where the trunk ends."""
+_SHARES, _ANGLES = 8, 12
+"""Cells of a table of radii along the rod and around it: of a thigh 5 cm long and as wide."""
+_OUTER = 0.75
+"""Quantile of a cell's distances that is its radius: clothing counts, single hairs do not."""
+_LEAST_FILLED = 0.4
+"""Share of the cells with skin from which a part is known."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A part of a body: the role that turns it, the places its rod joins, and which shares of the rod are its own."""
+
+    skin: str
+    """Name of the skin around it."""
+    turned_by: str
+    start: str
+    end: str
+    """"" for the highest point of the skin above the start."""
+    span: tuple[float, float] = (0.0, 1.0)
+    table: tuple[float, float] = (0.0, 1.0)
+    """Shares that the table of radii covers."""
+
+
+_WHOLE_TRUNK = (-0.1, 1.0)
+"""By the way from hips to neck: from the lowest of the seat up."""
+PARTS = {
+    "hips": Part("trunk", "pelvis", BASE, TOP, (-0.1, 0.5), _WHOLE_TRUNK),
+    CHEST: Part("trunk", CHEST, BASE, TOP, (0.5, 1.0), _WHOLE_TRUNK),
+    "head": Part("head", "head", "head", ""),
+    **{
+        f"{side}_{part}": Part(f"{side}_{part}", f"{side}_{part}", f"{side}_{part}", f"{side}_{after}")
+        for side in SIDES
+        for part, after in (("thigh", "shin"), ("shin", "foot"), ("upper_arm", "forearm"), ("forearm", "hand"))
+    },
+}
+"""Parts that hands are kept on."""
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A part around its rod, in the axes that the joint which turns it has when our body is at rest."""
+
+    origin: np.ndarray
+    """(3,) metres from the joint to where the rod begins."""
+    axes: np.ndarray
+    """(3, 3) unit vectors, one a column: along the rod, to the front, square to both."""
+    length: float
+    table: tuple[float, float]
+    radii: np.ndarray
+    """(K, M) metres from the rod to the skin, by share of the rod and angle from the front."""
+
+    def coordinates(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return share of the rod, angle and distance from the rod, (F,) each, of points (F, 3)."""
+        x = (points - self.origin) @ self.axes
+        return x[..., 0] / self.length, np.arctan2(x[..., 2], x[..., 1]), np.hypot(x[..., 1], x[..., 2])
+
+    def place(self, share: np.ndarray, angle: np.ndarray, distance: np.ndarray) -> np.ndarray:
+        """Return the points (F, 3) with these coordinates."""
+        x = np.stack([share * self.length, distance * np.cos(angle), distance * np.sin(angle)], axis=-1)
+        return self.origin + x @ self.axes.T
+
+    def radius(self, share: np.ndarray, angle: np.ndarray) -> np.ndarray:
+        """Return the distance (F,) from the rod to the skin, linear between the middles of the table's cells."""
+        low, high = self.table
+        rows, columns = self.radii.shape
+        k = np.clip((share - low) / (high - low) * rows - 0.5, 0.0, rows - 1.0)
+        m = (angle / (2 * np.pi) * columns - 0.5) % columns
+        k0, m0 = np.minimum(k.astype(int), rows - 2), m.astype(int)
+        k1, m1, dk, dm = k0 + 1, (m0 + 1) % columns, k - k0, m - m0
+        m0 = m0 % columns
+        below = (1 - dm) * self.radii[k0, m0] + dm * self.radii[k0, m1]
+        above = (1 - dm) * self.radii[k1, m0] + dm * self.radii[k1, m1]
+        return (1 - dk) * below + dk * above
+
+
+def solids_of(
+    heads: Mapping[str, np.ndarray], turns: Mapping[str, np.ndarray], skin: Mapping[str, np.ndarray]
+) -> dict[str, Solid]:
+    """Return the parts whose skin is known.
+
+    Args:
+        heads: (3,) place at rest by role, and of ``CHEST``, ``BASE`` and ``TOP``.
+        turns: (3, 3) rotation by the same from the figure's rest to our body's; the identity where left out.
+        skin: (V, 3) points at rest by name of the skin.
+    """
+    found = {}
+    for name, part in PARTS.items():
+        if not {part.turned_by, part.start, part.end or part.start} <= heads.keys() or part.skin not in skin:
+            continue
+        points, start = skin[part.skin], heads[part.start]
+        end = heads[part.end] if part.end else start + UP * max(float(((points - start) @ UP).max()), 0.0)
+        solid = _solid(part, points, start, end, heads[part.turned_by], turns.get(part.turned_by, np.eye(3)))
+        if solid is not None:
+            found[name] = solid
+    return found
+
+
+def _solid(
+    part: Part, points: np.ndarray, start: np.ndarray, end: np.ndarray, joint: np.ndarray, turn: np.ndarray
+) -> Solid | None:
+    """Return a part, None where its skin leaves too much open."""
+    length = float(np.linalg.norm(end - start))
+    if length < 1e-6:
+        return None
+    along = turn @ (end - start) / length
+    front = FORWARD - (FORWARD @ along) * along
+    if np.linalg.norm(front) < 1e-3:
+        return None
+    front = front / np.linalg.norm(front)
+    axes = np.stack([along, front, np.cross(along, front)], axis=1)
+    empty = Solid(turn @ (start - joint), axes, length, part.table, np.zeros((_SHARES, _ANGLES)))
+    share, angle, distance = empty.coordinates((points - joint) @ turn.T)
+    radii = _radii(share, angle, distance, part.table)
+    return None if radii is None else Solid(empty.origin, axes, length, part.table, radii)
+
+
+def _radii(share: np.ndarray, angle: np.ndarray, distance: np.ndarray, table: tuple[float, float]) -> np.ndarray | None:
+    """Return the radius of each cell of the table, that of the nearest known one where a cell has no skin."""
+    low, high = table
+    k = np.floor((share - low) / (high - low) * _SHARES).astype(int)
+    m = np.floor(angle / (2 * np.pi) * _ANGLES).astype(int) % _ANGLES
+    inside = (k >= 0) & (k < _SHARES)
+    cell, distance = (k * _ANGLES + m)[inside], distance[inside]
+    order = np.lexsort((distance, cell))
+    cells, first, count = np.unique(cell[order], return_index=True, return_counts=True)
+    if len(cells) < _LEAST_FILLED * _SHARES * _ANGLES:
+        return None
+    known = distance[order][first + np.floor(_OUTER * (count - 1)).astype(int)]
+    rows, columns = np.divmod(np.arange(_SHARES * _ANGLES), _ANGLES)
+    around = np.abs(columns[:, None] - columns[cells])
+    far = np.hypot(rows[:, None] - rows[cells], np.minimum(around, _ANGLES - around))
+    return known[far.argmin(axis=1)].reshape(_SHARES, _ANGLES)
+
+
+_TOUCH_BODY, _APART_BODY = (0.2, 0.35), (0.4, 0.65)
+"""Distances from the skin by the length of the palm up to which a hand touches, and from which it does not: of a
+fingertip, which has a tenth of it as its own radius, and of the palm's middle, whose own skin is a fifth below it."""
+_LIKELY = (0.4, 2.5)
+"""Radii of the target by the actor's, at its size, beyond which its skin is not taken for a body's."""
+_CHEST_JOINT, _NECK, _HIPS = 9, 12, (1, 2)
+"""SMPL's."""
+
+
+def keep_hands_on_body(
+    actor: Actor,
+    target: Target,
+    A: np.ndarray,
+    turns: np.ndarray,
+    places: np.ndarray,
+    goals: dict[str, np.ndarray],
+    scale: float,
+) -> dict[str, np.ndarray]:
+    """Return where wrists belong once palms and fingertips that touch the body are as far from its skin as the actor's.
+
+    A place has a share t of the rod of each part, an angle φ about it, and a distance from the skin; on the target it
+    has the same t and φ, and the distance by the hands' size: ``r'(t, φ) + (s'/s) (d - r(t, φ))``. Between touching
+    and not, the shift there fades. Where several parts are touched, or several places of a
+    hand touch, the ways are weighted alike.
+
+    Args:
+        actor: the motion.
+        target: the rig.
+        A: (N, 3, 3) its map pose.
+        turns: (N, F, 3, 3) rotations of its controls, limbs bent to their goals.
+        places: (N, F, 3) their heads.
+        goals: (F, 3) by role, hands among them.
+        scale: length of the target's legs by the actor's.
+    """
+    own, theirs = _solids_of_actor(actor), _solids_of_target(target, A)
+    both = [name for name in PARTS if name in own and name in theirs and _is_likely(own[name], theirs[name], scale)]
+    ways, totals = dict[str, np.ndarray](), dict[str, np.ndarray]()
+    for place in hand_places(actor, target, turns, goals) if both else ():
+        arm = tuple(f"{place.side}_{part}" for part in ("upper_arm", "forearm"))
+        way = ways.setdefault(place.role, np.zeros_like(place.own))
+        total = totals.setdefault(place.role, np.zeros(len(place.own)))
+        for name in both:
+            if name in arm:
+                continue
+            share, goal = _kept_on(actor, place, name, own[name], theirs[name])
+            c = _control_of(target, name)
+            way += share[:, None] * (places[c] + (turns[c] @ A[c].T @ goal[..., None])[..., 0] - place.own)
+            total += share
+    return goals | {role: goals[role] + way / np.maximum(totals[role], 1.0)[:, None] for role, way in ways.items()}
+
+
+def _kept_on(
+    actor: Actor, place: HandPlace, name: str, own: Solid, theirs: Solid
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return how far a place of a hand touches a part (F,), and where it belongs in its axes on the target (F, 3)."""
+    joint, (low, high) = _joint_of(name), PARTS[name].span
+    inner = np.swapaxes(actor.turns[:, joint], -1, -2) @ (place.place - actor.joints[:, joint])[..., None]
+    share, angle, distance = own.coordinates(inner[..., 0])
+    off = distance - own.radius(share, angle)
+    beyond = own.length * np.maximum(np.maximum(low - share, share - high), 0.0)
+    touching = 1.0 - fade(
+        np.hypot(np.maximum(off, 0.0), beyond) / place.size, _TOUCH_BODY[place.is_palm], _APART_BODY[place.is_palm]
+    )
+    kept = theirs.radius(share, angle) + place.own_size / place.size * off
+    return touching, theirs.place(share, angle, np.maximum(kept, 0.0))
+
+
+def _is_likely(own: Solid, theirs: Solid, scale: float) -> bool:
+    ratio = float(np.median(theirs.radii) / max(np.median(own.radii) * scale, 1e-9))
+    return _LIKELY[0] < ratio < _LIKELY[1]
+
+
+def _joint_of(name: str) -> int:
+    turned_by = PARTS[name].turned_by
+    return _CHEST_JOINT if turned_by == CHEST else JOINT_OF[turned_by]
+
+
+def _control_of(target: Target, name: str) -> int:
+    turned_by = PARTS[name].turned_by
+    return trunk_ends(target)[2] if turned_by == CHEST else target.index(turned_by)
+
+
+def _solids_of_actor(actor: Actor) -> dict[str, Solid]:
+    heads = {role: actor.rest[joint] for role, joint in JOINT_OF.items()}
+    trunk = {BASE: actor.rest[list(_HIPS)].mean(0), TOP: actor.rest[_NECK], CHEST: actor.rest[_CHEST_JOINT]}
+    return solids_of(heads | trunk, {}, actor.skin)
+
+
+def _solids_of_target(target: Target, A: np.ndarray) -> dict[str, Solid]:
+    base, top, chest = trunk_ends(target)
+    heads = dict(zip(target.roles, target.heads, strict=True))
+    turns = dict(zip(target.roles, A, strict=True))
+    trunk = {BASE: base, TOP: top, CHEST: target.heads[chest]}
+    return solids_of(heads | trunk, turns | {CHEST: A[chest]}, target.skin)

@@ -10,14 +10,21 @@ from ..._exchange.body_layout import SMPL
 from ..._exchange.rigs.rest_frames import anatomical_axis, limb_frame
 from ..._exchange.rigs.roles import HELPER_OF, JOINT_OF, LIMB_OF_POLE, LIMBS, SIDES
 from ...animation.ground_path import ground_path
-from .feet import foot_paths, steadied
 from .figures import Actor, Target, carried_places
-from .fingers import bend_fingers
-from .limbs import bend_to, longest_reach, within_reach
+from .limbs import (
+    bend_fingers,
+    bend_to,
+    between,
+    foot_paths,
+    longest_reach,
+    spine_heights,
+    steadied,
+    trunk_of,
+    turn_at,
+    within_reach,
+)
 from .proportions import length, measure_proportions, scale_of
-from .touch import keep_hands_together
-from .touch_body import keep_hands_on_body
-from .trunk import between, spine_heights, trunk_of, turn_at
+from .touch import keep_hands_on_body, keep_hands_together
 
 (_NECK, _HEAD), _HIPS = SMPL.numbers("neck", "head"), SMPL.both("hip")
 

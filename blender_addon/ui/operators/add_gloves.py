@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ...conventions.counting import counted
 from ...conventions.file_paths import absolute
-from ...conventions.numbered import next_path
+from ...conventions.naming import counted, next_path
 from ..locations import RELATIVE, files_folder, usable
 from ..preferences import chosen_python
 from .foreign_motion import THROUGH_BLENDER, remarks

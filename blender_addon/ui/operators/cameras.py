@@ -11,7 +11,7 @@ from ..._exchange.diagnostics import read_diagnostics
 from ..._exchange.plain_text import plain
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
-from ...conventions.numbered import next_path
+from ...conventions.naming import next_path
 from .base import MocapOperator
 from .solver_operator import SolverOperator
 

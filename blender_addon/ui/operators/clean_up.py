@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from .base import MocapOperator, NeedsTake
 
 MARK = "gap"

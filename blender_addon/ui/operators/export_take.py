@@ -97,7 +97,7 @@ class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
 
         from ...export.take import take_of
         from ...export.write import export_take
-        from ...scene.users_state import undisturbed
+        from ...scene.session import undisturbed
 
         if self.filepath.startswith("//") and not bpy.data.filepath:
             self.report({"ERROR"}, "A path that starts with // needs a saved file: save it, or name the whole path")

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...conventions.numbered import next_path
+from ...conventions.naming import next_path
 from ...solving.take_paths import safe_name
 from ..locations import files_folder, usable
 from ..preferences import chosen_python
@@ -59,7 +59,7 @@ class BringsMotion(SolverOperator):
 
     def received(self, context: bpy.types.Context, result: ClipResult) -> set[str]:
         """Bake the motion and report what was detected."""
-        from ...scene.users_state import undisturbed
+        from ...scene.session import undisturbed
         from ..project_files import bring_home
         from .import_results import add_motion, frame_body
 

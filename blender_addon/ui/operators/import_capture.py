@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
+from ...conventions.naming import counted
 from ...solving.take_paths import MARKER_SUFFIXES
 from ..locations import RELATIVE, files_folder, usable
 from .base import ViewportDrop

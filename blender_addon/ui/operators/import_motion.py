@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import bpy
 from bpy_extras.io_utils import ImportHelper
 
-from ...conventions.counting import counted
 from ...conventions.file_paths import absolute
+from ...conventions.naming import counted
 from ..locations import RELATIVE
 from ..properties import SCENE_SETUP_ITEMS
 from .foreign_motion import READ, THROUGH_BLENDER, BringsMotion

@@ -19,7 +19,7 @@ from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain
 from ...body.body_choice import body_path_of
 from ...body.body_file import read_body
 from ...body.looks import bodies_of, show_look
-from ...body.sliders import body_mesh
+from ...body.shape import body_mesh
 from ...conventions.file_paths import file_of, stored
 from ...conventions.kept_findings import findings_text
 from ...conventions.skeleton import JOINTS
@@ -27,11 +27,10 @@ from ...conventions.timing import scene_frame_rate
 from ...scene.add_take import add_take, keep_edits, plays_body
 from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.cameras import CAMERA_NAME
-from ...scene.capture_stage import CaptureStage, set_stage
+from ...scene.capture_stage import CaptureStage, replace_stage, set_stage
 from ...scene.footage import near_footage
 from ...scene.marker_cloud import marker_positions
-from ...scene.replaced_stage import replace_stage
-from ...scene.users_state import is_untouched, undisturbed
+from ...scene.session import is_untouched, undisturbed
 from ..adoption import adopt, adopt_beside
 from ..marker_view import colour_markers
 from ..project_files import bring_home

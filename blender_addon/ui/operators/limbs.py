@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from .base import NeedsBody
 
 _LIMBS = (
@@ -37,7 +37,7 @@ class MOCAP_OT_switch_limbs(NeedsBody, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Key what the mode poses by, and switch."""
         from ...body.controls.limbs import LIMBS, limb_of
-        from ...scene.limb_modes.switching import pose_by_joints, pose_from_ends
+        from ...scene.limb_modes import pose_by_joints, pose_from_ends
 
         limbs = LIMBS if self.limb == "ALL" else (limb_of(self.limb),)
         switch = pose_from_ends if self.to == "IK" else pose_by_joints

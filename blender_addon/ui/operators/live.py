@@ -11,7 +11,7 @@ import bpy
 from ..._exchange.errors import FileMissing
 from ..._exchange.vmc.address import FACES, PORTS
 from ...conventions.file_paths import absolute
-from ...conventions.numbered import next_path
+from ...conventions.naming import next_path
 from ..live_run import live
 from ..locations import files_folder, usable
 from ..preferences import chosen_python, detector_for
@@ -46,7 +46,7 @@ class MOCAP_OT_live_start(MocapOperator, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Start the solver's process and make what shows it."""
-        from ...scene.live_face import LiveFace, read_face_table
+        from ...scene.live_figure import LiveFace, read_face_table
 
         scene, settings = context.scene, context.scene.mocap.live
         require_there(settings.subject, settings.face_table if settings.kind == "VMC" else "")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...conventions.numbered import next_path
+from ...conventions.naming import next_path
 from ...solving.take_paths import safe_name
 from ..locations import files_folder, usable
 from .foreign_motion import BringsMotion
@@ -40,8 +40,7 @@ class MOCAP_OT_motion_from_rig(BringsMotion, bpy.types.Operator):
     def work(self, context: bpy.types.Context) -> set[str]:
         """Write what its bones show, and start."""
         from ..._exchange.skeleton_file import write_skeleton
-        from ...retarget.played_bones import played_frames
-        from ...retarget.skeleton_of_rig import skeleton_of_rig
+        from ...retarget.rig_actor import played_frames, skeleton_of_rig
 
         rig = foreign_actor(context)
         assert rig is not None  # see poll

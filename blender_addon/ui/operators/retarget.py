@@ -6,15 +6,15 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ...errors import MapInvalid
 from ..retarget_properties import show_map
 from .base import MocapOperator
 
 if TYPE_CHECKING:
     from ...conventions.timing import TakeTiming
-    from ...retarget.maps.rig_map import RigMap
     from ...retarget.motion.figures import Actor
+    from ...retarget.rig_map import RigMap
 
 
 class NeedsActor(MocapOperator):
@@ -38,8 +38,7 @@ class MOCAP_OT_map_rig(NeedsActor, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Fill it."""
-        from ...retarget.recognition import map_rig
-        from ...retarget.user_presets import user_presets_folder
+        from ...retarget.recognition import map_rig, user_presets_folder
 
         found = map_rig(chosen_target(context), user_presets_folder())
         show_map(context.scene.mocap.retarget, found)
@@ -101,8 +100,8 @@ class MOCAP_OT_save_preset(NeedsActor, bpy.types.Operator):
         from dataclasses import replace
 
         from ..._exchange.errors import OutputNotWritable
-        from ...retarget.maps.rig_map import write_map
-        from ...retarget.user_presets import user_presets_folder
+        from ...retarget.recognition import user_presets_folder
+        from ...retarget.rig_map import write_map
         from ...solving.take_paths import safe_name
 
         rig, rig_map = chosen_target(context), table_map(context)
@@ -157,9 +156,8 @@ def actor_object(scene: bpy.types.Scene) -> bpy.types.Object | None:
 
 def _actor(scene: bpy.types.Scene) -> tuple[Actor, TakeTiming, tuple[str, ...]]:
     from ...retarget.actor_rig import is_actor, read_actor
-    from ...retarget.recognition import map_rig
+    from ...retarget.recognition import map_rig, user_presets_folder
     from ...retarget.rig_actor import read_rig_actor
-    from ...retarget.user_presets import user_presets_folder
 
     rig = actor_object(scene)
     if rig is None or is_actor(rig):
@@ -191,7 +189,7 @@ def table_map(context: bpy.types.Context) -> RigMap:
     import json
     from dataclasses import replace
 
-    from ...retarget.maps.rig_map import map_of
+    from ...retarget.rig_map import map_of
 
     settings = context.scene.mocap.retarget
     if not settings.map_text:

@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, stored
-from ...conventions.numbered import next_path
+from ...conventions.naming import counted, next_path
 from ..live_run import live
 from ..locations import files_folder, usable
 from ..preferences import chosen_python

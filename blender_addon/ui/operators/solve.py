@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..._exchange.errors import MocapError
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from .solver_operator import OfCapture, OfTake, SolverOperator, current
 
 if TYPE_CHECKING:

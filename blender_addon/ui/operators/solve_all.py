@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import bpy
 
-from ...conventions.counting import counted
 from ...conventions.file_paths import file_of
+from ...conventions.naming import counted
 from .solver_operator import OfCapture
 
 if TYPE_CHECKING:

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..._exchange.errors import FileMissing
-from ...conventions.counting import counted
 from ...conventions.file_paths import absolute, file_of, stored
+from ...conventions.naming import counted
 from ..preferences import chosen_python
 from .base import MocapOperator
 from .solver_operator import SolverOperator

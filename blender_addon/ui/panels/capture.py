@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ..operators.import_capture import MOCAP_OT_demo_capture, MOCAP_OT_import_capture
 from ..operators.import_motion import MOCAP_OT_import_motion
 from ..operators.solver_operator import current

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..._exchange.hand_points import FINGERS, SIDES
-from ...body.controls.fingers import finger_control, fist_control, has_finger_controls
+from ...body.controls.limbs import finger_control, fist_control, has_finger_controls
 from ..operators.add_gloves import MOCAP_OT_add_gloves
 from ..operators.solver_operator import current
 from ..translation import CONTEXT

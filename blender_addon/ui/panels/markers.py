@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ..operators.tell_points import MOCAP_OT_pick_point, MOCAP_OT_tell_point, MOCAP_OT_untell_point
 from ..properties import MocapCapture
 from .parts import StagePanel, wrapped

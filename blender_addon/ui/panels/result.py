@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import bpy
 
 from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ..operators.solve import MOCAP_OT_show_log
 from ..operators.solver_operator import current
 from .findings import draw_finding

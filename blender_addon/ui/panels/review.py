@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ..._exchange.solve_settings import CLEAN_UP
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_lock_feet, MOCAP_OT_mark_gaps
 from ..operators.review import (
     MOCAP_OT_next_bad_range,
@@ -162,9 +162,7 @@ def _kept(take: bpy.types.Action) -> str:
 
 
 def _draw_worst(layout: bpy.types.UILayout, review: MocapReview, frame: int) -> None:
-    from ...animation.confidence import sigma_of
-    from ...animation.confidence_lane import current_confidence
-    from ...animation.resting_lane import resting_bones
+    from ...animation.lanes import current_confidence, resting_bones, sigma_of
 
     resting = resting_bones(review.armature, frame)
     if resting:

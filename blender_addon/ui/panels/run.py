@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...conventions.counting import counted
+from ...conventions.naming import counted
 from ..operators.fixes import fix_of
 from ..operators.import_capture import MOCAP_OT_import_capture
 from ..operators.review import MOCAP_OT_next_bad_range

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import bpy
 
-from ...body.sliders import body_mesh, effect_of, look_key, sliders
+from ...body.shape import body_mesh, effect_of, look_key, sliders
 from ..settings_layout import is_slim
 from ..translation import CONTEXT
 from .parts import StagePanel

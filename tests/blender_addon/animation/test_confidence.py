@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blender_addon._exchange.motion_file import FLAG_UNSEEN, FLAG_UNSURE
-from blender_addon.animation.confidence import HALF_AT_M, joint_confidence, sigma_of
+from blender_addon.animation.lanes import HALF_AT_M, joint_confidence, sigma_of
 from solver_backend import types as solver_types
 
 

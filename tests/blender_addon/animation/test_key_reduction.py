@@ -7,8 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from blender_addon.animation.key_reduction import Distance, reduce_keys
-from blender_addon.animation.sparse_curves import SparseCurves
+from blender_addon.animation.key_reduction import Distance, SparseCurves, reduce_keys
 
 
 def apart(values: np.ndarray) -> Distance:

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.curves import current_action
-from blender_addon.animation.resting_lane import resting_at, resting_bones
+from blender_addon.animation.lanes import resting_at, resting_bones
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take

@@ -17,7 +17,7 @@ from blender_addon.body.posed_body import pose_joints, skin, with_own_hands
 from blender_addon.conventions.coordinates import R_ARMATURE_BODY
 from blender_addon.retarget.actor_rig import is_actor, read_actor
 from blender_addon.retarget.motion.figures import Target, actor_of_motion
-from blender_addon.retarget.motion.fingers import bend_fingers
+from blender_addon.retarget.motion.limbs import bend_fingers
 from blender_addon.scene.add_take import add_take, plays_body
 from blender_addon.scene.bake import BakeSettings, bake_take
 from solver_backend.body.body import load_body

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.quads import pair_triangles
+from blender_addon.body.mesh import pair_triangles
 
 
 def _grid(size: int) -> tuple[np.ndarray, np.ndarray]:

@@ -14,8 +14,7 @@ from blender_addon._exchange.errors import BodyInvalid
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.correctives import CORRECTIVES, add_correctives, corrective_table
 from blender_addon.body.rig import Rig, create_rig
-from blender_addon.body.shape import get_betas, set_betas
-from blender_addon.body.sliders import sliders
+from blender_addon.body.shape import get_betas, set_betas, sliders
 from blender_addon.conventions.skeleton import JOINTS
 from tests.support.posed_rig import Compare, distances_mm, evaluated, pose
 

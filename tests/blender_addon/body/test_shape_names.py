@@ -8,8 +8,7 @@ import numpy as np
 
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.rig import Rig
-from blender_addon.body.shape_names import shape_names
-from blender_addon.body.sliders import effect_of, sliders
+from blender_addon.body.shape import effect_of, shape_names, sliders
 from blender_addon.conventions.skeleton import JOINTS
 from tests.support.posed_rig import evaluated
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from blender_addon.conventions.numbered import next_path
+from blender_addon.conventions.naming import next_path
 
 
 def test_numbers_go_on_after_the_highest_whatever_bears_it(tmp_path):

@@ -20,7 +20,7 @@ from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.motion.transfer import TransferSettings
 from blender_addon.retarget.retarget import RetargetSettings, retarget
 from blender_addon.scene.bake import BakeSettings, bake_take
-from blender_addon.scene.limb_modes.switching import pose_by_joints, pose_from_ends
+from blender_addon.scene.limb_modes import pose_by_joints, pose_from_ends
 from tests.support.addon_stand_in import Files
 from tests.support.library_override import override_linked
 from tests.support.mixamo_rig import mixamo_rig
@@ -93,8 +93,8 @@ def test_a_linked_body_without_override_is_exported_too(scene, library: Path, fi
 
 def test_a_copying_that_breaks_leaves_nothing_behind(scene, override, tmp_path: Path, monkeypatch) -> None:
     before = everything()
-    monkeypatch.setattr("blender_addon.export.plain_body._shape_shifts", lambda _: 1 / 0)
-    monkeypatch.setattr("blender_addon.export.plain_body.bone_axes", lambda _: 1 / 0)
+    monkeypatch.setattr("blender_addon.export.plain_take._shape_shifts", lambda _: 1 / 0)
+    monkeypatch.setattr("blender_addon.export.plain_take.bone_axes", lambda _: 1 / 0)
     with pytest.raises(ZeroDivisionError):
         export_take(take_of(scene, override), "fbx", tmp_path / "take.fbx")
     assert everything() == before

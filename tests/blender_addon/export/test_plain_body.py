@@ -15,7 +15,7 @@ from blender_addon.body.posed_body import skin
 from blender_addon.body.rig import Rig
 from blender_addon.body.shape import set_betas
 from blender_addon.conventions.skeleton import JOINTS
-from blender_addon.export.plain_body import plain_copy
+from blender_addon.export.plain_take import plain_copy
 from blender_addon.scene.bake import BakedTake, bake_take
 from tests.support.posed_rig import evaluated, pose
 

@@ -12,10 +12,8 @@ import pytest
 from blender_addon.__main__ import main
 from blender_addon._exchange.errors import OutputExists
 from blender_addon._exchange.progress import silent
-from blender_addon.body.controls.fingers import has_finger_controls
-from blender_addon.body.controls.limbs import CONTROLS, ROOT
-from blender_addon.body.shape import get_betas, set_betas
-from blender_addon.body.sliders import sliders
+from blender_addon.body.controls.limbs import CONTROLS, ROOT, has_finger_controls
+from blender_addon.body.shape import get_betas, set_betas, sliders
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.headless.body import BodyRequest, run_body
 from blender_addon.headless.body_asset import CATALOG_FILE, CATALOG_ID, add_catalog

@@ -14,8 +14,8 @@ from blender_addon._exchange.rigs.names import guess_roles
 from blender_addon._exchange.rigs.roles import JOINT_OF, LIMBS
 from blender_addon._exchange.rigs.skeleton import Skeleton
 from blender_addon.errors import MapInvalid
-from blender_addon.retarget.maps.presets import GUESSED, choose_map, fit, named_preset, preset_files
-from blender_addon.retarget.maps.rig_map import map_of, map_values, read_map, write_map
+from blender_addon.retarget.recognition import GUESSED, choose_map, fit, named_preset, preset_files
+from blender_addon.retarget.rig_map import map_of, map_values, read_map, write_map
 
 TREE = {
     "": ("Hips", "Spine", "Chest", "Neck", "Head"),

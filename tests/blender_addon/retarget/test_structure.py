@@ -8,8 +8,7 @@ import pytest
 from blender_addon._exchange.rigs.skeleton import Skeleton
 from blender_addon._exchange.rigs.structure import StructureGuess, recognise
 from blender_addon._exchange.so3 import matrix_from_rotvec
-from blender_addon.retarget.maps.presets import STRUCTURE, choose_map
-from blender_addon.retarget.maps.vrm import roles_of_vrm
+from blender_addon.retarget.recognition import STRUCTURE, choose_map, roles_of_vrm
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_skeletons import ForeignSkeleton, draw
 

@@ -8,8 +8,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from blender_addon.body.shape import get_betas
-from blender_addon.body.sliders import body_mesh
+from blender_addon.body.shape import body_mesh, get_betas
 from blender_addon.scene.add_take import add_take
 from blender_addon.scene.bake import BakedTake
 

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.scene.floor import create_floor
+from blender_addon.scene.capture_stage import create_floor
 
 
 @pytest.mark.parametrize(("way_m", "tiles"), [(3.0, 7), (20_000.0, 200)])

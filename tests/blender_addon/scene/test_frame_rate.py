@@ -10,9 +10,9 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.animation.confidence_lane import read_lane
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.lanes import read_lane
 from blender_addon.animation.retiming import RATE, laid_rate
 from blender_addon.animation.takes import push_down
 from blender_addon.conventions.timing import set_scene_frame_rate

@@ -16,13 +16,11 @@ from blender_addon.animation.retiming import relay_take
 from blender_addon.body.body_file import BodyFile
 from blender_addon.body.controls.limbs import CONTROLS, LIMBS, ROOT, has_limbs, switch_path
 from blender_addon.body.rig import Rig
-from blender_addon.body.sliders import sliders
+from blender_addon.body.shape import sliders
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.conventions.timing import go_to_frame
 from blender_addon.scene.bake import BakedTake, BakeSettings, bake_take
-from blender_addon.scene.limb_modes.channels import frames_of
-from blender_addon.scene.limb_modes.poles import pole_places
-from blender_addon.scene.limb_modes.switching import pose_by_joints, pose_from_ends
+from blender_addon.scene.limb_modes import frames_of, pole_places, pose_by_joints, pose_from_ends
 from tests.support.addon_stand_in import Files
 from tests.support.posed_rig import evaluated, pose
 

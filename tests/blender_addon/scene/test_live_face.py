@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 from blender_addon._exchange.errors import FileDamaged, FileMissing
-from blender_addon.scene.live_face import LiveFace, read_face_table
+from blender_addon.scene.live_figure import LiveFace, read_face_table
 
 
 @pytest.fixture

@@ -6,7 +6,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.conventions.materials import MARKER_COLOURS
+from blender_addon.conventions.datablocks import MARKER_COLOURS
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.scene.marker_cloud import create_marker_cloud, grade_markers, labels_of, marker_positions
 from blender_addon.scene.point_player import set_played_rate

@@ -11,7 +11,7 @@ import pytest
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.takes import SolveFiles, take_file
-from blender_addon.body.controls.fingers import finger_control, has_finger_controls
+from blender_addon.body.controls.limbs import finger_control, has_finger_controls
 from blender_addon.conventions.file_paths import file_of
 from blender_addon.ui.operators.import_results import take_motion
 from blender_addon.ui.panels.fingers import VIEW3D_PT_mocap_fingers

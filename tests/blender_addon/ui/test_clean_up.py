@@ -9,9 +9,9 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon.animation.confidence_lane import read_lane
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.lanes import read_lane
 from blender_addon.errors import TakeMissing
 from blender_addon.review.floor_height import sole_height
 from blender_addon.ui.panels import review, solve

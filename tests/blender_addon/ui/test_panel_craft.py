@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import bpy
 import pytest
 
-from blender_addon.conventions.counting import counted
+from blender_addon.conventions.naming import counted
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import run, solve

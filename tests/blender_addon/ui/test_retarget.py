@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from blender_addon.animation.curves import current_action
-from blender_addon.retarget import user_presets
+from blender_addon.retarget import recognition
 from tests.support.mixamo_rig import PREFIX, mixamo_rig
 from tests.support.narrow_layout import draw_panel
 
@@ -75,7 +75,7 @@ def test_the_pose_that_the_rig_stands_in_becomes_its_map_pose(mocap, rig):
 
 
 def test_a_map_is_kept_as_a_preset_that_finds_the_rig_again(mocap, rig, tmp_path, monkeypatch):
-    monkeypatch.setattr(user_presets, "user_presets_folder", lambda *, make=False: tmp_path)
+    monkeypatch.setattr(recognition, "user_presets_folder", lambda *, make=False: tmp_path)
     for row in mocap.retarget.table:
         if row.name == "left_toe":
             row.bone = ""
@@ -96,7 +96,7 @@ def test_a_map_is_kept_as_a_preset_that_finds_the_rig_again(mocap, rig, tmp_path
 
 
 def test_presets_without_a_folder_are_named(mocap, rig, monkeypatch):
-    monkeypatch.setattr(user_presets, "user_presets_folder", lambda *, make=False: None)
+    monkeypatch.setattr(recognition, "user_presets_folder", lambda *, make=False: None)
     with pytest.raises(RuntimeError, match="no folder for a user's presets"):
         bpy.ops.mocap.save_preset()
 

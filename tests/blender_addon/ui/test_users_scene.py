@@ -8,7 +8,7 @@ import bpy
 import pytest
 
 from blender_addon.conventions.timing import set_scene_frame_rate
-from blender_addon.scene.users_state import is_untouched
+from blender_addon.scene.session import is_untouched
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from tests.support.solved_capture import SolvedCapture
 

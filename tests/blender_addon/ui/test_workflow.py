@@ -13,12 +13,12 @@ from mathutils import Quaternion
 
 import solver_backend
 from blender_addon._exchange.motion_file import read_motion
-from blender_addon.animation.confidence_lane import current_confidence, read_lane
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.lanes import current_confidence, read_lane
 from blender_addon.animation.pose import read_pose
 from blender_addon.body.body_file import default_body_path, read_body
-from blender_addon.body.sliders import body_mesh, sliders
+from blender_addon.body.shape import body_mesh, sliders
 from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.scene.add_take import add_take
 from blender_addon.solving.presets import PRESETS

@@ -16,3 +16,20 @@ def next_number(folder: Path, stem: str) -> int:
 def next_path(folder: Path, stem: str, suffix: str = "") -> Path:
     """Return ``stem_01``, ``stem_02``, ... with the suffix, by ``next_number``."""
     return folder / f"{stem}_{next_number(folder, stem):02d}{suffix}"
+
+
+def counted(count: int, thing: str) -> str:
+    """Return a number with its noun, in the plural unless it is one: 1 camera, 4 cameras, 0 frames."""
+    return f"{count} {thing}" if count == 1 else f"{count} {thing}s"
+
+
+MARKERS: tuple[str, ...] = (
+    "LFHD", "RFHD", "LBHD", "RBHD", "C7", "T10", "CLAV", "STRN", "RBAC", "LSHO", "RSHO", "LUPA", "RUPA", "LELB",
+    "RELB", "LFRM", "RFRM", "LWRA", "RWRA", "LWRB", "RWRB", "LFIN", "RFIN", "LFWT", "RFWT", "LBWT", "RBWT", "LTHI",
+    "RTHI", "LKNE", "RKNE", "LSHN", "RSHN", "LANK", "RANK", "LHEE", "RHEE", "LMT5", "RMT5", "LTOE", "RTOE", "LBAC",
+    "T4", "SACR", "ARIEL", "LELM", "RELM", "LKNM", "RKNM", "LANM", "RANM", "LMT1", "RMT1",
+)  # fmt: skip
+
+
+PERSON_LOOK, MANNEQUIN = "person", "mannequin"
+LOOKS = (PERSON_LOOK, MANNEQUIN)

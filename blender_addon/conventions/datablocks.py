@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import bpy
 
 Colour = tuple[float, float, float, float]
@@ -60,3 +62,50 @@ def create_material(name: str, colour: Colour, *, roughness: float = 0.55, gloss
     leave = leave or nodes.new("ShaderNodeOutputMaterial")
     material.node_tree.links.new(diffuse.outputs[0], leave.inputs["Surface"])
     return material
+
+
+def child_collection(name: str, parent: bpy.types.Collection) -> bpy.types.Collection:
+    """Create a collection inside another one."""
+    collection = bpy.data.collections.new(name)
+    parent.children.link(collection)
+    return collection
+
+
+def node_input(modifier: bpy.types.NodesModifier, name: str) -> tuple[Any, str]:
+    """Return what owns an input's value, and its path there, for ``driver_add`` and the like.
+
+    Raises:
+        KeyError: the node group has no such input.
+    """
+    identifier = modifier.node_group.interface.items_tree[name].identifier
+    if hasattr(modifier, "properties"):  # Blender 5.2 and later
+        return getattr(modifier.properties.inputs, identifier), "value"
+    return modifier, f'["{identifier}"]'
+
+
+def get_input(modifier: bpy.types.NodesModifier, name: str) -> Any:
+    """Return the value of an input."""
+    owner, path = node_input(modifier, name)
+    return owner.value if path == "value" else owner[path[2:-2]]
+
+
+def set_input(modifier: bpy.types.NodesModifier, name: str, value: Any) -> None:
+    """Set the value of an input."""
+    owner, path = node_input(modifier, name)
+    if path == "value":
+        owner.value = value
+    else:
+        owner[path[2:-2]] = value
+
+
+def add_driver(owner: bpy.types.bpy_struct, path: str, axis: int = -1) -> bpy.types.Driver:
+    """Return a new driver of a property, or of one element of an array, whose value goes over as it is."""
+    return plain(owner.driver_add(path, axis))
+
+
+def plain(curve: bpy.types.FCurve) -> bpy.types.Driver:
+    """Return a driver's own, its curve without modifiers (before Blender 5) or keys: a value then stays as it is."""
+    for modifier in tuple(curve.modifiers):
+        curve.modifiers.remove(modifier)
+    curve.keyframe_points.clear()
+    return curve.driver

@@ -1,1 +1,0 @@
-"""Maps: which bone of a rig plays which role."""

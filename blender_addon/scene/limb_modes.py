@@ -1,0 +1,229 @@
+"""A limb's motion from FK to IK and back: what is seen stays, what is keyed changes."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import bpy
+import numpy as np
+
+from .._exchange.errors import BodyInvalid
+from .._exchange.so3 import quat_from_matrix, sign_continuous
+from ..animation.curves import CurveTarget, current_action, key_type_values, played_target, remove_curves, write_curves
+from ..animation.retiming import is_take, laid_rate
+from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
+from ..conventions.timing import go_to_frame
+from .session import alone
+
+_SAME = 1e-3
+"""Scene frames within which two keys lie on one."""
+
+
+@dataclass(frozen=True)
+class Channels:
+    """Where the channels of an armature go."""
+
+    armature: bpy.types.Object
+    target: CurveTarget | None
+    """The action it plays; None for the pose it stands in."""
+    times: np.ndarray | None
+    """(F,) scene frames of the action; None for the pose."""
+
+    def set_location(self, bone: str, values: np.ndarray) -> None:
+        """Key or set a bone's (F, 3) location."""
+        self._put(bone, "location", values)
+
+    def set_rotation(self, bone: str, R: np.ndarray) -> None:
+        """Key or set a bone's (F, 3, 3) rotation, as quaternions that are continuous in sign."""
+        self._put(bone, "rotation_quaternion", sign_continuous(quat_from_matrix(R)[:, None])[:, 0])
+
+    def set_switch(self, limb: Limb, value: float) -> None:
+        """Key or set a limb's switch, one value throughout."""
+        self.armature.pose.bones[ROOT][limb.switch] = value
+        if self.target is not None and self.times is not None:
+            remove_curves(self.target, switch_path(limb))
+            types = key_type_values(None, 1)
+            write_curves(self.target, switch_path(limb), ROOT, self.times[:1], np.full((1, 1), value), types)
+        self.armature.update_tag()
+
+    def _put(self, bone: str, prop: str, values: np.ndarray) -> None:
+        setattr(self.armature.pose.bones[bone], prop, values[0].tolist())
+        if self.target is None or self.times is None:
+            return
+        path = f'pose.bones["{bone}"].{prop}'
+        old = remove_curves(self.target, path)
+        types = key_type_values(None, len(self.times))
+        if old is not None and len(old) == len(self.times) and np.abs(old[:, 0] - self.times).max() < _SAME:
+            types = old[:, 1].astype(np.int32)
+        write_curves(self.target, path, bone, self.times, values, types)
+
+
+def channels_of(armature: bpy.types.Object) -> Channels:
+    """Return where an armature's channels go: into the action it plays or, without one, into its pose.
+
+    Raises:
+        BodyInvalid: its action is linked from another file.
+    """
+    action = current_action(armature)
+    if action is None:
+        return Channels(armature, None, None)
+    target = played_target(armature)
+    if target is None:
+        hint = "Make the action local (Object > Relations > Make Local), or show a take of this file."
+        raise BodyInvalid("The action that the body plays cannot be changed.", where=action.name, hint=hint)
+    return Channels(armature, target, frames_of(action))
+
+
+def frames_of(action: bpy.types.Action) -> np.ndarray:
+    """Return the (F,) scene frames of an action: those of a take as they are laid, otherwise every whole one."""
+    first, last = action.frame_range
+    step = laid_rate(action) / float(action["fps"]) if is_take(action) else 1.0
+    step = 1.0 if abs(step - 1) < 1e-6 else step
+    return first + step * np.arange(1 + int(np.floor((last - first) / step + 0.01)))
+
+
+_STRAIGHT_M = 0.02
+"""A joint this near to the line between its neighbours points where the bone above it is turned, not where it lies."""
+
+
+def pole_places(upper: np.ndarray, lower: np.ndarray, end: np.ndarray, ahead: np.ndarray) -> np.ndarray:
+    """Return the (F, 3) places of a limb's pole: as far from the middle joint as that is from the first.
+
+    The direction is ``o + s a``, with o the middle joint's way off the line between its neighbours, a the forward
+    direction of the bone above it, both across that line, and s a few centimetres: it turns smoothly where a limb is
+    stretched and o vanishes.
+
+    Args:
+        upper: (F, 3) shoulders or hips in metres.
+        lower: (F, 3) elbows or knees.
+        end: (F, 3) wrists or ankles.
+        ahead: (F, 3) unit vectors where the joint points by the bone above it.
+    """
+    line = _unit(end - upper)
+    way = _across(lower - upper, line) + _STRAIGHT_M * _across(ahead, line)
+    length = np.linalg.norm(lower - upper, axis=-1, keepdims=True)
+    return lower + length * _unit(np.where(np.linalg.norm(way, axis=-1, keepdims=True) > 1e-9, way, ahead))
+
+
+def _across(v: np.ndarray, line: np.ndarray) -> np.ndarray:
+    return v - (v * line).sum(-1, keepdims=True) * line
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-12)
+
+
+def sample_bones(
+    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray | None
+) -> dict[str, np.ndarray]:
+    """Return the (F, 4, 4) matrix of each bone in the armature's frame, constraints and hand edits included.
+
+    Args:
+        armature: the armature.
+        scene: the scene it is in.
+        names: of the bones.
+        times: (F,) scene frames; None for the pose it stands in now, which counts as one frame.
+    """
+    if times is None:
+        bpy.context.view_layer.update()
+        bones = armature.evaluated_get(bpy.context.evaluated_depsgraph_get()).pose.bones
+        return {name: np.array(bones[name].matrix, np.float64)[None] for name in names}
+    found = {name: np.empty((len(times), 4, 4)) for name in names}
+    with alone(armature, scene) as (stage, depsgraph):
+        for f, time in enumerate(times):
+            go_to_frame(stage, float(time))
+            bones = armature.evaluated_get(depsgraph).pose.bones
+            for name in names:
+                found[name][f] = bones[name].matrix
+    return found
+
+
+def own_channels(armature: bpy.types.Object, name: str, pose: np.ndarray, parent_pose: np.ndarray) -> np.ndarray:
+    """Return the (F, 4, 4) matrices of a bone's own channels: ``B = L^-1 L_p P_p^-1 P``, L at rest and P posed.
+
+    Args:
+        armature: the armature.
+        name: the bone; it has a parent.
+        pose: (F, 4, 4) how it is to stand.
+        parent_pose: (F, 4, 4) how its parent stands.
+    """
+    bone = armature.data.bones[name]
+    rest, above = (np.array(b.matrix_local, np.float64) for b in (bone, bone.parent))
+    return np.linalg.inv(rest) @ above @ np.linalg.inv(parent_pose) @ pose
+
+
+_LOCAL_AHEAD = {"arm": -1.0, "leg": 1.0}
+"""Where elbows and knees point along Z of the bone above them (``layout.lay_out_bones``)."""
+
+
+def pose_from_ends(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
+    """Key hands or feet, poles and turns so that limbs move as they do now, switch them to IK, show their ends alone.
+
+    What IK finds for the poles is sampled, and the turns make up the difference: joints keep their rotations, and so
+    their places, but for rounding.
+
+    Args:
+        armature: a body with limb controls.
+        scene: the scene it is in.
+        limbs: which.
+
+    Returns:
+        The number of frames keyed; 0 where the body plays nothing and only its pose was set.
+
+    Raises:
+        BodyInvalid: the body was made by a version without these controls, or plays a linked action.
+    """
+    channels = _channels(armature)
+    joints = [joint for limb in limbs for joint in limb.joints]
+    before = sample_bones(armature, scene, [ROOT, *joints], channels.times)
+    for limb in limbs:
+        upper, lower, end = (before[joint] for joint in limb.joints)
+        control = own_channels(armature, limb.control, end, before[ROOT])
+        channels.set_location(limb.control, control[:, :3, 3])
+        channels.set_rotation(limb.control, control[:, :3, :3])
+        ahead = _LOCAL_AHEAD[limb.kind] * upper[:, :3, 2]
+        pole = np.tile(np.array(armature.data.bones[limb.pole].matrix_local, np.float64), (len(upper), 1, 1))
+        pole[:, :3, 3] = pole_places(upper[:, :3, 3], lower[:, :3, 3], end[:, :3, 3], ahead)
+        channels.set_location(limb.pole, own_channels(armature, limb.pole, pole, before[ROOT])[:, :3, 3])
+        channels.set_switch(limb, 1.0)
+    solved = sample_bones(armature, scene, [name for limb in limbs for name in limb.solved], channels.times)
+    for limb in limbs:
+        for turn, led, by in zip(limb.turns, limb.joints[:2], limb.solved, strict=True):
+            R = own_channels(armature, turn, before[led], solved[by])
+            channels.set_rotation(turn, R[:, :3, :3])
+        show_limb(armature, limb, from_end=True)
+    return _done(channels)
+
+
+def pose_by_joints(armature: bpy.types.Object, scene: bpy.types.Scene, limbs: Sequence[Limb]) -> int:
+    """Key joints so that limbs move as they do now, switch them to FK, and show the joints alone.
+
+    Args, return value and errors are those of ``pose_from_ends``.
+    """
+    channels = _channels(armature)
+    bones = armature.data.bones
+    wanted = {name for limb in limbs for joint in limb.joints for name in (joint, bones[joint].parent.name)}
+    before = sample_bones(armature, scene, sorted(wanted), channels.times)
+    for limb in limbs:
+        for joint in limb.joints:
+            local = own_channels(armature, joint, before[joint], before[bones[joint].parent.name])
+            channels.set_rotation(joint, local[:, :3, :3])
+        channels.set_switch(limb, 0.0)
+        show_limb(armature, limb, from_end=False)
+    return _done(channels)
+
+
+def _channels(armature: bpy.types.Object) -> Channels:
+    if not has_limbs(armature):
+        raise BodyInvalid(
+            "This body has no controls for hands and feet: a version before them made it, or they were deleted.",
+            where=getattr(armature, "name", ""),
+            hint="Import its motion file again (File > Import): that makes a body with them.",
+        )
+    return channels_of(armature)
+
+
+def _done(channels: Channels) -> int:
+    bpy.context.view_layer.update()
+    return 0 if channels.times is None else len(channels.times)
