@@ -6,9 +6,9 @@ import ast
 import sys
 from pathlib import Path
 
-import blender_addon._exchange.errors as addon_errors
 import pytest
 
+import blender_addon._exchange.errors as addon_errors
 import build_addon
 import solver_backend.exchange.errors as solver_errors
 

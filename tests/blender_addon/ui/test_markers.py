@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 import numpy as np
 import pytest
-from blender_addon._exchange.motion_file import read_motion
 
+from blender_addon._exchange.motion_file import read_motion
 from blender_addon.scene.marker_cloud import labels_of
 from blender_addon.ui.marker_view import name_places
 from blender_addon.ui.operators.import_capture import SUFFIXES

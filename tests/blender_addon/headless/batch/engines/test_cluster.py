@@ -19,7 +19,6 @@ import pytest
 pytest.importorskip("distributed")
 
 from blender_addon._exchange.progress import silent
-
 from blender_addon.errors import BatchTaken, EngineMissing, SchedulerMissing, WorkersUnsuitable
 from blender_addon.headless.batch.engines.local_cluster import LocalCluster
 from blender_addon.headless.batch.engines.marker import put_marker
