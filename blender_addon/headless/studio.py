@@ -116,8 +116,7 @@ def _by_workers(request: StudioRequest, shots: list[str], coloured: bool, progre
 
 
 def _colour_of(request: StudioRequest, progress: Progress) -> CommandResult:
-    from ..studio.data_set import film_data_set_in_colour
-    from ..studio.videos import write_videos
+    from ..studio.data_set import film_data_set_in_colour, write_videos
 
     film_data_set_in_colour(request.out, [request.colour_of], 1, progress)
     if "video" in (read_json_file(request.description).get("write") or ()):  # the film has checked it
@@ -126,8 +125,7 @@ def _colour_of(request: StudioRequest, progress: Progress) -> CommandResult:
 
 
 def _in_colour(request: StudioRequest, given: list[str], made: DataSetPlan, progress: Progress) -> DataSetPlan:
-    from ..studio.data_set import film_data_set_in_colour
-    from ..studio.videos import write_videos
+    from ..studio.data_set import film_data_set_in_colour, write_videos
 
     film_data_set_in_colour(request.out, made["shots"], made["frames"], progress)
     if "video" in made["write"]:
@@ -138,6 +136,6 @@ def _in_colour(request: StudioRequest, given: list[str], made: DataSetPlan, prog
 
 def _require_engine(name: str) -> None:
     require_blender(instead="film no 'rgb'")
-    from ..studio.engines import engine_id
+    from ..studio.colour_film import engine_id
 
     engine_id(name)

@@ -2,19 +2,167 @@
 
 from __future__ import annotations
 
-from contextlib import ExitStack
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 
+import bpy
 import numpy as np
 
 from .._exchange.progress import Progress
 from .._exchange.unfinished import temporary_folder
-from .lettering import Lettering, open_lettering
 from .picture import blend, draw_dots, gradient, layer_from_render, write_png
-from .stage import RenderQuality, open_stage
+from .stage import RenderQuality, open_stage, render_still, write_targa
 from .subject import RenderedTake
-from .tiles import GAP, PictureTile, canvas_size, row
 from .view import View, close_view, three_quarter_view
+
+_ASCENT, _DESCENT = 0.95, 0.35
+"""Reach of letters above and below the line, in font sizes."""
+_SHRINK = 3
+"""Letters are rendered so many times as large and shrunk; chosen by hand."""
+_PLAQUE = (0.05, 0.055, 0.065, 0.62)
+"""Red, green, blue and opacity behind letters; chosen by hand."""
+
+
+class Lettering:
+    """Turns words into layers, each word once.
+
+    Args:
+        scene: a scene that shows nothing but ``text`` from above.
+        text: the text object.
+        folder: where pictures may be written.
+        height: height of a line in pixels.
+    """
+
+    def __init__(self, scene: bpy.types.Scene, text: bpy.types.Object, folder: Path, height: int) -> None:
+        self._scene, self._text, self._folder, self._height = scene, text, folder, height
+        self._known: dict[str, np.ndarray] = {}
+
+    def write(self, picture: np.ndarray, words: str, x: int, y: int) -> None:
+        """Write words on a dark plaque in place, its top left corner at (x, y)."""
+        if words and words not in self._known:
+            self._known[words] = self._render(words)
+        if words:
+            blend(picture, self._known[words], x, y)
+
+    def _render(self, words: str) -> np.ndarray:
+        self._text.data.body = words
+        self._scene.view_layers[0].update()
+        unit = self._height / (_ASCENT + _DESCENT)
+        width = max(2, round((self._text.dimensions.x + 0.7) * unit))
+        render, camera = self._scene.render, self._scene.camera
+        render.resolution_x, render.resolution_y = _SHRINK * width, _SHRINK * self._height
+        camera.data.ortho_scale = max(width, self._height) / unit
+        camera.location = (width / unit / 2 - 0.35, (_ASCENT - _DESCENT) / 2 - 0.02, 1.0)
+        alpha = layer_from_render(render_still(self._scene, 1, self._folder), _SHRINK)[..., 3:]
+        plaque = np.array([*(c * _PLAQUE[3] for c in _PLAQUE[:3]), _PLAQUE[3]], dtype=np.float32)
+        ink = np.array([0.96, 0.96, 0.94, 1.0], dtype=np.float32)
+        return (plaque * (1 - alpha) + ink * alpha).astype(np.float32)
+
+
+@contextmanager
+def open_lettering(folder: Path, height: int) -> Iterator[Lettering]:
+    """Yield a writer of words whose lines are ``height`` pixels high."""
+    scene = bpy.data.scenes.new("letters")
+    curve = bpy.data.curves.new("letters", "FONT")
+    lens = bpy.data.cameras.new("letters")
+    text, camera = bpy.data.objects.new("letters", curve), bpy.data.objects.new("letters", lens)
+    try:
+        scene.collection.objects.link(text)
+        scene.collection.objects.link(camera)
+        lens.type = "ORTHO"
+        scene.camera = camera
+        scene.render.engine = "BLENDER_WORKBENCH"
+        scene.render.film_transparent = True
+        scene.display.render_aa = "OFF"
+        write_targa(scene)
+        yield Lettering(scene, text, folder, height)
+    finally:
+        bpy.data.scenes.remove(scene)
+        bpy.data.objects.remove(text)
+        bpy.data.objects.remove(camera)
+        bpy.data.curves.remove(curve)
+        bpy.data.cameras.remove(lens)
+
+
+GAP = 4
+"""Pixels between pictures."""
+
+
+@dataclass(frozen=True)
+class PictureTile:
+    """Where one picture goes, in pixels from the canvas's top left; sizes are even, as video wants them."""
+
+    x: int
+    y: int
+    width: int
+    height: int
+
+
+def pack(shapes: list[tuple[int, int]], area: tuple[int, int]) -> list[PictureTile]:
+    """Place pictures in rows of equal height, as large as a canvas of about this area allows.
+
+    Of all numbers of rows the one is taken whose canvas is shaped most like ``area``.
+
+    Args:
+        shapes: width and height of each picture; only their ratio counts.
+        area: width and height in pixels of the canvas that has the wanted number of pixels.
+    """
+    if not shapes:
+        return []
+    choices = [_rows(shapes, rows, area) for rows in range(1, len(shapes) + 1)]
+    wanted = area[0] / area[1]
+
+    def misfit(tiles: list[PictureTile]) -> float:
+        width, height = canvas_size(tiles)
+        return max(width / height / wanted, wanted / (width / height))
+
+    return min(choices, key=misfit)
+
+
+def row(shapes: list[tuple[int, int]], width: int, most_height: int) -> list[PictureTile]:
+    """Place pictures in one row of equal height, as wide as ``width``, or centred in it at ``most_height``."""
+    if not shapes:
+        return []
+    ratio = sum(w / h for w, h in shapes)
+    height = min(most_height, int((width - GAP * (len(shapes) - 1)) / ratio))
+    tiles = _row(shapes, height, 0)
+    left = max(0, (width - tiles[-1].x - tiles[-1].width) // 2)
+    return [PictureTile(tile.x + left, 0, tile.width, tile.height) for tile in tiles]
+
+
+def canvas_size(tiles: list[PictureTile]) -> tuple[int, int]:
+    """Return the even width and height that hold all tiles."""
+    width, height = max(t.x + t.width for t in tiles), max(t.y + t.height for t in tiles)
+    return width + width % 2, height + height % 2
+
+
+def _rows(shapes: list[tuple[int, int]], rows: int, area: tuple[int, int]) -> list[PictureTile]:
+    per_row = -(-len(shapes) // rows)
+    groups = [shapes[i : i + per_row] for i in range(0, len(shapes), per_row)]
+    ratios = [sum(w / h for w, h in group) for group in groups]
+    # The widest row has ``max(ratios)`` times its height; the rows together cover the wanted number of pixels.
+    height = int((area[0] * area[1] / (max(ratios) * len(groups))) ** 0.5)
+    tiles = []
+    for i, group in enumerate(groups):
+        placed = _row(group, height, i * (_even(height) + GAP))
+        left = int((max(ratios) - ratios[i]) * height / 2)
+        tiles += [PictureTile(tile.x + left, tile.y, tile.width, tile.height) for tile in placed]
+    return tiles
+
+
+def _row(shapes: list[tuple[int, int]], height: int, y: int) -> list[PictureTile]:
+    tiles, x = [], 0
+    for width, own_height in shapes:
+        tiles.append(PictureTile(x, y, _even(height * width / own_height), _even(height)))
+        x += tiles[-1].width + GAP
+    return tiles
+
+
+def _even(length: float) -> int:
+    return max(2, round(length / 2) * 2)
+
 
 POSES, COLUMNS = 12, 6
 _POSE_SIZE, _MOST_CAMERA_HEIGHT, _MOST_CAMERAS = (260, 330), 460, 4

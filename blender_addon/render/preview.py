@@ -11,13 +11,11 @@ import numpy as np
 from .._exchange.progress import Progress
 from .._exchange.unfinished import temporary_folder
 from ..scene.footage import find_footage
-from .backdrop import Backdrop
-from .lettering import Lettering, open_lettering
+from .contact_sheet import Lettering, PictureTile, canvas_size, open_lettering, pack
 from .picture import blend, draw_dots, layer_from_render, soften_edges, write_png
 from .stage import RenderQuality, RenderStage, open_stage
 from .strips import encode_video
-from .subject import Colour, RenderedTake
-from .tiles import PictureTile, canvas_size, pack
+from .subject import Backdrop, Colour, RenderedTake
 from .view import View, close_view, three_quarter_view
 
 _CANVAS_COLOUR = (24, 26, 30)

@@ -10,8 +10,9 @@ from pathlib import Path
 import bpy
 import numpy as np
 
+from ..conventions.timing import go_to_frame
 from ..scene.cameras import create_camera
-from .still import render_still, write_targa
+from .picture import read_targa
 from .view import View
 
 _STUDIO = "paint.sl"
@@ -114,3 +115,31 @@ def _set_up(scene: bpy.types.Scene, view: View, look: RenderQuality) -> None:
         shading.cavity_type = "BOTH"
     shading.shadow_intensity = 0.45
     scene.display.light_direction = (0.35, 0.45, 0.82)
+
+
+def write_targa(scene: bpy.types.Scene) -> None:
+    """Make a scene render uncompressed Targa pictures with alpha, in plain sRGB."""
+    settings = scene.render.image_settings
+    if hasattr(settings, "media_type"):
+        settings.media_type = "IMAGE"
+    settings.file_format = "TARGA_RAW"
+    settings.color_mode = "RGBA"
+    scene.render.use_file_extension = True
+    scene.render.resolution_percentage = 100
+    scene.view_settings.view_transform = "Standard"
+
+
+def render_still(scene: bpy.types.Scene, frame: float, folder: Path) -> np.ndarray:
+    """Render one frame of a scene prepared by ``write_targa``: (h, w, 4) uint8 RGBA, top row first.
+
+    Raises:
+        RenderFailed: Blender wrote no picture.
+    """
+    path = folder / "still.tga"
+    path.unlink(missing_ok=True)
+    scene.render.filepath = str(path)
+    go_to_frame(scene, frame)
+    # The operator's own ``scene`` argument renders the animation as the window's scene has it.
+    with bpy.context.temp_override(scene=scene, view_layer=scene.view_layers[0]):
+        bpy.ops.render.render(write_still=True)
+    return read_targa(path)

@@ -15,7 +15,7 @@ import numpy as np
 from ..conventions.timing import set_scene_frame_rate
 from ..errors import RenderFailed
 from ..scene.footage import Footage
-from .still import render_still, write_targa
+from .stage import render_still, write_targa
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import dataclass
+
 import bpy
 import numpy as np
 
+from .._exchange.job_file import JobPin, JobRange
+from ..animation.curves import current_action
 from ..animation.lanes import read_lane
+from ..animation.pose import read_pose
+from ..animation.retiming import laid_rate
+from ..animation.takes import BETAS, take_file
+from ..body.body_choice import body_path_of
+from ..body.body_file import read_body
+from ..body.shape import body_mesh, get_betas
+from ..errors import TakeMissing
 
 
 def doubtful_ranges(take: bpy.types.Action, below: float) -> list[tuple[int, int]]:
@@ -44,3 +56,66 @@ def next_range(ranges: list[tuple[int, int]], frame: int, *, backwards: bool = F
     if backwards:
         return next((r for r in reversed(ranges) if r[0] < frame), ranges[-1])
     return next((r for r in ranges if r[0] > frame), ranges[0])
+
+
+@dataclass(frozen=True)
+class SceneRange:
+    """A range of a take's frames, in scene frames."""
+
+    action: bpy.types.Action
+    """The take."""
+    first: int
+    last: int
+    pins: tuple[tuple[int, str], ...] = ()
+    """Scene frame and ``pinned_values`` of each pinned pose."""
+
+
+def resolve_of(frames: SceneRange) -> JobRange:
+    """Return the part of a job that solves a frame range again; pins outside it are left out.
+
+    Raises:
+        TakeMissing: the take's motion file is gone, or the range lies outside the take.
+    """
+    motion = take_file(frames.action, "motion_file")
+    if not motion.is_file():
+        raise TakeMissing(
+            "The motion file of this take no longer exists.", where=str(motion), hint="Solve the whole capture again."
+        )
+    count = int(frames.action["frames"])
+    first, last = (capture_frame(frames.action, frame) for frame in (frames.first, frames.last))
+    if last < 0 or first > count - 1 or first > last:
+        raise TakeMissing(
+            f"The frames {frames.first} to {frames.last} lie outside the take or are in the wrong order.",
+            where=frames.action.name,
+            hint="Set First and Last inside the take.",
+        )
+    first, last = max(first, 0), min(last, count - 1)
+    pins = [(capture_frame(frames.action, frame), values) for frame, values in frames.pins]
+    kept = tuple(JobPin(frame, **json.loads(values)) for frame, values in pins if first <= frame <= last)
+    return JobRange(motion, first, last, kept)
+
+
+def capture_frame(action: bpy.types.Action, frame: float) -> int:
+    """Return the capture's frame, from 0, that lies nearest to a scene frame."""
+    return round((frame - action["frame_start"]) * action["fps"] / laid_rate(action))
+
+
+def scene_frame(action: bpy.types.Action, frame: int) -> int:
+    """Return the whole scene frame that lies nearest to a frame of the capture, from 0."""
+    return round(action["frame_start"] + frame * laid_rate(action) / action["fps"])
+
+
+def pinned_values(armature: bpy.types.Object) -> str:
+    """Return the pose an armature stands in now as the job file wants it, as JSON text."""
+    mesh = body_mesh(armature)
+    action = current_action(armature)
+    assert action is not None
+    betas = get_betas(mesh) if mesh is not None else np.array(action[BETAS])
+    rest = read_body(body_path_of(action.get("provenance", ""))).rest_joints(betas)
+    pose = read_pose(armature, rest[0])
+    values = {
+        "global_orient": pose.rotvec[0].tolist(),
+        "body_pose": pose.rotvec[1:].ravel().tolist(),
+        "transl": pose.transl.tolist(),
+    }
+    return json.dumps({key: [round(v, 6) for v in numbers] for key, numbers in values.items()})

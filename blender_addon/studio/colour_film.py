@@ -4,33 +4,144 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import bpy
 import numpy as np
 
-from .._exchange.capture_file import CaptureFile, read_capture
+from .._exchange.capture_file import CameraFile, CaptureFile, read_capture
 from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
+from .._exchange.lens import normalised, pixels, undistort
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import write_text
 from .._exchange.studio_results import ShotRecord, is_shot_record
 from .._exchange.unfinished import publish, temporary_folder, unfinished_names
 from ..body.body_choice import body_path_of
 from ..body.body_file import read_body
-from ..render.picture import write_png
-from ..render.still import render_still, write_targa
+from ..errors import RenderFailed
+from ..render.picture import Resampling, write_png
+from ..render.stage import render_still, write_targa
 from ..scene.cameras import create_camera, look_through
-from .dressed_person import DressedPerson
-from .engines import enlargement, set_engine, show_paint
-from .lens_picture import LensPicture, lens_picture
-from .lights import LIGHTS, Light
-from .marker_balls import MarkerBalls
-from .paint import person_colours
-from .room import build_room, light_room
+from .dressed_person import COLOURS, DressedPerson, MarkerBalls, person_colours
+from .room import LIGHTS, Light, build_room, light_room
 from .scene_file import SceneFile, read_scene
+
+_WIDEST = 1.6
+"""Times as wide and high as the picture that the pinhole's may be."""
+_OUTSIDE = (0, 0, 0)
+
+
+@dataclass(frozen=True)
+class LensPicture:
+    """A camera as Blender can render it, and the map from there to its own pixels."""
+
+    pinhole: CameraFile
+    """What is rendered: no distortion, the same focal length."""
+    resampling: Resampling | None
+    """None where the pinhole's picture is the camera's own."""
+
+    def __call__(self, rendered: np.ndarray) -> np.ndarray:
+        """Return the camera's (h, w, 3) picture of the pinhole's."""
+        return rendered if self.resampling is None else self.resampling(np.ascontiguousarray(rendered))
+
+
+def lens_picture(camera: CameraFile) -> LensPicture:
+    """Return how a camera's pictures are rendered."""
+    straight = replace(camera, distortion=np.zeros(8), distortion_model="opencv", footage=None)
+    if not camera.distortion.any() and camera.distortion_model == "opencv":
+        return LensPicture(straight, None)
+    width, height = camera.image_size
+    u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
+    flat = undistort(normalised(np.stack([u, v], -1), camera.K), camera.distortion, camera.distortion_model)
+    seen = pixels(flat, camera.K)
+    low = np.floor(np.nanmin(seen.reshape(-1, 2), axis=0)) - 1
+    high = np.ceil(np.nanmax(seen.reshape(-1, 2), axis=0)) + 1
+    spare = (_WIDEST - 1) / 2 * np.array([width, height])
+    low, high = np.maximum(low, -spare.round()), np.minimum(high, np.array([width, height]) + spare.round())
+    K = camera.K.copy()
+    K[:2, 2] -= low
+    size = (int(high[0] - low[0]) + 1, int(high[1] - low[1]) + 1)
+    positions = np.nan_to_num(seen - low, nan=-1e6)
+    return LensPicture(replace(straight, K=K, image_size=size), Resampling(positions, size, _OUTSIDE))
+
+
+_IDS = {
+    "workbench": ("BLENDER_WORKBENCH",), "cycles": ("CYCLES",), "eevee": ("BLENDER_EEVEE_NEXT", "BLENDER_EEVEE"),
+}  # fmt: skip
+_BRIGHT = "paint.sl"
+"""The brightest of the lights that come with Blender."""
+
+
+def engine_id(name: str) -> str:
+    """Return Blender's id of an engine.
+
+    Raises:
+        RenderFailed: this Blender was built without it.
+    """
+    scene = bpy.data.scenes.new("engines")
+    try:
+        found = next((candidate for candidate in _IDS[name] if _takes(scene, candidate)), None)
+        usable = [other for other, ids in _IDS.items() if any(_takes(scene, candidate) for candidate in ids)]
+    finally:
+        bpy.data.scenes.remove(scene)
+    if found is None:
+        raise RenderFailed(
+            f"This Blender has no engine '{name}'.", where=bpy.app.version_string, hint=f"It has {', '.join(usable)}."
+        )
+    return found
+
+
+def set_engine(scene: bpy.types.Scene, name: str, samples: int) -> None:
+    """Set a scene to an engine.
+
+    Raises:
+        RenderFailed: this Blender was built without it.
+    """
+    scene.render.engine = engine_id(name)
+    if name == "workbench":
+        display = scene.display
+        # Workbench's own smoothing moves edges by a fifth of a pixel; pictures rendered larger do not.
+        display.render_aa = "OFF"
+        shading = display.shading
+        shading.light, shading.color_type = "STUDIO", "VERTEX"
+        if _BRIGHT in bpy.context.preferences.studio_lights:
+            shading.studio_light = _BRIGHT
+        shading.show_shadows = True
+        shading.show_specular_highlight = False
+    elif name == "cycles":
+        cycles = scene.cycles
+        cycles.samples, cycles.use_adaptive_sampling = samples, False
+        cycles.max_bounces, cycles.diffuse_bounces, cycles.glossy_bounces = 3, 2, 1
+        cycles.transmission_bounces = cycles.volume_bounces = cycles.transparent_max_bounces = 0
+        cycles.use_denoising = True
+        cycles.seed = 0
+        scene.render.use_persistent_data = True
+    else:
+        scene.eevee.taa_render_samples = samples
+
+
+def enlargement(name: str) -> int:
+    """Return how many times larger an engine's pictures are rendered, to be averaged afterwards."""
+    return 2 if name == "workbench" else 1
+
+
+def show_paint(mesh: bpy.types.Mesh) -> None:
+    """Make the corner colours those that Workbench shows."""
+    mesh.color_attributes.active_color = mesh.color_attributes[COLOURS]
+    mesh.color_attributes.render_color_index = mesh.color_attributes.find(COLOURS)
+
+
+def _takes(scene: bpy.types.Scene, engine: str) -> bool:
+    """Return whether a scene can be set to an engine; Blender lists them nowhere."""
+    try:
+        scene.render.engine = engine
+    except TypeError:
+        return False
+    return True
+
 
 DONE = "rgb.json"
 """Of a shot's folder: its colour pictures are whole."""

@@ -11,7 +11,6 @@ import bpy
 from bpy.app.handlers import persistent
 
 from ..conventions.file_paths import file_of, stored
-from .former_pointers import release_pointers
 from .tags import tag_of
 
 _counts: dict[str, int] = {}
@@ -130,10 +129,9 @@ def on_update(scene: bpy.types.Scene, *_: object) -> None:
 
 
 def settle(scene: bpy.types.Scene) -> None:
-    """Take over what former versions pointed to, let go of what was deleted, and adopt what came without the panels."""
+    """Let go of a deleted retarget target, and adopt bodies that came without the panels."""
     if scene.library is not None:
         return
-    release_pointers(scene)
     target = scene.mocap.retarget.target
     if target is not None and not target.users_scene:
         scene.mocap.retarget.target = None

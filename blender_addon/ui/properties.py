@@ -2,32 +2,213 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import bpy
 
+from .._exchange.detectors import DETECTORS
+from .._exchange.errors import MocapError
 from .._exchange.joint_sets import JointSet
+from .._exchange.video_settings import DEFAULTS as VIDEO_DEFAULTS
+from .._exchange.video_settings import ROWS as VIDEO_ROWS
 from .._exchange.vmc.address import VmcAddress
 from ..conventions.naming import MANNEQUIN, PERSON_LOOK
 from ..solving.presets import PRESETS
-from .capture_properties import CAPTURE_CLASSES, MocapCapture, MocapReview
-from .locations import RELATIVE
-from .retarget_properties import MocapRetarget
-from .rig_properties import RIG_CLASSES, MocapRig
-from .sending_properties import SendingProperties
+from .acquisition_properties import MocapRig, MocapStudio, SendingProperties
+from .capture_properties import MocapCapture, MocapReview
+from .project_files import RELATIVE
 from .setting_properties import (
     CHOSEN_BY_PRESETS,
     DEFAULTS,
     ROWS,
     ReadingProperties,
     SettingProperties,
+    make_property,
     panel_values,
     reading_options,
     words_of,
 )
-from .studio_properties import MocapStudio
 from .tags import active_name, active_object
-from .video_properties import VIDEO_CLASSES, MocapVideos
+
+if TYPE_CHECKING:
+    from ..retarget.rig_map import RigMap
+
+STEPS = {
+    "detect": ("Keypoints", "Find the person in every picture"),
+    "sync": ("Sync", "Find how far cameras are ahead or late"),
+    "calibrate": ("Calibration", "Find where the cameras stand, from the board or the person"),
+    "capture": ("Capture", "Assemble what all cameras saw, and check the fit"),
+}
+"""Name and description of each step, in their order."""
+_DETECTOR_ITEMS = (
+    *((name, detector.label, detector.description) for name, detector in DETECTORS.items()),
+    ("model", "Model File", "RTMPose, RTMO, YOLO-pose or MoveNet (ONNX), or MediaPipe's pose model for LiteRT"),
+)
+
+
+class MocapVideoPicture(bpy.types.PropertyGroup):
+    """One picture of a step; its name is its path."""
+
+
+class MocapVideoStep(bpy.types.PropertyGroup):
+    """One step that is done; its name is the solver's."""
+
+    words: bpy.props.StringProperty(name="Words", description="What it found, a sentence a line")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What is wrong or unsure, a sentence a line")
+    pictures: bpy.props.CollectionProperty(type=MocapVideoPicture)
+    open: bpy.props.BoolProperty(name="Show", description="Show what this step found, and its picture", default=False)
+
+
+def made(name: str) -> Any:
+    """Return the property of a setting of videos."""
+    return make_property(VIDEO_ROWS[name], VIDEO_DEFAULTS[name])
+
+
+class MocapVideos(bpy.types.PropertyGroup):
+    """How captures are made from videos, and the steps of the last one."""
+
+    folder: bpy.props.StringProperty(
+        name="Videos", subtype="DIR_PATH", options=RELATIVE,
+        description="Folder of a take: one video a camera; footage of a board in 'calibration' beside them",
+    )  # fmt: skip
+    results: bpy.props.StringProperty(
+        name="Results", subtype="DIR_PATH", options=RELATIVE,
+        description="Where detections, clocks, calibration and capture of these videos are kept",
+    )  # fmt: skip
+    cameras: made("cameras")
+    board: made("board")
+    lenses: made("lenses")
+    focal: made("focal")
+    stature: bpy.props.FloatProperty(
+        name="Stature", description="Stature of the person, which sets the scale without a board; 0 for the mean",
+        unit="LENGTH", min=0.0, max=2.6, precision=2,
+    )  # fmt: skip
+    detector: bpy.props.EnumProperty(name="Detector", description="What finds keypoints", items=_DETECTOR_ITEMS)
+    model: bpy.props.StringProperty(
+        name="Model", description="File of a pose model, .onnx or .tflite", subtype="FILE_PATH", options=RELATIVE
+    )
+    hands: bpy.props.StringProperty(
+        name="Hand Model", subtype="FILE_PATH", options=RELATIVE,
+        description="MediaPipe's hand_landmark_full.tflite, to find hands and solve fingers; empty for the body alone",
+    )  # fmt: skip
+    people: made("people")
+    sync: made("clocks")
+    steps: bpy.props.CollectionProperty(type=MocapVideoStep)
+
+    def detector_arguments(self) -> list[str]:
+        """Return the options of the solver's command line that choose the detector."""
+        from ..conventions.file_paths import file_of
+
+        model = str(file_of(self.model)) if self.detector == "model" else self.detector
+        return ["--detector", model, "--people", str(self.people)]
+
+    def arguments(self) -> list[str]:
+        """Return the options of the solver's command line."""
+        from ..conventions.file_paths import file_of
+
+        options = [*self.detector_arguments(), "--sync", self.sync, "--cameras", self.cameras]
+        options += ["--board", self.board] if self.board else []
+        options += ["--lenses", str(file_of(self.lenses))] if self.lenses else []
+        options += ["--focal", self.focal] if self.focal else []
+        options += ["--hand-model", str(file_of(self.hands))] if self.hands else []
+        return [*options, "--stature", f"{self.stature:.4f}"] if self.stature > 0 else options
+
+    def take_steps(self, folder: str) -> None:
+        """Show the steps whose results lie in a folder, those that were open open again."""
+        from pathlib import Path
+
+        from .._exchange.diagnostics import notes_in, sentence, warnings_in
+        from ..solving.road_file import read_road
+
+        opened = {step.name for step in self.steps if step.open}
+        self.steps.clear()
+        for reported in read_road(Path(folder)):
+            if reported.name in STEPS:
+                step = self.steps.add()
+                step.name, step.open = reported.name, reported.name in opened
+                step.words = "\n".join(map(sentence, notes_in(reported.diagnostics)))
+                step.doubts = "\n".join(map(sentence, warnings_in(reported.diagnostics)))
+                for picture in reported.pictures:
+                    step.pictures.add().name = str(picture)
+
+
+def _is_other_armature(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
+    return obj.type == "ARMATURE" and obj not in (self.id_data.mocap.review.armature, self.actor)
+
+
+def _is_other_than_target(self: bpy.types.PropertyGroup, obj: bpy.types.Object) -> bool:
+    return obj.type == "ARMATURE" and obj != self.target
+
+
+def _map_target(self: bpy.types.PropertyGroup, context: bpy.types.Context) -> None:
+    """Map the target that was chosen, where its bones show what they are."""
+    from ..retarget.recognition import map_rig, user_presets_folder
+
+    self.table.clear()
+    self.label = self.map_text = self.doubts = ""
+    try:
+        if self.target is not None:
+            show_map(self, map_rig(self.target, user_presets_folder()))
+    except MocapError as error:  # a preset of the user's that is damaged
+        self.doubts = str(error)
+
+
+def show_map(settings: bpy.types.PropertyGroup, rig_map: RigMap) -> None:
+    """Write a map into the table, with a row for every role that a person can fill."""
+    import json
+
+    from .._exchange.rigs.roles import JOINT_OF, order_of
+    from ..retarget.rig_map import map_values
+
+    settings.table.clear()
+    settings.label, settings.map_text = rig_map.label, json.dumps(map_values(rig_map))
+    settings.doubts = "\n".join(rig_map.doubts)
+    for role in sorted({*rig_map.bones, *JOINT_OF}, key=order_of):
+        row = settings.table.add()
+        row.name, row.bone = role, rig_map.bones.get(role, "")
+
+
+class MocapRole(bpy.types.PropertyGroup):
+    """One row of the table: a role and the bone that plays it."""
+
+    bone: bpy.props.StringProperty(name="Bone", description="Bone of the rig that plays this role; empty for none")
+
+
+class MocapRetarget(bpy.types.PropertyGroup):
+    """How to retarget."""
+
+    actor: bpy.props.PointerProperty(
+        type=bpy.types.Object, name="Actor", description="Armature that has the motion; empty for the solved body",
+        poll=_is_other_than_target,
+    )  # fmt: skip
+    target: bpy.props.PointerProperty(
+        type=bpy.types.Object, name="Target", description="Armature of the character that gets the motion",
+        poll=_is_other_armature, update=_map_target,
+    )  # fmt: skip
+    label: bpy.props.StringProperty(name="Map", description="Preset that the table came from")
+    table: bpy.props.CollectionProperty(type=MocapRole, name="Table", description="Which bone plays which role")
+    doubts: bpy.props.StringProperty(name="Doubts", description="What is uncertain about the map, a line each")
+    map_text: bpy.props.StringProperty(name="Map Text", description="The whole map, its switches and map pose included")
+    limbs: bpy.props.EnumProperty(
+        name="Limbs", description="What the rig's switches are set to; both sets of controls are keyed",
+        items=(
+            ("fk", "FK", "Limbs turn bone by bone: twist as the actor's"),
+            ("ik", "IK", "Hands and feet are posed: easiest to edit, elbows and knees bend as pure hinges"),
+        ),
+    )  # fmt: skip
+    way: bpy.props.EnumProperty(
+        name="Root Motion", description="What carries the travel over the ground",
+        items=(
+            ("body", "On Hips", "The hips carry it"),
+            ("root", "On Root", "The root bone carries it and the heading, smoothed"),
+            ("place", "In Place", "It is left out"),
+        ),
+    )  # fmt: skip
+    scale: bpy.props.FloatProperty(
+        name="Scale", min=0.0, soft_max=10.0,
+        description="Scale of the travel relative to the body's; 0 for the ratio of the legs",
+    )  # fmt: skip
+
 
 STAGES = (
     ("CAPTURE", "Capture", "Read a recording, and look at what was recognised"),
@@ -61,13 +242,11 @@ _UP_ITEMS = (
         for axis in ("z", "y", "-y", "x", "-z", "-x")
     ),
 )
-_FORMER_JOINT_SETS = ("BODY_25", "BODY_25B", "COCO_17", "COCO_WHOLEBODY_133", "HALPE_26", "MEDIAPIPE_33", "H36M_17")
-"""First in the list: Blender's files keep a choice by its place."""
 _JOINT_SET_ITEMS = (
     (AUTO, "As Recognised", "Recognised by the number of keypoints and by anatomy"),
     *(
         (name, name.replace("COCO_WHOLEBODY", "Whole Body").replace("_", " "), f"Keypoints are {name}'s")
-        for name in dict.fromkeys((*_FORMER_JOINT_SETS, *JointSet))
+        for name in JointSet
     ),
 )
 
@@ -241,7 +420,3 @@ class MocapSettings(bpy.types.PropertyGroup):
     def show(self, index: int) -> None:
         """Let panels be about a capture until an object of another one is made active."""
         self.shown, self.shown_active = index, active_name(self.id_data)
-
-
-CLASSES = (*CAPTURE_CLASSES, *VIDEO_CLASSES, *RIG_CLASSES, MocapReading, MocapSolve, MocapLive, MocapSettings)
-"""In the order of registration: what is pointed to comes first."""

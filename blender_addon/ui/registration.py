@@ -4,70 +4,43 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from types import ModuleType
 
 import bpy
 
 from ..headless.blender_command import command
-from . import (
-    adoption,
-    bone_colours,
-    camera_view,
-    confidence_view,
-    live_run,
-    marker_view,
-    preferences,
-    project_files,
-    properties,
-    retarget_properties,
-    studio_properties,
-)
+from . import acquisition_properties, adoption, capture_properties, preferences, project_files, properties, viewport
 from .operators import (
-    add_gloves,
-    calibrate_subject,
+    base,
     cameras,
-    clean_up,
-    detector,
-    export_markers,
-    export_take,
+    export,
     fixes,
     import_capture,
     import_motion,
-    limbs,
     live,
-    motion_from_rig,
+    markers,
     retarget,
     review,
-    rig,
-    send_take,
+    sensor_array,
     solve,
-    solve_all,
-    solver_operator,
     studio,
     takes,
-    tell_points,
     videos,
-    views,
 )
-from .panels import cameras as cameras_panel
-from .panels import capture as capture_panels
-from .panels import export as export_panel
-from .panels import fingers as fingers_panel
-from .panels import frame_rate as frame_rate_notice
-from .panels import limbs as limbs_panel
-from .panels import live as live_panel
-from .panels import markers as marker_panel
-from .panels import people as people_panel
-from .panels import result as result_panel
-from .panels import retarget as retarget_panels
+from .panels import acquire, capture, deliver, run
 from .panels import review as review_panels
-from .panels import rig as rig_panel
-from .panels import run as run_panel
-from .panels import shape as shape_panel
 from .panels import solve as solve_panels
-from .panels import studio as studio_panels
 from .panels import videos as videos_panel
-from .previews import previews
 from .translation import add_translations, in_our_context, remove_translations
+
+_BASES = (
+    bpy.types.PropertyGroup,
+    bpy.types.AddonPreferences,
+    bpy.types.Operator,
+    bpy.types.FileHandler,
+    bpy.types.UIList,
+    bpy.types.Panel,
+)
 
 
 @dataclass(frozen=True)
@@ -76,6 +49,16 @@ class Registrable:
 
     add: Callable[[], None]
     remove: Callable[[], None]
+
+
+def _classes(*modules: ModuleType) -> list[Registrable]:
+    """Return the Blender classes that modules define, in their order; mixins are none."""
+    found = [cls for module in modules for cls in vars(module).values() if _is_defined_in(module, cls)]
+    return [_class(cls) for cls in dict.fromkeys(found)]
+
+
+def _is_defined_in(module: ModuleType, cls: object) -> bool:
+    return isinstance(cls, type) and issubclass(cls, _BASES) and cls.__module__ == module.__name__
 
 
 def _class(cls: type) -> Registrable:
@@ -94,83 +77,31 @@ def _pointer(owner: type, name: str, cls: type) -> Registrable:
     return Registrable(lambda: setattr(owner, name, bpy.props.PointerProperty(type=cls)), lambda: delattr(owner, name))
 
 
+def _stop(stop: Callable[[], None]) -> Registrable:
+    return Registrable(lambda: None, stop)
+
+
 TABLE: tuple[Registrable, ...] = (
     Registrable(add_translations, remove_translations),
-    *map(_class, retarget_properties.CLASSES),
-    *map(_class, studio_properties.CLASSES),
-    *map(_class, properties.CLASSES),
+    *_classes(capture_properties, acquisition_properties, properties),
     _pointer(bpy.types.Scene, "mocap", properties.MocapSettings),
-    _class(preferences.MOCAP_OT_test_python),
-    _class(preferences.MocapPreferences),
-    Registrable(lambda: None, solver_operator.current.abandon),
-    _class(solver_operator.MOCAP_OT_cancel),
-    _class(solver_operator.MOCAP_OT_dismiss),
-    _class(import_motion.MOCAP_OT_import_motion),
-    _class(motion_from_rig.MOCAP_OT_motion_from_rig),
-    _class(add_gloves.MOCAP_OT_add_gloves),
-    _class(import_capture.MOCAP_OT_import_capture),
-    _class(import_capture.MOCAP_OT_demo_capture),
-    _class(import_capture.MOCAP_FH_capture),
-    _class(calibrate_subject.MOCAP_OT_calibrate_subject),
-    _class(solve.MOCAP_OT_solve),
-    _class(solve_all.MOCAP_OT_solve_all),
-    _class(solve.MOCAP_OT_resolve_range),
-    _class(solve.MOCAP_OT_show_log),
-    *map(_class, review.CLASSES),
-    *map(_class, takes.CLASSES),
-    *map(_class, views.CLASSES),
-    *map(_class, cameras.CLASSES),
-    *map(_class, videos.CLASSES),
-    *map(_class, detector.CLASSES),
-    *map(_class, clean_up.CLASSES),
-    *map(_class, fixes.CLASSES),
-    *map(_class, limbs.CLASSES),
-    *map(_class, retarget.CLASSES),
-    Registrable(lambda: None, live_run.live.abandon),
-    *map(_class, live.CLASSES),
-    *map(_class, rig.CLASSES),
-    Registrable(lambda: None, send_take.playing.stop),
-    *map(_class, send_take.CLASSES),
-    *map(_class, tell_points.CLASSES),
-    *map(_class, studio.CLASSES),
-    _class(export_take.MOCAP_OT_export_take),
-    _class(export_markers.MOCAP_OT_export_markers),
-    _class(run_panel.VIEW3D_PT_mocap_run),
-    _class(run_panel.VIEW3D_PT_mocap_acquisition_run),
-    _class(capture_panels.VIEW3D_PT_mocap_capture),
-    _class(capture_panels.VIEW3D_PT_mocap_problems),
-    _class(marker_panel.MOCAP_UL_markers),
-    _class(marker_panel.VIEW3D_PT_mocap_markers),
-    _class(marker_panel.VIEW3D_PT_mocap_labels),
-    _class(capture_panels.VIEW3D_PT_mocap_notes),
-    _class(capture_panels.VIEW3D_PT_mocap_reading),
-    Registrable(previews.start, previews.stop),
-    *map(_class, videos_panel.CLASSES),
-    *map(_class, people_panel.CLASSES),
-    _class(cameras_panel.VIEW3D_PT_mocap_cameras),
-    _class(solve_panels.VIEW3D_PT_mocap_solve),
-    _class(solve_panels.VIEW3D_PT_mocap_solve_settings),
-    *map(_class, result_panel.CLASSES),
-    _class(review_panels.VIEW3D_PT_mocap_review),
-    _class(review_panels.VIEW3D_PT_mocap_resolve),
-    _class(review_panels.VIEW3D_PT_mocap_clean_up),
-    _class(review_panels.VIEW3D_PT_mocap_take),
-    _class(shape_panel.VIEW3D_PT_mocap_shape),
-    _class(limbs_panel.VIEW3D_PT_mocap_limbs),
-    _class(fingers_panel.VIEW3D_PT_mocap_fingers),
-    *map(_class, export_panel.CLASSES),
-    *map(_class, retarget_panels.CLASSES),
-    _class(live_panel.VIEW3D_PT_mocap_live),
-    *map(_class, rig_panel.CLASSES),
-    _handler(bpy.app.handlers.load_pre, live_run.before_load),
-    _handler(bpy.app.handlers.load_pre, send_take.before_load),
-    _handler(bpy.app.handlers.frame_change_post, send_take.on_frame_change),
-    *map(_class, studio_panels.CLASSES),
-    _handler(bpy.app.handlers.frame_change_pre, bone_colours.on_frame_change),
-    Registrable(marker_view.drawing.start, marker_view.drawing.stop),
-    Registrable(camera_view.drawing.start, camera_view.drawing.stop),
-    Registrable(confidence_view.drawing.start, confidence_view.drawing.stop),
-    _handler(bpy.app.handlers.load_post, solver_operator.after_load),
+    *_classes(preferences),
+    _stop(base.current.abandon),
+    *_classes(base, import_motion, import_capture, solve, review, takes, cameras, videos, fixes, retarget),
+    _stop(live.live.abandon),
+    *_classes(live, sensor_array),
+    _stop(export.playing.stop),
+    *_classes(export, markers, studio),
+    Registrable(videos_panel.previews.start, videos_panel.previews.stop),
+    *_classes(run, capture, videos_panel, solve_panels, review_panels, deliver, acquire),
+    _handler(bpy.app.handlers.load_pre, live.before_load),
+    _handler(bpy.app.handlers.load_pre, export.before_load),
+    _handler(bpy.app.handlers.frame_change_post, export.on_frame_change),
+    _handler(bpy.app.handlers.frame_change_pre, viewport.on_frame_change),
+    Registrable(viewport.name_drawing.start, viewport.name_drawing.stop),
+    Registrable(viewport.camera_drawing.start, viewport.camera_drawing.stop),
+    Registrable(viewport.confidence_drawing.start, viewport.confidence_drawing.stop),
+    _handler(bpy.app.handlers.load_post, base.after_load),
     _handler(bpy.app.handlers.load_post, adoption.on_load),
     _handler(bpy.app.handlers.depsgraph_update_post, adoption.on_update),
     _handler(bpy.app.handlers.save_pre, project_files.before_save),
@@ -179,9 +110,9 @@ TABLE: tuple[Registrable, ...] = (
     _draw(bpy.types.TOPBAR_MT_file_import, import_capture.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, videos.draw_import_menu),
     _draw(bpy.types.TOPBAR_MT_file_import, import_motion.draw_import_menu),
-    _draw(bpy.types.TOPBAR_MT_file_export, export_take.draw_export_menu),
-    _draw(bpy.types.TOPBAR_MT_file_export, export_markers.draw_export_menu),
-    *(_draw(getattr(bpy.types, name), frame_rate_notice.draw_rate_button) for name in frame_rate_notice.HEADERS),
+    _draw(bpy.types.TOPBAR_MT_file_export, export.draw_export_menu),
+    _draw(bpy.types.TOPBAR_MT_file_export, export.draw_markers_menu),
+    *(_draw(getattr(bpy.types, name), run.draw_rate_button) for name in run.HEADERS),
     Registrable(command.register, command.unregister),
 )
 """In the order of registration."""

@@ -16,9 +16,9 @@ from ..body.shape import body_mesh, get_betas
 from ..conventions.file_paths import file_of
 from ..conventions.timing import scene_frame_rate
 from ..errors import TakeMissing
-from ..review.pinning import SceneRange, resolve_of
+from ..review.ranges import SceneRange, resolve_of
 from ..solving.take_paths import TakeFiles, capture_folder, next_take
-from .locations import files_folder, usable
+from .project_files import files_folder, usable
 
 _SUBJECT = ("the calibrated subject", "Calibrate the subject again")
 _NOISE = ("the detector's noise", "Measure it again (detector-noise)")

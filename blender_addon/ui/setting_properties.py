@@ -12,7 +12,7 @@ from .._exchange.reading_settings import ROWS as ALL_READING_ROWS
 from .._exchange.reading_settings import options_of
 from .._exchange.setting import Setting, defaults_of_class, settings_of_class
 from .._exchange.solve_settings import METHOD, SolveSettings
-from .locations import RELATIVE
+from .project_files import RELATIVE
 from .translation import CONTEXT
 
 DEFAULTS = defaults_of_class(SolveSettings)

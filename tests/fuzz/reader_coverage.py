@@ -47,7 +47,7 @@ _READERS = (
     "blender_addon/headless/batch/engines/marker.py",
     "blender_addon/render/picture.py",
     "blender_addon/solving/road_file.py",
-    "blender_addon/studio/place_file.py",
+    "blender_addon/studio/places.py",
     "blender_addon/body/body_choice.py",
     "blender_addon/retarget/rig_map.py",
     "blender_addon/studio/scene_file.py",

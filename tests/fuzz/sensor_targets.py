@@ -15,8 +15,8 @@ from blender_addon.headless.batch.engines.marker import marker_in
 from blender_addon.solving.live import read_pose_line
 from blender_addon.solving.road_file import NAME as ROAD
 from blender_addon.solving.road_file import read_road
-from blender_addon.studio.place_file import FORMAT as PLACES
-from blender_addon.studio.place_file import read_places, shared_limits
+from blender_addon.studio.places import FORMAT as PLACES
+from blender_addon.studio.places import read_places, shared_limits
 from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MocapError

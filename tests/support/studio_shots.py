@@ -9,8 +9,7 @@ from typing import Any
 import bpy
 import numpy as np
 
-from blender_addon.studio.marker_balls import MarkerBalls
-from blender_addon.studio.paint import COLOURS, painted_material
+from blender_addon.studio.dressed_person import COLOURS, MarkerBalls, painted_material
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.shots import list_shots
 from solver_backend.synthesis.studio.spec import spec_of

@@ -8,10 +8,9 @@ import bpy
 
 from ..._exchange.diagnostics import Diagnostic
 from ..._exchange.errors import ErrorEvent
-from .base import MocapOperator
+from .base import MocapOperator, SolverOperator
 from .cameras import MOCAP_OT_refine_cameras
-from .clean_up import MOCAP_OT_feet_to_floor
-from .solver_operator import SolverOperator
+from .review import MOCAP_OT_feet_to_floor
 
 
 class MOCAP_OT_leave_camera_out(MocapOperator, bpy.types.Operator):
@@ -139,6 +138,3 @@ def reading_fixes(error: ErrorEvent) -> tuple[Fix, ...]:
         return ()
     trim = (_again("Cut to the Shortest", "trim", "on"),) if "--trim" in error["hint"] else ()
     return (*trim, _again("Frames by Order", "by_order", "on"))
-
-
-CLASSES = (MOCAP_OT_leave_camera_out, MOCAP_OT_read_again)

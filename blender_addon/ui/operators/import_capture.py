@@ -11,9 +11,8 @@ from bpy_extras.io_utils import ImportHelper
 from ...conventions.file_paths import absolute, stored
 from ...conventions.naming import counted
 from ...solving.take_paths import MARKER_SUFFIXES
-from ..locations import RELATIVE, files_folder, usable
-from .base import ViewportDrop
-from .solver_operator import SolverOperator, current
+from ..project_files import RELATIVE, files_folder, usable
+from .base import SolverOperator, ViewportDrop, current
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult

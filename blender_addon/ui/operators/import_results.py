@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
-from ..._exchange.diagnostics import EARLIER_NOTE, Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
+from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
@@ -29,15 +29,47 @@ from ...scene.bake import BakedTake, BakeSettings, bake_take
 from ...scene.cameras import CAMERA_NAME
 from ...scene.capture_stage import CaptureStage, replace_stage, set_stage
 from ...scene.footage import near_footage
-from ...scene.marker_cloud import marker_positions
+from ...scene.marker_cloud import LABELS, labels_of, marker_positions
 from ...scene.session import is_untouched, undisturbed
 from ..adoption import adopt, adopt_beside
-from ..marker_view import colour_markers
 from ..project_files import bring_home
-from .marker_results import take_markers
+from ..viewport import colour_markers
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import CaptureResult, CaptureSummary, PersonSummary, SolveResult
+
+_NAMED = ("known", "unknown", "computed", "doubled")
+
+
+def take_markers(capture: bpy.types.PropertyGroup, result: CaptureSummary, stage: CaptureStage) -> None:
+    """Keep what each label means and which gaps it has, and which object shows the markers.
+
+    Args:
+        capture: settings of the scene's capture.
+        result: result event of the verb ``convert``.
+        stage: the capture's objects.
+    """
+    names = result.get("marker_names") or {}
+    capture.markers = result["markers"] or 0
+    capture.subjects = ", ".join(names.get("subjects", ()))
+    capture.cloud = next((overlay for overlay in stage.overlays if LABELS in overlay), None)
+    bones = {item.name: item.bone for item in capture.marker_items}
+    capture.marker_items.clear()
+    if capture.cloud is None:
+        return
+    meaning = {label: kind for kind in _NAMED for label in names.get(kind, ())}
+    gaps = {gap["marker"]: gap for gap in names.get("gaps", ())}
+    labels = labels_of(capture.cloud)
+    for index in reversed(range(len(capture.told))):
+        item = capture.told[index]
+        if not (item.point < len(labels) and labels[item.point] == item.name):  # it was read anew as another recording
+            capture.told.remove(index)
+    for label in labels:
+        item, gap = capture.marker_items.add(), gaps.get(label, {})
+        item.name, item.meaning = label, meaning.get(label, "unlabelled")
+        item.bone = bones.get(label, "AUTO")
+        item.gaps, item.missing_percent = gap.get("gaps", 0), gap.get("missing_percent", 0.0)
+
 
 _HEIGHTS = 2.2
 """Distance from which a body is looked at, by its height."""
@@ -77,7 +109,7 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
     capture.checked = capture.doubts = capture.doubted = ""
-    found = found_in_reading(result)
+    found = read_diagnostics(result.get("diagnostics"))
     for item in (*warnings_in(found), *read_diagnostics([*stage.notes, *refused])):
         _add_message(capture, item, is_problem=True)
     for item in notes_in(found):
@@ -98,13 +130,6 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
         review.last = stage.timing.last_frame(max(1, file.num_frames), file.fps)
     bring_home()
     return stage
-
-
-def found_in_reading(result: CaptureSummary) -> tuple[Diagnostic, ...]:
-    """Return what reading a capture found; of a solver that writes no diagnostics yet, its sentences."""
-    if result.get("diagnostics") is not None:
-        return read_diagnostics(result["diagnostics"])
-    return read_diagnostics(result["problems"]) + read_diagnostics(result["notes"], EARLIER_NOTE)
 
 
 def _folder_of(source: Path | None) -> list[Path]:

@@ -8,7 +8,7 @@ import bpy
 
 from ...conventions.naming import counted
 from ...errors import MapInvalid
-from ..retarget_properties import show_map
+from ..properties import show_map
 from .base import MocapOperator
 
 if TYPE_CHECKING:
@@ -196,6 +196,3 @@ def table_map(context: bpy.types.Context) -> RigMap:
         raise MapInvalid("The target has not been mapped.", hint="Choose the target again, or press Map Bones.")
     kept = map_of(json.loads(settings.map_text), settings.label)
     return replace(kept, bones={row.name: row.bone for row in settings.table if row.bone})
-
-
-CLASSES = (MOCAP_OT_map_rig, MOCAP_OT_set_map_pose, MOCAP_OT_save_preset, MOCAP_OT_retarget)

@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import bpy
 
 from ..._exchange.errors import MocapError
+from ...conventions.file_paths import file_of, stored
 from ...conventions.naming import counted
-from .solver_operator import OfCapture, OfTake, SolverOperator, current
+from ..project_files import bring_home
+from .base import OfCapture, OfTake, SolverOperator, current
 
 if TYPE_CHECKING:
-    from ..._exchange.verb_results import SolveResult
-    from ...review.pinning import SceneRange
+    from ..._exchange.verb_results import PersonResult, SolveResult, TakeResult, TakesResult
+    from ...review.ranges import SceneRange
 
 
 class _Solves(SolverOperator):
@@ -106,7 +109,7 @@ class MOCAP_OT_resolve_range(_Solves, OfTake, bpy.types.Operator):
 
     def work(self, context: bpy.types.Context) -> set[str]:
         """Pin what was edited, if it is to stay, and start."""
-        from ...review.pinning import SceneRange
+        from ...review.ranges import SceneRange
         from .review import pin_frame
 
         scene, review = context.scene, context.scene.mocap.review
@@ -126,7 +129,7 @@ def edited_in_range(context: bpy.types.Context) -> list[int]:
     Raises:
         MocapError: the take's motion or body can no longer be read.
     """
-    from ...review.pinning import capture_frame, scene_frame
+    from ...review.ranges import capture_frame, scene_frame
     from ...scene.hand_edits import edited_frames
 
     review = context.scene.mocap.review
@@ -182,3 +185,118 @@ def write_log() -> bpy.types.Text:
     text.clear()
     text.write("\n".join(run.log) + "\n")
     return text
+
+
+class MOCAP_OT_solve_all(OfCapture, bpy.types.Operator):
+    """Solves everybody that the captures show."""
+
+    bl_idname = "mocap.solve_all"
+    bl_label = "Solve All"
+    bl_description = "Solve everybody one after another; each motion arrives as an action of a body of its own"
+
+    scope: bpy.props.EnumProperty(
+        name="Scope",
+        items=(
+            ("CAPTURE", "This Capture", "Everybody in this capture"),
+            ("SCENE", "All Captures", "Everybody in every capture of the scene"),
+        ),
+    )
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Write the jobs and start the solver on them."""
+        from ..._exchange.job_file import write_job
+        from ...animation.takes import SolveFiles
+        from ..scene_job import portable_job, prepare_job
+
+        settings = context.scene.mocap
+        captures = list(settings.captures) if self.scope == "SCENE" else [settings.capture]
+        self._files: dict[Path, SolveFiles] = {}
+        arguments: list[str] = []
+        folder = Path()
+        for capture in captures:
+            for person in range(max(1, len(capture.people))):
+                job, path = prepare_job(context.scene, None, capture, person)
+                write_job(path, portable_job(job, path.parent))
+                self._files[job.out] = SolveFiles(job.out, job.capture, job.report, path)
+                arguments += ["--job", str(path)]
+                folder = path.parent
+        return self.launch(context, "solve", arguments, folder)
+
+    def received(self, context: bpy.types.Context, result: TakesResult | TakeResult) -> set[str]:
+        """Bake each motion."""
+        takes = result.get("takes", [result])
+        for take in takes:
+            self._bake(context, Path(take["motion"]), take)
+        failed = result.get("failed", [])
+        if failed:
+            message = "; ".join(f"{item['name']}: {item['message']}" for item in failed)
+            self.report({"WARNING"}, f"Solved {counted(len(takes), 'take')}; {len(failed)} failed: {message}")
+        else:
+            self.report({"INFO"}, f"Solved {counted(len(takes), 'take')}")
+        return {"FINISHED"}
+
+    def rescue(self, context: bpy.types.Context) -> str:
+        """Bake what was finished before the run broke."""
+        done = [motion for motion in self._files if motion.is_file()]
+        for motion in done:
+            self._bake(context, motion)
+        return f"{len(done)} of {counted(len(self._files), 'take')} finished and arrived." if done else ""
+
+    def _bake(self, context: bpy.types.Context, motion: Path, result: SolveResult | None = None) -> None:
+        from .import_results import take_motion
+
+        files = self._files[motion]
+        captures = context.scene.mocap.captures
+        capture = next((item for item in captures if file_of(item.file) == files.capture), None)
+        take_motion(context, files, capture, result=result)
+
+
+class MOCAP_OT_calibrate_subject(SolverOperator, bpy.types.Operator):
+    """Learns a person's shape and where every marker sits, which solves then start from."""
+
+    bl_idname = "mocap.calibrate_subject"
+    bl_label = "Calibrate Subject"
+    bl_description = (
+        "Learn the person's shape and marker places from this recording, best one with much movement. It and the "
+        "person's other recordings are then solved with them"
+    )
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a recording of markers."""
+        if not context.scene.mocap.capture.marker_items:
+            cls.poll_message_set("Import a recording of markers first")
+            return False
+        return super().poll(context)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start."""
+        from ...solving.take_paths import next_subject
+        from ..scene_job import capture_file, folder_of_takes, write_layout
+
+        settings = context.scene.mocap
+        capture = capture_file(settings.capture)
+        out = next_subject(folder_of_takes(context.scene, capture.parent))
+        layout = write_layout(settings.capture, out.with_suffix(".layout.json"))
+        by_hand = [] if layout is None else ["--layout", str(layout)]
+        options = ["--out", str(out), *(["--body", settings.solve.body] if settings.solve.body else [])]
+        return self.launch(context, "calibrate", [str(capture), *options, *by_hand], out.parent)
+
+    def received(self, context: bpy.types.Context, result: PersonResult) -> set[str]:
+        """Solve with this person from now on."""
+        context.scene.mocap.solve.subject = stored(result["subject"])
+        bring_home()
+        self.report({"INFO"}, f"Calibrated: {calibrated(result)}")
+        return {"FINISHED"}
+
+
+def calibrated(result: PersonResult) -> str:
+    """Return what a calibration found, in a line.
+
+    Args:
+        result: result event of the verb ``calibrate``.
+    """
+    markers = result["markers"]
+    label, far = max(markers.items(), key=lambda item: item[1]["offset_mm"])
+    name = label.rpartition(":")[2]
+    return f"{len(markers)} markers; {name} is farthest from the place of its name, {far['offset_mm']:.0f} mm"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import bpy
 
 from ...errors import TakeMissing
-from ..marker_view import colour_markers
+from ..viewport import colour_markers
 from .base import MocapOperator, NeedsBody, NeedsTake
 
 
@@ -216,13 +216,3 @@ def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
         for action in takes_of(capture.measured, original=capture.original)
         if is_take(action)
     ]
-
-
-CLASSES = (
-    MOCAP_OT_follow_rate,
-    MOCAP_OT_show_take,
-    MOCAP_OT_delete_take,
-    MOCAP_OT_thin_take,
-    MOCAP_OT_push_down,
-    MOCAP_OT_mark_take,
-)

@@ -8,12 +8,13 @@ from typing import ClassVar
 import blf
 import bpy
 
-from ..._exchange.errors import sentence
-from ..locations import waits_for_saving
-from ..operators.fixes import Fix, reading_fixes
+from ..._exchange.diagnostics import Diagnostic, sentence, warnings_in
+from ..._exchange.errors import sentence as failure_sentence
+from ..operators.base import MOCAP_OT_dismiss, current
+from ..operators.fixes import Fix, fix_of, reading_fixes
 from ..operators.solve import MOCAP_OT_show_log, MOCAP_OT_solve
-from ..operators.solver_operator import MOCAP_OT_dismiss, current
 from ..preferences import shows_acquisition
+from ..project_files import waits_for_saving
 from ..translation import CONTEXT
 
 _TEXT_PT, _MARGIN_PX, _ICON_PX = 11.0, 78.0, 24.0
@@ -145,7 +146,7 @@ def draw_failure(layout: bpy.types.UILayout, context: bpy.types.Context, verbs: 
         return
     box = layout.box()
     cancelled = run.error.get("code") == "cancelled"
-    text = "Cancelled; nothing was changed." if cancelled else sentence(run.error)
+    text = "Cancelled; nothing was changed." if cancelled else failure_sentence(run.error)
     wrapped(box, context, text, "INFO" if cancelled else "ERROR", alert=not cancelled)
     for fix in reading_fixes(run.error):
         draw_fix(box, fix)
@@ -173,3 +174,18 @@ def draw_waiting(layout: bpy.types.UILayout, context: bpy.types.Context) -> None
 def draw_next(layout: bpy.types.UILayout, context: bpy.types.Context, text: str) -> None:
     """Draw what to do next."""
     wrapped(layout, context, text, "FORWARD")
+
+
+def draw_finding(layout: bpy.types.UILayout, context: bpy.types.Context, found: Diagnostic, whose: str = "") -> None:
+    """Draw a diagnostic, and under it the button that remedies it.
+
+    Args:
+        layout: where it is drawn.
+        context: of the sidebar.
+        found: the diagnostic.
+        whose: what its sentence begins with, where there are several takes.
+    """
+    is_warning = bool(warnings_in([found]))
+    wrapped(layout, context, whose + sentence(found), "ERROR" if is_warning else "DOT", alert=is_warning)
+    if is_warning and (fix := fix_of(found)) is not None:
+        draw_fix(layout, fix)

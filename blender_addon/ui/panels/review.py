@@ -4,18 +4,27 @@ from __future__ import annotations
 
 import bpy
 
+from ..._exchange.hand_points import FINGERS, SIDES
 from ..._exchange.solve_settings import CLEAN_UP
+from ...body.controls.limbs import LIMBS, ROOT, finger_control, fist_control, has_finger_controls, has_limbs
+from ...body.shape import body_mesh, effect_of, look_key, sliders
 from ...conventions.naming import counted
-from ..operators.clean_up import MOCAP_OT_clear_marks, MOCAP_OT_feet_to_floor, MOCAP_OT_lock_feet, MOCAP_OT_mark_gaps
+from ..layout import is_narrow, is_slim
+from ..operators.base import current
+from ..operators.import_motion import MOCAP_OT_add_gloves
 from ..operators.review import (
+    MOCAP_OT_clear_marks,
+    MOCAP_OT_feet_to_floor,
+    MOCAP_OT_lock_feet,
+    MOCAP_OT_mark_gaps,
     MOCAP_OT_next_bad_range,
     MOCAP_OT_open_report,
     MOCAP_OT_pin_pose,
     MOCAP_OT_show_confidence,
+    MOCAP_OT_switch_limbs,
     MOCAP_OT_unpin,
 )
 from ..operators.solve import MOCAP_OT_resolve_range, MOCAP_OT_solve
-from ..operators.solver_operator import current
 from ..operators.takes import (
     MOCAP_OT_delete_take,
     MOCAP_OT_mark_take,
@@ -25,9 +34,8 @@ from ..operators.takes import (
 )
 from ..properties import MocapCapture, MocapReview
 from ..setting_properties import names_of
-from ..settings_layout import is_slim
 from ..translation import CONTEXT
-from .parts import BodyPanel, TakePanel, wrapped
+from .parts import BodyPanel, StagePanel, TakePanel, wrapped
 
 
 class VIEW3D_PT_mocap_review(BodyPanel, bpy.types.Panel):
@@ -177,3 +185,114 @@ def _draw_worst(layout: bpy.types.UILayout, review: MocapReview, frame: int) -> 
     spread = f"± {1000 * sigma_of(value):.0f} mm" if value > 0 else "bridged"
     icon = "INFO" if value < review.below else "CHECKMARK"
     row.label(text=f"{worst.replace('_', ' ')} {spread}", icon=icon, translate=False)
+
+
+_SLIDER, _NARROW_SLIDER = 0.75, 0.82
+"""Share of a line that a limb's slider has, also where the sidebar is narrow; the button beside it has the rest."""
+
+
+class VIEW3D_PT_mocap_limbs(StagePanel, bpy.types.Panel):
+    """The controls of the solved body."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_limbs"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "FK and IK"
+    bl_order = 4
+
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a body with controls."""
+        return has_limbs(settings.review.armature)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw a switch a limb and, beside it, the button that keeps the motion."""
+        layout = self.layout
+        armature = context.scene.mocap.review.armature
+        column = layout.column(align=True)
+        share = _NARROW_SLIDER if is_narrow(context) else _SLIDER
+        for limb in LIMBS:
+            row = column.split(factor=share, align=True)
+            row.prop(armature.pose.bones[ROOT], f'["{limb.switch}"]', text=limb.label, text_ctxt=CONTEXT, slider=True)
+            to = "FK" if armature.pose.bones[ROOT][limb.switch] > 0 else "IK"
+            _draw_switch(row, to, limb.switch, to)
+        row = layout.row(align=True)
+        _draw_switch(row, "IK", "ALL", "All to IK")
+        _draw_switch(row, "FK", "ALL", "All to FK")
+        wrapped(layout, context, "The buttons key the limbs so that the motion stays; the sliders only blend.", "INFO")
+
+
+def _draw_switch(layout: bpy.types.UILayout, to: str, limb: str, text: str) -> None:
+    button = layout.operator(MOCAP_OT_switch_limbs.bl_idname, text=text)
+    button.to, button.limb = to, limb
+
+
+_CURL, _SPREAD = 0, 2
+"""Axes of a control by which it curls and spreads."""
+
+
+class VIEW3D_PT_mocap_fingers(StagePanel, bpy.types.Panel):
+    """The fingers of the solved body."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_fingers"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Fingers"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 5
+
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a take, or a body with finger controls."""
+        return settings.review.take is not None or has_finger_controls(settings.review.armature)
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw what adds fingers, and the controls of both hands where the body has them."""
+        column = self.layout.column()
+        column.enabled = not current.busy
+        column.operator(MOCAP_OT_add_gloves.bl_idname, icon="VIEW_PAN")
+        armature = context.scene.mocap.review.armature
+        if has_finger_controls(armature):
+            self._draw_controls(context, armature.pose.bones)
+
+    def _draw_controls(self, context: bpy.types.Context, bones: bpy.types.bpy_prop_collection) -> None:
+        for side in SIDES:
+            column = self.layout.column(align=True)
+            column.label(text=f"{side.title()} Hand", text_ctxt=CONTEXT)
+            rows = [("Fist", fist_control(side)), *((f.title(), finger_control(side, f)) for f in FINGERS)]
+            for label, name in rows:
+                row = column.row(align=True)
+                row.prop(bones[name], "rotation_euler", index=_CURL, text=label, text_ctxt=CONTEXT)
+                row.prop(bones[name], "rotation_euler", index=_SPREAD, text="Spread", text_ctxt=CONTEXT)
+        wrapped(self.layout, context, "Controls add to what the finger bones are keyed to.", "INFO")
+
+
+class VIEW3D_PT_mocap_shape(StagePanel, bpy.types.Panel):
+    """The shape of the solved body."""
+
+    stage = "EDIT"
+    bl_idname = "VIEW3D_PT_mocap_shape"
+    bl_parent_id = "VIEW3D_PT_mocap_review"
+    bl_label = "Body Shape"
+    bl_options = {"DEFAULT_CLOSED"}  # noqa: RUF012 - Blender reads a plain set
+    bl_order = 2
+
+    @classmethod
+    def has_subject(cls, settings: bpy.types.PropertyGroup) -> bool:
+        """Return whether there is a body with sliders."""
+        armature = settings.review.armature
+        return armature is not None and body_mesh(armature) is not None
+
+    def draw(self, context: bpy.types.Context) -> None:
+        """Draw one slider a component."""
+        mesh = body_mesh(context.scene.mocap.review.armature)
+        assert mesh is not None  # polled
+        if look_key(mesh) is not None:
+            self.layout.row().prop(context.scene.mocap, "look", expand=True, text_ctxt=CONTEXT)
+        column = self.layout.column(align=True)
+        for key in sliders(mesh):
+            effect = effect_of(key)
+            if is_slim(context):
+                column.label(text=effect, text_ctxt=CONTEXT)
+                effect = ""
+            column.prop(key, "value", text=effect, text_ctxt=CONTEXT, slider=True)

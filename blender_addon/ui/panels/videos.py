@@ -5,20 +5,62 @@ from __future__ import annotations
 from pathlib import Path
 
 import bpy
+import bpy.utils.previews
 
-from ..operators.detector import VERB, MOCAP_OT_set_up_detector, MOCAP_OT_test_detector
-from ..operators.solver_operator import current
+from ..operators.base import current
 from ..operators.videos import (
+    VERB,
     MOCAP_OT_capture_from_videos,
     MOCAP_OT_open_video_picture,
+    MOCAP_OT_set_up_detector,
+    MOCAP_OT_test_detector,
     MOCAP_OT_video_step,
     draw_settings,
 )
 from ..preferences import detector_text, lacks_detector
-from ..previews import previews
+from ..properties import STEPS, MocapVideoStep
 from ..translation import CONTEXT
-from ..video_properties import STEPS, MocapVideoStep
 from .parts import StagePanel, draw_failure, draw_next, draw_progress, wrapped
+
+
+class Previews:
+    """The pictures that have been shown, each loaded once and again when its file changes."""
+
+    def __init__(self) -> None:
+        self._shown: bpy.utils.previews.ImagePreviewCollection | None = None
+
+    def start(self) -> None:
+        """Begin; for registering."""
+        self._shown = bpy.utils.previews.new()
+
+    def stop(self) -> None:
+        """Let go of all pictures; for unregistering."""
+        if self._shown is not None:
+            bpy.utils.previews.remove(self._shown)
+        self._shown = None
+
+    @property
+    def loaded(self) -> tuple[str, ...]:
+        """What is loaded now: paths and the times of their files."""
+        return () if self._shown is None else tuple(self._shown)
+
+    def icon(self, path: Path) -> int:
+        """Return the icon of a picture, 0 where it cannot be shown."""
+        if self._shown is None:
+            return 0
+        try:
+            name = f"{path}|{path.stat().st_mtime_ns}"
+        except OSError:
+            return 0
+        if name not in self._shown:
+            for former in [key for key in self._shown if key.split("|")[0] == str(path)]:
+                del self._shown[former]
+            self._shown.load(name, str(path), "IMAGE")
+        return self._shown[name].icon_id
+
+
+previews = Previews()
+
 
 _VERBS = ("from-videos",)
 _SIZE = 11.0
@@ -92,6 +134,3 @@ def _draw_step(layout: bpy.types.UILayout, context: bpy.types.Context, name: str
             box.template_icon(icon_value=icon, scale=_SIZE)
             opened = box.operator(MOCAP_OT_open_video_picture.bl_idname, icon="IMAGE_DATA")
             opened.filepath = picture.name
-
-
-CLASSES = (VIEW3D_PT_mocap_videos,)

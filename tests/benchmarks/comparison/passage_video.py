@@ -82,7 +82,7 @@ def _pane(path: Path, truth: np.ndarray, view, folder: Path) -> list[np.ndarray]
     """Return the pictures of one motion, in a fresh Blender file."""
     from blender_addon._exchange.motion_file import read_motion
     from blender_addon.body.body_file import default_body_path, read_body
-    from blender_addon.render.lettering import open_lettering
+    from blender_addon.render.contact_sheet import open_lettering
     from blender_addon.render.picture import blend, draw_dots, gradient, layer_from_render, soften_edges
     from blender_addon.render.stage import RenderQuality, open_stage
     from blender_addon.render.subject import RenderedTake

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from blender_addon.headless.main import main
-from blender_addon.studio import engines
+from blender_addon.studio import colour_film
 
 SPEC: dict[str, Any] = {
     "film": ["rgb", "masks"], "camera_arrays": [{"preset": "webcam_ring_4", "scale": 0.2}], "frames": 2, "fps": 4,
@@ -44,7 +44,7 @@ def test_an_engine_that_this_blender_lacks_is_named_before_anything_is_made(
 ) -> None:
     spec = tmp_path / "spec.json"
     spec.write_text(json.dumps(SPEC | {"rgb": {"engine": "eevee"}}))
-    monkeypatch.setitem(engines._IDS, "eevee", ("NOBODY_BUILT_IT",))
+    monkeypatch.setitem(colour_film._IDS, "eevee", ("NOBODY_BUILT_IT",))
     assert main(["studio", str(spec), "--out", str(tmp_path / "set"), "--json"]) != 0
     event = said(capfd)
     assert event["code"] == "render_failed" and "'eevee'" in event["message"] and "workbench" in event["hint"]

@@ -13,10 +13,17 @@ import pytest
 
 from blender_addon._exchange.lens import distort, normalised, pixels
 from blender_addon.errors import RenderFailed
-from blender_addon.render.backdrop import straightening_map
-from blender_addon.render.picture import blend, draw_dots, layer_from_render, read_targa, soften_edges, write_png
-from blender_addon.render.resampling import Resampling
-from blender_addon.render.tiles import canvas_size, pack, row
+from blender_addon.render.contact_sheet import canvas_size, pack, row
+from blender_addon.render.picture import (
+    Resampling,
+    blend,
+    draw_dots,
+    layer_from_render,
+    read_targa,
+    soften_edges,
+    write_png,
+)
+from blender_addon.render.subject import straightening_map
 from blender_addon.render.view import View, close_view, look_at, three_quarter_view
 
 

@@ -11,7 +11,7 @@ import pytest
 
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.live import LiveRun, read_pose_line
-from blender_addon.ui.panels.live import timing_lines
+from blender_addon.ui.panels.acquire import timing_lines
 
 POSE = {
     "frame": 3, "t": 0.1, "state": "tracking", "root": [0.1, 0.2, 0.3], "pose": [0.0] * 63, "trans": [1, 2, 3],

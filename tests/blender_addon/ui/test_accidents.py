@@ -14,9 +14,9 @@ import pytest
 
 from blender_addon.solving.child import SolverProcess
 from blender_addon.solving.run import Run, start
-from blender_addon.ui import locations
+from blender_addon.ui import project_files
 from blender_addon.ui.operators import review
-from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.operators.base import current
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.support.full_disk import full_disk
@@ -90,7 +90,7 @@ def test_takes_of_a_capture_in_a_read_only_folder_go_where_new_captures_go(
         if folder.is_relative_to(solved.folder):
             raise OSError(errno.EROFS, "Read-only file system")
 
-    monkeypatch.setattr(locations, "probe", probe)
+    monkeypatch.setattr(project_files, "probe", probe)
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     assert Path(mocap.review.take["motion_file"]).is_relative_to(tmp_path / "Aufnahmen ü")
     assert written(solved.folder) == before

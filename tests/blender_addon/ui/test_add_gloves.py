@@ -14,7 +14,7 @@ from blender_addon.animation.takes import SolveFiles, take_file
 from blender_addon.body.controls.limbs import finger_control, has_finger_controls
 from blender_addon.conventions.file_paths import file_of
 from blender_addon.ui.operators.import_results import take_motion
-from blender_addon.ui.panels.fingers import VIEW3D_PT_mocap_fingers
+from blender_addon.ui.panels.review import VIEW3D_PT_mocap_fingers
 from solver_backend.fitters.pipeline import solve
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion

@@ -21,8 +21,8 @@ from blender_addon.errors import BodyMismatch
 from blender_addon.export.take import take_of
 from blender_addon.export.write import export_take
 from blender_addon.scene.add_take import add_take
+from blender_addon.ui.operators.base import SolverOperator, current
 from blender_addon.ui.operators.import_results import take_motion
-from blender_addon.ui.operators.solver_operator import SolverOperator, current
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
 

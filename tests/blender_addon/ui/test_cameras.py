@@ -9,10 +9,8 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon._exchange.diagnostics import sentence, warnings_in
 from blender_addon.animation.takes import takes_of
-from blender_addon.ui import camera_view
-from blender_addon.ui.operators.import_results import found_in_reading
+from blender_addon.ui import viewport
 from blender_addon.ui.scene_job import prepare_job
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.rotations import exp_so3
@@ -121,16 +119,8 @@ def test_a_camera_is_doubtful_where_a_diagnostic_names_it_and_not_where_its_name
     assert bpy.ops.mocap.import_capture(filepath=str(source)) == {"FINISHED"}
     told = [(message.is_problem, message.cameras) for message in mocap.capture.messages]
     assert (True, "left") in told and (False, "right") in told
-    shades = [camera_view.shade_of(mocap.capture, item) for item in mocap.capture.cameras]
-    assert shades == [camera_view.SURE, camera_view.SURE, camera_view.DOUBTFUL, camera_view.SURE]
-
-
-def test_messages_of_an_earlier_solver_are_its_sentences() -> None:
-    result = {"problems": ["Camera left is late."], "notes": ["Read as mm."]}
-    assert [sentence(item) for item in found_in_reading(result)] == ["Camera left is late.", "Read as mm."]
-    assert [sentence(item) for item in warnings_in(found_in_reading(result))] == ["Camera left is late."]
-    result["diagnostics"] = [diagnostic("camera_sees_elsewhere", cameras=["left"]).as_dict()]
-    assert [item.where.cameras for item in found_in_reading(result)] == [("left",)]
+    shades = [viewport.shade_of(mocap.capture, item) for item in mocap.capture.cameras]
+    assert shades == [viewport.SURE, viewport.SURE, viewport.DOUBTFUL, viewport.SURE]
 
 
 def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> None:
@@ -140,21 +130,21 @@ def test_cameras_are_outlined_by_what_is_doubtful(solved_take, mocap, scene) -> 
     third.use = False
     message = capture.messages.add()
     message.text, message.cameras, message.is_problem = "The image is mirrored.", second.name, True
-    shades = [shade for _, shade in camera_view.shaded_cameras(bpy.context)]
-    assert shades == [camera_view.SURE, camera_view.DOUBTFUL, camera_view.UNUSED]
+    shades = [shade for _, shade in viewport.shaded_cameras(bpy.context)]
+    assert shades == [viewport.SURE, viewport.DOUBTFUL, viewport.UNUSED]
     message.is_problem = False
     capture.doubted = f"{first.name}1"
-    assert camera_view.shade_of(capture, first) == camera_view.SURE
+    assert viewport.shade_of(capture, first) == viewport.SURE
     capture.doubted = f"{second.name}1\n{first.name}"
-    assert camera_view.shade_of(capture, first) == camera_view.DOUBTFUL
-    assert camera_view.shade_of(capture, second) == camera_view.SURE
+    assert viewport.shade_of(capture, first) == viewport.DOUBTFUL
+    assert viewport.shade_of(capture, second) == viewport.SURE
     capture.show_agreement = False
-    assert list(camera_view.shaded_cameras(bpy.context)) == []
+    assert list(viewport.shaded_cameras(bpy.context)) == []
 
 
 def test_an_outline_is_the_picture_and_its_edges_from_the_camera(solved_take, mocap, scene) -> None:
     camera = mocap.capture.cameras[0].object
-    ends = np.array(camera_view.outline(camera, scene))
+    ends = np.array(viewport.outline(camera, scene))
     place, forward = np.array(camera.matrix_world.translation), -np.array(camera.matrix_world)[:3, 2]
     assert ends.shape == (16, 3)
     np.testing.assert_allclose(ends[8::2], np.tile(place, (4, 1)), atol=1e-6)

@@ -10,7 +10,6 @@ import bpy
 import pytest
 
 from blender_addon.ui.adoption import on_update
-from blender_addon.ui.former_pointers import release_pointers
 from blender_addon.ui.operators.import_results import take_capture, take_motion
 from tests.support.narrow_layout import draw_panel
 from tests.support.shown_panels import panels_of_all_stages
@@ -221,32 +220,6 @@ def test_undo_after_each_step_finds_everything(mocap, solved_take, solved) -> No
     assert bpy.context.scene.mocap.review.armature is None and draw_all() > 3
     bpy.ops.ed.redo()
     assert bpy.context.scene.mocap.review.take is not None
-
-
-def test_a_file_of_the_former_version_finds_its_objects_and_lets_the_deleted_go(mocap, solved_take, scene) -> None:
-    def point(group: bpy.types.PropertyGroup, tag: str, name: str, pointed: bpy.types.ID) -> None:
-        kept = group.bl_system_properties_get(do_create=True) if hasattr(group, "bl_system_properties_get") else group
-        setattr(group, tag, "")
-        kept[name] = pointed
-        pointed.pop("mocap_tag", None)
-
-    capture = mocap.capture
-    body, floor = capture.review.armature, capture.floor
-    camera, collection = capture.cameras[1].object, capture.collection
-    views = capture.cameras[1].detections
-    point(capture, "collection_tag", "collection", collection)
-    point(capture.review, "body_tag", "armature", body)
-    point(capture, "floor_tag", "floor", floor)
-    point(capture.cameras[1], "camera_tag", "object", camera)
-    point(capture.cameras[1], "detections_tag", "detections", views)
-    bpy.ops.mesh.primitive_cube_add()
-    cube = bpy.context.object
-    point(mocap, "shown_active", "shown_at", cube)
-    release_pointers(scene)
-    assert (capture.review.armature, capture.floor, capture.collection) == (body, floor, collection)
-    assert (capture.cameras[1].object, capture.cameras[1].detections) == (camera, views)
-    delete(cube)
-    assert "Cube" not in bpy.data.objects and mocap.review.take == solved_take
 
 
 def _active_body(mocap: Any) -> Any:

@@ -13,8 +13,8 @@ import pytest
 from blender_addon._exchange.detectors import DETECTORS, NamedDetector
 from blender_addon.solving.detector import find_python
 from blender_addon.ui import preferences
-from blender_addon.ui.operators.detector import MOCAP_OT_set_up_detector
-from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.operators.base import current
+from blender_addon.ui.operators.videos import MOCAP_OT_set_up_detector
 from blender_addon.ui.panels import videos as videos_panel
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout

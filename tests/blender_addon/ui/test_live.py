@@ -15,7 +15,7 @@ from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.skeleton import JOINTS
 from blender_addon.scene.live_figure import MOST_POINTS, create_live_figure
 from blender_addon.scene.point_player import GRADE, SEEN
-from blender_addon.ui.live_run import live
+from blender_addon.ui.operators.live import live
 from solver_backend.io.load import load_capture
 from solver_backend.priors.weights import ASSETS
 

@@ -12,7 +12,7 @@ import pytest
 from blender_addon.retarget.live_rig import LiveRig
 from blender_addon.retarget.recognition import map_rig
 from blender_addon.retarget.retarget import RetargetSettings
-from blender_addon.ui.live_run import live
+from blender_addon.ui.operators.live import live
 from solver_backend.io.native.motion_file import write_motion
 from tests.support.foreign_namings import NAMINGS
 from tests.support.foreign_rigs import foreign_rig

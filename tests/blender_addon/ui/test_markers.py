@@ -12,10 +12,10 @@ import pytest
 
 from blender_addon._exchange.motion_file import read_motion
 from blender_addon.scene.marker_cloud import labels_of
-from blender_addon.ui.marker_view import name_places
+from blender_addon.ui.operators.base import SolverOperator
 from blender_addon.ui.operators.import_capture import SUFFIXES
-from blender_addon.ui.operators.solver_operator import SolverOperator
-from blender_addon.ui.panels.markers import recognised
+from blender_addon.ui.panels.capture import recognised
+from blender_addon.ui.viewport import name_places
 from solver_backend.body.label_places import read_label_places
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers

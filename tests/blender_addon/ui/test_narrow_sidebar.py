@@ -9,7 +9,7 @@ import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic, sentence
 from blender_addon.conventions.kept_findings import findings_text
-from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.operators.base import current
 from blender_addon.ui.translation import german
 from tests.support import narrow_layout
 from tests.support.narrow_layout import draw_panel, text_width

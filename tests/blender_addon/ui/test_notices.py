@@ -9,9 +9,9 @@ from typing import Any, cast
 import bpy
 import pytest
 
+from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import take_capture
-from blender_addon.ui.operators.solver_operator import current
-from blender_addon.ui.panels import frame_rate, result, run
+from blender_addon.ui.panels import run, solve
 from tests.support.narrow_layout import NarrowContext
 from tests.support.panel_layout import Layout
 
@@ -55,19 +55,19 @@ def test_a_result_is_shown_for_its_own_capture_alone(mocap, solved_take, solved,
     )
     current.last = cast(Any, run)
     current.about = bpy.context.scene.name, mocap.capture.file
-    assert any("3 frames to look at" in text for text in drawn(result.VIEW3D_PT_mocap_result))
+    assert any("3 frames to look at" in text for text in drawn(solve.VIEW3D_PT_mocap_result))
     copy = tmp_path / "capture.npz"
     copy.write_bytes((solved.folder / "capture.npz").read_bytes())
     take_capture(bpy.context.scene, {**solved.read, "capture": str(copy), "name": "second"})
-    assert not result.VIEW3D_PT_mocap_result.poll(bpy.context)
+    assert not solve.VIEW3D_PT_mocap_result.poll(bpy.context)
 
 
 def test_another_frame_rate_is_said_on_top_in_headers_and_where_it_is_set(mocap, solved_take, scene) -> None:
     assert not any("Follow" in text or "follow_rate" in text for text in drawn(run.VIEW3D_PT_mocap_run))
     scene.render.fps = 24
     assert any("wrong speed" in text for text in drawn(run.VIEW3D_PT_mocap_run))
-    for name in frame_rate.HEADERS:
-        assert frame_rate.draw_rate_button in getattr(bpy.types, name).draw._draw_funcs, name
+    for name in run.HEADERS:
+        assert run.draw_rate_button in getattr(bpy.types, name).draw._draw_funcs, name
     scene.frame_end = 30
     assert bpy.ops.mocap.follow_rate() == {"FINISHED"}
     assert scene.frame_end == 13, "half a second at 24 fps"

@@ -8,8 +8,8 @@ import bpy
 import pytest
 
 from blender_addon.conventions.naming import counted
+from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import take_capture, take_motion
-from blender_addon.ui.operators.solver_operator import current
 from blender_addon.ui.panels import run, solve
 from blender_addon.ui.translation import CONTEXT
 from tests.support.narrow_layout import NarrowContext

@@ -113,8 +113,6 @@ def test_what_the_check_of_cameras_finds_has_its_button(mocap, solved, scene, mo
     assert bpy.ops.mocap.check_cameras() == {"FINISHED"}
     shown = drawn("cameras")
     assert "seems to have moved" in " ".join(shown) and shown.count("Refine Calibration") == 2
-    mocap.capture.doubts = "A sentence of a former version."
-    assert "former version" in " ".join(drawn("cameras"))
 
 
 def test_a_value_that_no_option_has_is_refused(mocap, solved, scene) -> None:
@@ -123,16 +121,6 @@ def test_a_value_that_no_option_has_is_refused(mocap, solved, scene) -> None:
     for option, value in (("unit", "parsec"), ("fps", "fast"), ("no_option", "on"), ("bl_rna", "on")):
         with pytest.raises(RuntimeError, match="Reading Options"):
             bpy.ops.mocap.read_again(option=option, value=value)
-
-
-def test_messages_of_a_former_version_are_sentences(mocap, solved, scene) -> None:
-    take_capture(scene, solved.read)
-    message = mocap.capture.messages.add()
-    message.text, message.is_problem = "The image is mirrored.", True
-    message = mocap.capture.messages.add()
-    message.text, message.is_problem, message.diagnostic = "The floor is off.", True, "{no JSON"
-    shown = " ".join(drawn("problems"))
-    assert "mirrored" in shown and "floor is off" in shown
 
 
 def test_words_of_buttons_are_german_too(mocap) -> None:

@@ -11,7 +11,7 @@ import pytest
 
 from blender_addon.animation.takes import PATHS, take_file, takes_of
 from blender_addon.conventions.file_paths import file_of, sessions_folder
-from blender_addon.ui import locations, project_files
+from blender_addon.ui import project_files
 from blender_addon.ui.operators.import_results import take_motion
 from tests.support.solved_capture import SolvedCapture
 
@@ -29,7 +29,7 @@ def home(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 def unsaved(mocap, solved_take: bpy.types.Action, home: Path, solved: SolvedCapture) -> bpy.types.Action:
     """Return a take of a scene that was never saved, with all its files in the session folder."""
     mocap.folder = ""
-    folder = locations.files_folder(bpy.context.scene) / "source_1a2b"
+    folder = project_files.files_folder(bpy.context.scene) / "source_1a2b"
     shutil.copytree(solved.folder, folder)
     (folder / "source.npz").unlink()
     mocap.capture.file = str(folder / "capture.npz")
@@ -63,27 +63,27 @@ def assert_works(take: bpy.types.Action, base: Path) -> None:
 def test_an_unsaved_scene_works_in_a_named_folder_outside_the_extension(mocap, home) -> None:
     mocap.folder = ""
     scene = bpy.context.scene
-    folder = locations.files_folder(scene)
+    folder = project_files.files_folder(scene)
     assert folder.parent == home / "Documents" / "Manifold MoCap" == sessions_folder()
-    assert folder.name.startswith("unsaved ") and locations.files_folder(scene) == folder
-    assert locations.waits_for_saving(scene) == str(folder)
+    assert folder.name.startswith("unsaved ") and project_files.files_folder(scene) == folder
+    assert project_files.waits_for_saving(scene) == str(folder)
     mocap.folder = "//takes"  # means nothing yet
-    assert locations.files_folder(scene) == folder
+    assert project_files.files_folder(scene) == folder
     assert not folder.is_relative_to(bpy.utils.user_resource("DATAFILES"))
 
 
 def test_a_saved_scene_works_beside_its_file(mocap, home, tmp_path) -> None:
     mocap.folder = ""
     save(tmp_path / "Szene ü.blend")
-    assert locations.files_folder(bpy.context.scene) == tmp_path / "mocap"
+    assert project_files.files_folder(bpy.context.scene) == tmp_path / "mocap"
 
 
 def test_saving_moves_everything_beside_the_file_and_later_takes_go_there(mocap, unsaved, home, tmp_path) -> None:
     session = Path(mocap.session)
     save(tmp_path / "shot" / "Szene ü.blend")
     assert_works(unsaved, tmp_path / "shot")
-    assert not session.exists() and locations.waits_for_saving(bpy.context.scene) == ""
-    assert locations.files_folder(bpy.context.scene) == tmp_path / "shot" / "mocap"
+    assert not session.exists() and project_files.waits_for_saving(bpy.context.scene) == ""
+    assert project_files.files_folder(bpy.context.scene) == tmp_path / "shot" / "mocap"
     mocap.solve.preset = "FAST"
     assert bpy.ops.mocap.solve() == {"FINISHED"}
     assert mocap.review.take["motion_file"].startswith("//mocap/source_1a2b/take_02")

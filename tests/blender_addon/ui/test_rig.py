@@ -9,8 +9,8 @@ from pathlib import Path
 import bpy
 import pytest
 
-from blender_addon.ui.live_run import live
-from blender_addon.ui.operators.solver_operator import current
+from blender_addon.ui.operators.base import current
+from blender_addon.ui.operators.live import live
 from solver_backend.camera_calibration.formats.write import write_calibration
 from solver_backend.sensors.devices.source import open_folder
 from tests.support.narrow_layout import draw_panel

@@ -12,9 +12,9 @@ import pytest
 
 from blender_addon._exchange.errors import CommandLineInvalid
 from blender_addon.animation.pose import read_pose
-from blender_addon.ui.live_run import live
-from blender_addon.ui.operators.send_take import playing
-from blender_addon.ui.sending_properties import allowed_address, sending_options
+from blender_addon.ui.acquisition_properties import allowed_address, sending_options
+from blender_addon.ui.operators.export import playing
+from blender_addon.ui.operators.live import live
 from solver_backend.exchange.so3 import matrix_from_quat, matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bones import BONE_OF

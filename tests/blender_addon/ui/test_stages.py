@@ -11,8 +11,9 @@ import pytest
 
 from blender_addon._exchange.diagnostics import diagnostic
 from blender_addon.body.looks import bodies_of, look_of
+from blender_addon.conventions.kept_findings import findings_text
+from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.import_results import present_capture, take_capture, take_motion
-from blender_addon.ui.operators.solver_operator import current
 from tests.support.narrow_layout import NarrowLayout, draw_panel
 from tests.support.shown_panels import shown_panels
 from tests.support.trial_files import write_trial
@@ -79,9 +80,10 @@ def test_the_take_keeps_its_error_and_its_warnings(mocap, solved, scene) -> None
 
 
 def test_problems_of_the_capture_are_one_line_with_a_way_there(mocap, solved_take) -> None:
-    for text in ("Camera cam_03 is turned.", "Camera cam_04 is late."):
+    for percent in (61.0, 62.0):
         message = mocap.capture.messages.add()
-        message.text, message.is_problem = text, True
+        found = diagnostic("views_disagree_with_result", percent=percent)
+        message.diagnostic, message.is_problem = findings_text([found]), True
     count = sum(message.is_problem for message in mocap.capture.messages)
     assert f"{count} problems" in on_top() and "Show" in on_top()
     mocap.stage = "CAPTURE"

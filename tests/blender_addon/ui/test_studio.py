@@ -14,13 +14,12 @@ import pytest
 from blender_addon._exchange.capture_file import CameraFile
 from blender_addon._exchange.errors import FileDamaged, FileMissing
 from blender_addon.scene.cameras import create_camera
-from blender_addon.studio.place_file import read_places, shared_limits
-from blender_addon.studio.place_map import MAP
-from blender_addon.studio.scene_array import array_of_scene
-from blender_addon.ui.operators.solver_operator import SolverOperator, current
-from blender_addon.ui.panels import studio as panels
-from blender_addon.ui.studio_description import benchmark_description, data_set_description
-from blender_addon.ui.studio_properties import FAULTS, PRESET_ARRAYS
+from blender_addon.studio.places import MAP, read_places, shared_limits
+from blender_addon.studio.scene_file import array_of_scene
+from blender_addon.ui.acquisition_properties import FAULTS, PRESET_ARRAYS
+from blender_addon.ui.operators.base import SolverOperator, current
+from blender_addon.ui.operators.studio import benchmark_description, data_set_description
+from blender_addon.ui.panels import acquire as panels
 from solver_backend.synthesis.studio.camera_arrays import CameraRing, build_camera_array, camera_array_presets
 from solver_backend.synthesis.studio.perturbation import PRESETS
 from solver_backend.synthesis.studio.spec import ENGINES, FORMATS, KINDS, spec_of
@@ -97,7 +96,7 @@ def test_cameras_that_cannot_film_are_named(mocap, ring) -> None:
 @pytest.mark.slow
 def test_a_button_says_what_the_users_cameras_would_reach(mocap, ring, monkeypatch) -> None:
     film_with(ring)
-    monkeypatch.setattr("blender_addon.ui.studio_description._BENCHMARK_FRAMES", 8)
+    monkeypatch.setattr("blender_addon.ui.operators.studio._BENCHMARK_FRAMES", 8)
     studio = mocap.studio
     studio.fewer, studio.methods = True, {"triangulation", "frame"}
     assert bpy.ops.mocap.benchmark() == {"FINISHED"}

@@ -12,9 +12,8 @@ import numpy as np
 import pytest
 
 from blender_addon.solving.road_file import read_road
-from blender_addon.ui.operators.solver_operator import SolverOperator, current
-from blender_addon.ui.panels.videos import VIEW3D_PT_mocap_videos
-from blender_addon.ui.previews import Previews
+from blender_addon.ui.operators.base import SolverOperator, current
+from blender_addon.ui.panels.videos import Previews, VIEW3D_PT_mocap_videos
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.videos.detect.choice import chosen_detector
 from solver_backend.videos.detect.errors import DetectorMissing

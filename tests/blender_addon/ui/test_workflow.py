@@ -23,7 +23,7 @@ from blender_addon.conventions.timing import set_scene_frame_rate
 from blender_addon.scene.add_take import add_take
 from blender_addon.solving.presets import PRESETS
 from blender_addon.ui.operators import solve
-from blender_addon.ui.operators.solver_operator import SolverOperator, current
+from blender_addon.ui.operators.base import SolverOperator, current
 from solver_backend.exchange.setting import settings_of_class
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.io.native.motion_file import read_motion as read_solver_motion

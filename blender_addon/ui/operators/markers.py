@@ -47,7 +47,7 @@ class MOCAP_OT_pick_point(_OfMarkers, bpy.types.Operator):
         return self._picked(context, event)
 
     def _picked(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
-        from ..marker_view import name_places
+        from ..viewport import name_places
 
         for area in context.screen.areas:
             region = next((r for r in area.regions if r.type == "WINDOW"), None)
@@ -118,6 +118,3 @@ class MOCAP_OT_untell_point(MocapOperator, bpy.types.Operator):
         if 0 <= self.index < len(labels):
             labels.remove(self.index)
         return {"FINISHED"}
-
-
-CLASSES = (MOCAP_OT_pick_point, MOCAP_OT_tell_point, MOCAP_OT_untell_point)

@@ -1,14 +1,25 @@
 """The operator that exports the take of the selected armature or of the shown body, and its menu entry."""
 
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
 import bpy
 from bpy_extras.io_utils import ExportHelper
 
 from ..._exchange.diagnostics import sentence
-from ..._exchange.errors import MocapError
+from ..._exchange.errors import MocapError, OutputNotWritable
+from ..._exchange.marker_formats import FORMAT_NAMES, MARKER_FORMATS
 from ...conventions.file_paths import absolute
 from ...export.destinations import ROOT_MOTIONS, UNITS, UP_AXES, FileLayout
 from ...export.formats import FORMATS
-from ..locations import RELATIVE
+from ..acquisition_properties import allowed_address
+from ..project_files import RELATIVE
+from .base import MocapOperator, SolverOperator
+
+if TYPE_CHECKING:
+    from ..._exchange.verb_results import MarkersResult
+    from ...scene.take_sender import TakeSender
 
 
 class MOCAP_OT_export_take(bpy.types.Operator, ExportHelper):
@@ -136,3 +147,154 @@ def exported_armature(context: bpy.types.Context) -> bpy.types.Object | None:
 def draw_export_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
     """Draw the entry in File > Export."""
     self.layout.operator(MOCAP_OT_export_take.bl_idname, text="Motion Capture Take")
+
+
+_FORMATS = tuple((ending, *texts) for ending, texts in MARKER_FORMATS.items())
+_ENDINGS = ", ".join(f".{ending}" for ending in MARKER_FORMATS)
+_CONTENTS = (
+    ("cleaned", "Cleaned", "As recorded, with gaps filled and exchanged labels corrected"),
+    ("solved", "Solved", "Where the solved body has them"),
+)
+
+
+class MOCAP_OT_export_markers(SolverOperator, bpy.types.Operator, ExportHelper):
+    """Writes the markers of the take that the body plays."""
+
+    bl_idname = "mocap.export_markers"
+    bl_label = "Export Markers"
+    bl_description = f"Write the markers of the take that the body plays as {FORMAT_NAMES}"
+    bl_options = {"PRESET"}  # noqa: RUF012 - Blender reads a plain set
+
+    filepath: bpy.props.StringProperty(subtype="FILE_PATH", options={"HIDDEN", "SKIP_SAVE"} | RELATIVE)
+    format: bpy.props.EnumProperty(name="Format", items=_FORMATS, default="c3d")
+    contents: bpy.props.EnumProperty(name="Markers", items=_CONTENTS, default="cleaned")
+    overwrite: bpy.props.BoolProperty(
+        name="Overwrite", description="Replace a file that is there", default=False, options={"HIDDEN", "SKIP_SAVE"}
+    )
+    filter_glob: bpy.props.StringProperty(
+        default=";".join(f"*.{ending}" for ending in MARKER_FORMATS), options={"HIDDEN"}
+    )
+
+    @property
+    def filename_ext(self) -> str:
+        """Return the suffix the file browser gives the name."""
+        return f".{self.format}"
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a take of markers."""
+        if context.scene.mocap.review.take is None or not context.scene.mocap.capture.marker_items:
+            cls.poll_message_set("Solve a recording of markers first")
+            return False
+        return super().poll(context)
+
+    def invoke(self, context: bpy.types.Context, event: bpy.types.Event) -> set[str]:
+        """Open the file browser, which asks before a file is replaced."""
+        self.overwrite = True
+        if not self.filepath:
+            self.filepath = f"{bpy.path.clean_name(context.scene.mocap.review.take.name)}{self.filename_ext}"
+        return ExportHelper.invoke(self, context, event)
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Start writing."""
+        from ...animation.takes import take_file
+        from ..project_files import usable
+
+        if self.filepath.startswith("//") and not bpy.data.filepath:
+            message = "A path that starts with // needs a saved file."
+            raise OutputNotWritable(message, where=self.filepath, hint="Save it, or name the whole path.")
+        path = absolute(self.filepath)
+        options = ["--out", str(path), "--contents", self.contents, *(["--overwrite"] if self.overwrite else [])]
+        motion = take_file(context.scene.mocap.review.take, "motion_file")
+        return self.launch(context, "export-markers", [str(motion), *options], usable(path.parent))
+
+    def received(self, context: bpy.types.Context, result: MarkersResult) -> set[str]:
+        """Report what was written."""
+        name = absolute(self.filepath).name
+        count = f"{result['frames']} frames of {result['markers']} {self.contents} markers"
+        self.report({"INFO"}, f"Wrote {count} to {name}")
+        return {"FINISHED"}
+
+
+def draw_markers_menu(self: bpy.types.Menu, context: bpy.types.Context) -> None:
+    """Draw the entry in File > Export."""
+    self.layout.operator(MOCAP_OT_export_markers.bl_idname, text=f"Motion Capture Markers ({_ENDINGS})")
+
+
+class CurrentSending:
+    """What sends the take of this Blender; there is at most one."""
+
+    def __init__(self) -> None:
+        self.sender: TakeSender | None = None
+        self.message = ""
+
+    @property
+    def busy(self) -> bool:
+        """Whether a take is sent while it plays."""
+        return self.sender is not None
+
+    def begin(self, sender: TakeSender, message: str) -> None:
+        """Send from now on."""
+        self.stop()
+        self.sender, self.message = sender, message
+
+    def on_frame(self, scene: bpy.types.Scene) -> None:
+        """Send the pose of a frame; end where the body is gone."""
+        if self.sender is None:
+            return
+        message = self.sender.send(scene)
+        if message is None:
+            self.stop()
+            self.message = "The body was removed: sending has stopped."
+        elif message:
+            self.message = message
+
+    def stop(self) -> None:
+        """Send no more."""
+        if self.sender is not None:
+            self.sender.close()
+        self.sender, self.message = None, ""
+
+
+playing = CurrentSending()
+
+
+@bpy.app.handlers.persistent
+def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
+    """Send the pose of the frame that the scene went to."""
+    playing.on_frame(scene)
+
+
+@bpy.app.handlers.persistent
+def before_load(*_: object) -> None:
+    """Send no more when another file is opened."""
+    playing.stop()
+
+
+class MOCAP_OT_send_take(MocapOperator, bpy.types.Operator):
+    """Begins or ends sending the take while it plays."""
+
+    bl_idname = "mocap.send_take"
+    bl_label = "Send While Playing"
+    bl_description = "Send the body's pose by the VMC protocol at each frame that is shown, with every hand edit"
+    bl_options = {"INTERNAL"}  # noqa: RUF012 - Blender reads a plain set
+
+    @classmethod
+    def poll(cls, context: bpy.types.Context) -> bool:
+        """Needs a body."""
+        if context.scene.mocap.review.armature is None and not playing.busy:
+            cls.poll_message_set("Solve or import a motion first")
+            return False
+        return True
+
+    def work(self, context: bpy.types.Context) -> set[str]:
+        """Begin, and send the pose of this frame; or end."""
+        from ...scene.take_sender import TakeSender
+
+        if playing.busy:
+            playing.stop()
+            return {"FINISHED"}
+        address = allowed_address(context.scene.mocap.live.send_to)
+        playing.begin(TakeSender(context.scene.mocap.review.armature, address), f"Sending to {address} while playing.")
+        playing.on_frame(context.scene)
+        return {"FINISHED"}

@@ -10,14 +10,11 @@ import bpy
 
 from ...conventions.file_paths import absolute, stored
 from ...conventions.naming import counted, next_path
-from ..live_run import live
-from ..locations import files_folder, usable
+from ..acquisition_properties import GAMMA_S, PARTS, sending_options
 from ..preferences import chosen_python
-from ..rig_properties import GAMMA_S, PARTS
-from ..sending_properties import sending_options
-from .base import MocapOperator
-from .live import may_begin, require_there
-from .solver_operator import SolverOperator
+from ..project_files import files_folder, usable
+from .base import MocapOperator, SolverOperator
+from .live import live, may_begin, require_there
 
 if TYPE_CHECKING:
     from ..._exchange.verb_results import OaksResult, SensorsResult
@@ -129,6 +126,3 @@ def _keep_recording(scene: str, part: str, recorded: str) -> None:
     found = bpy.data.scenes.get(scene)
     if found is not None and recorded:
         setattr(found.mocap.rig, PARTS[part][2], recorded)
-
-
-CLASSES = (MOCAP_OT_rig_find, MOCAP_OT_rig_start, MOCAP_OT_rig_calibrate)

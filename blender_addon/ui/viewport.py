@@ -1,0 +1,294 @@
+"""The scene's body painted by confidence, repainted on every frame."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import bpy
+from bpy.app.handlers import persistent
+
+if TYPE_CHECKING:
+    import numpy as np
+    from mathutils import Vector
+
+
+def colour_bones(scene: bpy.types.Scene) -> None:
+    """Paint the bones of the scene's bodies by their joints' confidence, or take the paint off."""
+    from ..review.colours import paint_bones
+
+    for capture in scene.mocap.captures:
+        for review in capture.reviews:
+            if review.armature is not None and review.armature.type == "ARMATURE":
+                paint_bones(review.armature, scene.frame_current, shown=review.colours)
+
+
+@persistent
+def on_frame_change(scene: bpy.types.Scene, *_: object) -> None:
+    """Repaint before the new frame is evaluated, so that it is evaluated once; nothing is done with colours off."""
+    colours = any(review.colours for capture in scene.mocap.captures for review in capture.reviews)
+    if colours and not bpy.app.is_job_running("RENDER"):
+        colour_bones(scene)
+
+
+SURE, DOUBTFUL, UNUSED = (0.25, 0.8, 0.35, 1.0), (1.0, 0.5, 0.2, 1.0), (0.5, 0.5, 0.5, 0.6)
+"""Colours, as markers have them."""
+_WIDTH_PX = 2.0
+_EDGES = (0, 1, 1, 2, 2, 3, 3, 0)
+"""Of the picture's corners."""
+
+
+class CameraDrawing:
+    """The viewports' draw handler, there while the add-on is switched on."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+
+    def start(self) -> None:
+        """Draw from now on."""
+        self._handle = bpy.types.SpaceView3D.draw_handler_add(draw_cameras, (), "WINDOW", "POST_VIEW")
+
+    def stop(self) -> None:
+        """Draw no longer."""
+        bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+
+
+camera_drawing = CameraDrawing()
+
+
+def draw_cameras() -> None:
+    """Draw the outlines of the scene's capture cameras into the viewport being drawn."""
+    import gpu  # pyright: ignore[reportMissingImports]
+    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
+
+    context = bpy.context
+    for camera, shade in shaded_cameras(context):
+        shader = gpu.shader.from_builtin("POLYLINE_UNIFORM_COLOR")
+        shader.uniform_float("viewportSize", (context.region.width, context.region.height))
+        shader.uniform_float("lineWidth", _WIDTH_PX * context.preferences.system.ui_scale)
+        shader.uniform_float("color", shade)
+        batch_for_shader(shader, "LINES", {"pos": outline(camera, context.scene)}).draw(shader)
+
+
+def shaded_cameras(context: bpy.types.Context) -> Iterator[tuple[bpy.types.Object, tuple[float, ...]]]:
+    """Yield the visible cameras of captures whose agreement is shown, but the one that is looked through."""
+    for capture in context.scene.mocap.captures:
+        for item in capture.cameras if capture.show_agreement else ():
+            camera = item.object
+            if camera is not None and camera.visible_get() and camera != context.scene.camera:
+                yield camera, shade_of(capture, item)
+
+
+def shade_of(capture: bpy.types.PropertyGroup, item: bpy.types.PropertyGroup) -> tuple[float, ...]:
+    """Return the colour of a camera: by whether it is used, and whether a problem or a check names it."""
+    if not item.use:
+        return UNUSED
+    named = [message.cameras for message in capture.messages if message.is_problem] + [capture.doubted]
+    return DOUBTFUL if any(item.name in names.split("\n") for names in named) else SURE
+
+
+def outline(camera: bpy.types.Object, scene: bpy.types.Scene) -> list[Vector]:
+    """Return the ends of the lines of a camera's picture and of its edges to it, in the world."""
+    corners = [camera.matrix_world @ corner for corner in camera.data.view_frame(scene=scene)]
+    place = camera.matrix_world.translation
+    return [corners[i] for i in _EDGES] + [end for corner in corners for end in (place, corner)]
+
+
+_OFF_SKIN_M, _OPACITY = 0.002, 0.9
+"""The colours stand off the skin by this, so that the skin does not shine through."""
+_BAND_PX = 5.0
+"""Height of a band on the timeline."""
+
+
+class ConfidenceDrawing:
+    """The editors' draw handlers, there while the add-on is switched on; what a body's skin is led by is kept."""
+
+    def __init__(self) -> None:
+        self._handles: list[tuple[Any, Any]] = []
+        self._weights: dict[tuple[str, int], np.ndarray] = {}
+
+    def start(self) -> None:
+        """Draw from now on."""
+        views = ((bpy.types.SpaceView3D, self._draw_skins, "POST_VIEW"),)
+        lines = ((bpy.types.SpaceDopeSheetEditor, self._draw_bands, "POST_PIXEL"),)
+        for space, draw, when in (*views, *lines):
+            self._handles.append((space, space.draw_handler_add(draw, (), "WINDOW", when)))
+
+    def stop(self) -> None:
+        """Draw no longer."""
+        for space, handle in self._handles:
+            space.draw_handler_remove(handle, "WINDOW")
+        self._handles, self._weights = [], {}
+
+    def _draw_skins(self) -> None:
+        """Draw the bodies whose confidence is shown into the viewport being drawn."""
+        from ..body.shape import body_mesh
+
+        context = bpy.context
+        for review in shown_reviews(context.scene):
+            skin = body_mesh(review.armature)
+            if skin is not None and skin.visible_get(view_layer=context.view_layer):
+                self._draw_skin(context, review.armature, skin)
+
+    def _draw_skin(self, context: bpy.types.Context, armature: bpy.types.Object, skin: bpy.types.Object) -> None:
+        from ..animation.lanes import current_confidence, resting_bones
+        from ..conventions.skeleton import layout_of
+        from ..review.colours import joint_weights, skin_colours
+
+        posed = skin.evaluated_get(context.evaluated_depsgraph_get())
+        count, joints = len(skin.data.vertices), layout_of(armature.data.bones).joints
+        if len(posed.data.vertices) != count:
+            return  # a modifier of the user's: the skin is no longer the one whose weights are known
+        key = (skin.data.name_full, count)
+        if key not in self._weights:
+            self._weights[key] = joint_weights(skin, joints)
+        resting = resting_bones(armature, context.scene.frame_current)
+        shades = skin_colours(self._weights[key], joints, current_confidence(armature), resting)
+        draw_coloured(posed, shades)
+
+    def _draw_bands(self) -> None:
+        """Draw a band under the doubtful frames of the takes whose confidence is shown."""
+        from ..review.colours import doubtful_bands
+
+        context = bpy.context
+        view, height = context.region.view2d, _BAND_PX * context.preferences.system.ui_scale
+        for review in shown_reviews(context.scene):
+            if review.take is None:
+                continue
+            for first, last, shade in doubtful_bands(review.take, review.below):
+                left, right = (view.view_to_region(frame, 0.0, clip=False)[0] for frame in (first - 0.5, last + 0.5))
+                draw_band(left, max(float(right), left + 2.0), height, shade)
+
+
+confidence_drawing = ConfidenceDrawing()
+
+
+def shown_reviews(scene: bpy.types.Scene) -> Iterator[bpy.types.PropertyGroup]:
+    """Yield the reviews whose confidence is shown."""
+    for capture in scene.mocap.captures:
+        for review in capture.reviews:
+            if review.colours and review.armature is not None and review.armature.type == "ARMATURE":
+                yield review
+
+
+def draw_coloured(posed: bpy.types.Object, shades: np.ndarray) -> None:
+    """Draw an evaluated mesh in colours of its vertices, a little off its surface.
+
+    Args:
+        posed: the evaluated object.
+        shades: (V, 3) colours.
+    """
+    import gpu  # pyright: ignore[reportMissingImports]
+    import numpy as np
+    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
+
+    mesh, count = posed.data, len(shades)
+    places, normals = np.empty(3 * count, np.float32), np.empty(3 * count, np.float32)
+    mesh.vertices.foreach_get("co", places)
+    mesh.vertex_normals.foreach_get("vector", normals)
+    mesh.calc_loop_triangles()
+    triangles = np.empty(3 * len(mesh.loop_triangles), np.int32)
+    mesh.loop_triangles.foreach_get("vertices", triangles)
+    colour = np.column_stack([shades, np.full(count, _OPACITY)]).astype(np.float32)
+    shader = gpu.shader.from_builtin("SMOOTH_COLOR")
+    content = {"pos": (places + _OFF_SKIN_M * normals).reshape(-1, 3), "color": colour}
+    batch = batch_for_shader(shader, "TRIS", content, indices=triangles.reshape(-1, 3))
+    gpu.state.blend_set("ALPHA")
+    gpu.state.depth_test_set("LESS_EQUAL")
+    gpu.state.face_culling_set("BACK")
+    with gpu.matrix.push_pop():
+        gpu.matrix.multiply_matrix(posed.matrix_world)
+        batch.draw(shader)
+    gpu.state.face_culling_set("NONE")
+    gpu.state.depth_test_set("NONE")
+    gpu.state.blend_set("NONE")
+
+
+def draw_band(left: float, right: float, height: float, shade: tuple[float, float, float]) -> None:
+    """Draw a filled rectangle on the lower edge of the region being drawn."""
+    import gpu  # pyright: ignore[reportMissingImports]
+    from gpu_extras.batch import batch_for_shader  # pyright: ignore[reportMissingImports]
+
+    shader = gpu.shader.from_builtin("UNIFORM_COLOR")
+    corners = [(left, 0.0), (right, 0.0), (right, height), (left, height)]
+    batch = batch_for_shader(shader, "TRIS", {"pos": corners}, indices=[(0, 1, 2), (0, 2, 3)])
+    shader.uniform_float("color", (*shade, 1.0))
+    batch.draw(shader)
+
+
+_OFFSET_PX = 7
+"""From a point to its name, pixels; chosen by hand."""
+_SIZE_PX = 11
+"""Height of a name, pixels: that of Blender's own texts."""
+_PLAIN, _UNKNOWN = (0.9, 0.9, 0.95, 1.0), (1.0, 0.5, 0.2, 1.0)
+
+
+class NameDrawing:
+    """The viewports' draw handler, there while the add-on is switched on."""
+
+    def __init__(self) -> None:
+        self._handle: Any = None
+
+    def start(self) -> None:
+        """Draw from now on."""
+        self._handle = bpy.types.SpaceView3D.draw_handler_add(draw_names, (), "WINDOW", "POST_PIXEL")
+
+    def stop(self) -> None:
+        """Draw no longer."""
+        bpy.types.SpaceView3D.draw_handler_remove(self._handle, "WINDOW")
+
+
+name_drawing = NameDrawing()
+
+
+def draw_names() -> None:
+    """Draw the names of the scene's markers into the viewport being drawn; one that no layout knows stands out."""
+    for capture in bpy.context.scene.mocap.captures:
+        if capture.show_names and capture.cloud is not None and capture.cloud.visible_get():
+            _draw_names(bpy.context, capture)
+
+
+def _draw_names(context: bpy.types.Context, capture: bpy.types.PropertyGroup) -> None:
+    import blf
+
+    scale = context.preferences.system.ui_scale
+    known = {item.name for item in capture.marker_items if item.meaning == "known"}
+    blf.size(0, _SIZE_PX * scale)
+    for label, (x, y) in name_places(context, capture.cloud).items():
+        blf.color(0, *(_PLAIN if label in known else _UNKNOWN))
+        blf.position(0, x + _OFFSET_PX * scale, y, 0)
+        blf.draw(0, label.rpartition(":")[2])
+
+
+def name_places(context: bpy.types.Context, cloud: bpy.types.Object) -> dict[str, tuple[float, float]]:
+    """Return where in a viewport's region the markers of the current frame are, by label."""
+    from bpy_extras.view3d_utils import location_3d_to_region_2d
+    from mathutils import Vector
+
+    from ..scene.marker_cloud import marker_positions
+
+    found = {}
+    for label, point in marker_positions(cloud, context.scene.frame_current_final).items():
+        place = location_3d_to_region_2d(context.region, context.region_data, cloud.matrix_world @ Vector(point))
+        if place is not None:
+            found[label] = (place.x, place.y)
+    return found
+
+
+def colour_markers(scene: bpy.types.Scene) -> None:
+    """Colour the scene's markers by how far the take that the body plays is from them, or as recorded."""
+    capture, take = scene.mocap.capture, scene.mocap.review.take
+    if capture.cloud is None:
+        return
+    from .._exchange.errors import MocapError
+    from .._exchange.motion_file import read_motion
+    from ..animation.takes import take_file
+    from ..scene.marker_cloud import grade_markers
+
+    motion = None
+    if capture.show_residuals and take is not None:
+        try:
+            motion = read_motion(take_file(take, "motion_file"))
+        except MocapError:
+            motion = None  # the take's file is gone: markers as recorded
+    grade_markers(capture.cloud, motion)
