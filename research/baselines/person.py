@@ -21,7 +21,7 @@ from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
+from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture
 

@@ -17,7 +17,7 @@ from solver_backend.types import Motion
 
 def denoise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Make a motion smooth and its poses plausible."""
-    from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings
+    from solver_backend.fitters.pose_ndf.complete import DenoiseSettings
     from solver_backend.fitters.pose_ndf.edit_motion import denoised_motion
 
     settings = DenoiseSettings(move_root=not args.keep_root)

@@ -12,11 +12,10 @@ from solver_backend.exchange.errors import FileMissing, MarkersUnknown, NoDetect
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.fitters.label_first import has_own_names, without_doubt_of_labels
 from solver_backend.fitters.recipes.live import fit_average_person
-from solver_backend.labelling.label_like import LikeTake, label_like
+from solver_backend.labelling.label_like import LikeTake, label_like, reference_of
 from solver_backend.labelling.label_take import label_take
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
-from solver_backend.labelling.reference_take import reference_of
 from solver_backend.types import Capture, MarkerCloud
 
 UNSURE_SHARE = 0.05

@@ -16,7 +16,8 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.fitters.marker_calibration.attach_unknown import LEAST_FRAMES, REACH_M, bone_offsets
+from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
+from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.own_views import OwnViews
 from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport

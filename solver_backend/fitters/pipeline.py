@@ -20,8 +20,8 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.hands.wide_motion import with_hands, without_fingers
 from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.marker_calibration.label_faults import named_alike
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
-from solver_backend.fitters.marker_calibration.named_alike import named_alike
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.hand_clouds import split_hands
@@ -47,7 +47,7 @@ from solver_backend.fitters.props.solve_props import solve_props
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import MethodResult, Solution
 from solver_backend.fitters.solve_again import solve_again
-from solver_backend.fitters.subject_calibration.learn_subject import learn_subject
+from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body

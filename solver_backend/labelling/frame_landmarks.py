@@ -10,8 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import CaptureInvalid, NoDetections
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.labelling.outputs import LANDMARKS
-from solver_backend.labelling.point_network import PointNetwork
-from solver_backend.labelling.reading import CloudReading
+from solver_backend.labelling.point_network import CloudReading, PointNetwork
 
 FEWEST_POINTS = 6
 """Fewer do not make a person."""

@@ -4,20 +4,318 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Protocol
 
 import numpy as np
 
+from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import is_unnamed
+from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.labelling.body_check import BodyFit, body_evidence
+from solver_backend.labelling.exclusive_labels import labels_of_stretches
 from solver_backend.labelling.frame_landmarks import FEWEST_POINTS, read_frames, require_at_most, require_points
-from solver_backend.labelling.head_turn import with_head_forward
 from solver_backend.labelling.marker_distances import distance_evidence, distances_of, load_distances
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork
 from solver_backend.labelling.tracklets import Tracklets, tracklets_of
-from solver_backend.labelling.voting import AGREED, FIRST_AGREED, TRUSTED, UNKNOWN, Votes, seen_together, voted
 from solver_backend.types import MarkerCloud
+
+UNKNOWN = -1
+"""Label of a point that nobody dares to name."""
+MEMORY_S = 0.15
+"""Readings nearer in time than this have the same error, and count as one."""
+NETWORK_MOST = 4.0
+"""Most readings that the network's word counts as: what it takes a marker for, it takes it for throughout a take."""
+DISTANCE_SHARE = 1.5
+"""Weight of the distances."""
+BODY_SHARE, BODY_MOST = 0.3, 2.5
+"""Weight of the body's word against one reading, and the most readings it counts as."""
+PASSING, PASSING_S = 5.0, 0.4
+"""Log likelihood by which what is seen for a moment is none of the markers, and how soon that fades."""
+SELDOM = np.array([i for i, name in enumerate(MARKERS) if name not in marker_layout("CMU_41")])
+SELDOM_COST = 1.5
+"""Markers that common layouts lack, and by how much they are less likely beforehand."""
+SURE = 0.8
+"""Probability that a label needs to stand."""
+TRUSTED = 0.6
+"""Probability of labels whose chains help to name the others."""
+FIRST_AGREED, AGREED = 0.5, 0.4
+"""Mean probability by the network that these need besides: at first, and always where a body is laid over them."""
+
+
+_ROWS = 512
+"""Stretches that are compared with all others at once."""
+
+
+@dataclass(frozen=True)
+class Votes:
+    """The network's votes on C chains in K frames."""
+
+    frames: np.ndarray
+    """(K,) frames read."""
+    evidence: np.ndarray
+    """(C, 54) sums of log probabilities."""
+    mean: np.ndarray
+    """(C, 54) mean probabilities."""
+    count: np.ndarray
+    """(C,) readings."""
+
+
+def voted(
+    votes: Votes, together: np.ndarray, fps: float, bound: dict[int, int], by_distance: np.ndarray | None = None,
+    by_body: np.ndarray | None = None,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Return label and confidence of every chain: ``UNKNOWN`` where no label is probable enough.
+
+    Log likelihoods add up: the network's mean word times the readings it counts as, the distances to others, a body's
+    word, and what is known beforehand.
+
+    Args:
+        votes: the network's.
+        together: (C, C) chains that are seen at one time.
+        fps: of the take.
+        bound: labels assigned by the user, by chain.
+        by_distance: (C, 54), see ``distance_evidence``.
+        by_body: (C, 54), see ``body_evidence``.
+    """
+    between = np.median(np.diff(votes.frames)) / fps if len(votes.frames) > 1 else 1.0
+    seconds = votes.count * between
+    readings = np.minimum(np.minimum(votes.count, seconds / MEMORY_S), NETWORK_MOST)
+    evidence = (readings / np.maximum(votes.count, 1.0))[:, None] * votes.evidence
+    if by_distance is not None:
+        evidence = evidence + DISTANCE_SHARE * by_distance
+    if by_body is not None:
+        evidence = evidence + np.minimum(BODY_SHARE * seconds / MEMORY_S, BODY_MOST)[:, None] * by_body
+    evidence[:, SELDOM] -= SELDOM_COST
+    evidence[:, GHOST] += PASSING * np.exp(-seconds / PASSING_S)
+    # Where two want one marker, it is the one that is seen longer: most points are right then.
+    labels = labels_of_stretches((seconds + PASSING_S)[:, None] * evidence, together, bound)
+    free = _free_of_others(labels, together)
+    open_ = np.where(free, evidence, -np.inf)
+    shifted = np.exp(open_ - open_.max(1, keepdims=True))
+    rows = np.arange(len(labels))
+    sure = shifted[rows, labels] / shifted.sum(1)
+    keep = (sure >= SURE) & (votes.count > 0)
+    keep[list(bound)], sure[list(bound)] = True, 1.0
+    return np.where(keep, labels, UNKNOWN), sure
+
+
+def _free_of_others(labels: np.ndarray, together: np.ndarray) -> np.ndarray:
+    """Return (C, 54) whether each label could be a chain's: no chain that is seen with it has that label."""
+    held = np.zeros((len(labels), GHOST + 1), dtype=np.int64)
+    held[np.arange(len(labels)), labels] = 1
+    free = (together.astype(np.int64) @ held) == 0
+    free[:, GHOST] = True
+    free[np.arange(len(labels)), labels] = True
+    return free
+
+
+def seen_together(tracklets: Tracklets) -> np.ndarray:
+    """Return (C, C) whether two chains have stretches that are seen at one time."""
+    first, last, chain = tracklets.first, tracklets.last, tracklets.chain
+    together = np.zeros((tracklets.num_chains,) * 2, dtype=bool)
+    for start in range(0, len(first), _ROWS):
+        rows = slice(start, start + _ROWS)
+        a, b = np.nonzero((first[rows, None] <= last) & (first <= last[rows, None]))
+        together[chain[rows][a], chain[b]] = True
+    np.fill_diagonal(together, False)
+    return together
+
+
+AROUND = tuple(MARKERS.index(name) for name in ("LFHD", "RFHD", "RBHD", "LBHD"))
+"""The head's markers, one beside the other."""
+_PAIRS = tuple((MARKERS.index("L" + name), MARKERS.index("R" + name)) for name in ("SHO", "FWT", "BWT"))
+SIDEWAYS = np.radians(70.0)
+"""Mean turn of a head against shoulders and waist from which on the names are wrong. In 158 takes of UI-PRMD it is 43
+degrees at most, in 28 other files 56; names a quarter turn off add 90."""
+LEAST_FRAMES = 10
+"""Frames that have to show the four."""
+
+
+def with_head_forward(
+    positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, bound: dict[int, int]
+) -> np.ndarray:
+    """Return the label of each chain, the head's four turned about it by quarters where it faces sideways.
+
+    A head that is wider than long looks as well turned by a quarter by its distances.
+
+    Args:
+        positions: (F, N, 3) metres, NaN where missing.
+        tracklets: of the points.
+        labels: (C,) label of each chain, negative where it has none.
+        bound: labels assigned by the user, by chain; a head with one of these is left.
+    """
+    if any(label in AROUND for label in bound.values()):
+        return labels
+    tracks = {m: _track(positions, tracklets, labels, m) for m in (*AROUND, *(m for pair in _PAIRS for m in pair))}
+    left = [tracks[a] - tracks[b] for a, b in _PAIRS if (np.isfinite(tracks[a] - tracks[b])).any()]
+    head = np.stack([tracks[m] for m in AROUND], axis=1)
+    if not left:
+        return labels
+    turns = [_turn(np.roll(head, quarter, axis=1), left) for quarter in range(4)]
+    best = int(np.argmin(np.abs(turns)))
+    if not abs(turns[0]) > SIDEWAYS:
+        return labels
+    found = labels.copy()
+    for place, marker in enumerate(AROUND):
+        found[labels == marker] = AROUND[(place + best) % 4]
+    return found
+
+
+def _track(positions: np.ndarray, tracklets: Tracklets, labels: np.ndarray, marker: int) -> np.ndarray:
+    """Return (F, 3) the points of a marker."""
+    number = tracklets.number
+    mine = (number >= 0) & (labels[tracklets.chain[number]] == marker)
+    track = np.full((len(positions), 3), np.nan)
+    frames, columns = np.nonzero(mine)
+    track[frames] = positions[frames, columns]
+    return track
+
+
+def _turn(head: np.ndarray, left: list[np.ndarray]) -> float:
+    """Return the mean angle from the head's left to the body's in the head's plane, rad; 0 where nothing shows it.
+
+    Args:
+        head: (F, 4, 3) its markers in the order of ``AROUND``.
+        left: vectors (F, 3) from the body's right to its left.
+    """
+    lf, rf, rb, lb = np.moveaxis(head, 1, 0)
+    own_left, front = _unit(lf + lb - rf - rb), _unit(lf + rf - lb - rb)
+    body = _unit(np.nansum([_unit(side) for side in left], axis=0))
+    along, across = (own_left * body).sum(-1), (front * body).sum(-1)
+    there = np.isfinite(along) & np.isfinite(across)
+    if there.sum() < LEAST_FRAMES:
+        return 0.0
+    return float(np.arctan2(across[there].mean(), along[there].mean()))
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
+
+
+CHECK_FPS = 8.0
+"""Frames a second that a body is laid over."""
+SIGMA_M = 0.03
+"""How far a marker is from where an uncalibrated body has it, per axis."""
+GHOST_M = 0.12
+"""A point this far from every place is as likely none of the markers."""
+GUESS_WIDER, STEPS = 3.0, 5
+"""Where the network has markers that are not sure counts for little; steps that a frame takes."""
+BAD_FIT_M = 0.06
+"""A body this far from the markers that it is laid over is not used: of all, in the median, or of a limb's."""
+FREEDOM = 3.0
+"""Degrees of freedom of Student's distribution of these distances: where a limb is posed wrongly, all are off."""
+_FARTHEST_M = 0.2
+_FEWEST = 12
+"""Sure markers that a frame needs."""
+
+
+class FittedBody(Protocol):
+    """A body laid over a frame's markers."""
+
+    @property
+    def landmarks(self) -> np.ndarray:
+        """(53, 3) metres: where it has the markers."""
+        ...
+
+    @property
+    def off_m(self) -> float:
+        """Median distance of the markers that were seen; NaN where none was."""
+        ...
+
+
+class BodyFit(Protocol):
+    """Whatever lays a body over one frame after the other: ``fitters/recipes/live.py``, which may import this."""
+
+    def restart(self) -> None:
+        """Forget the pose."""
+        ...
+
+    def step(
+        self, points: np.ndarray, guess: np.ndarray, guess_sigma: np.ndarray, dt: float, steps: int | None = None
+    ) -> FittedBody:
+        """Fit a frame's (53, 3) points, NaN where unseen; guesses with (53,) deviations stand in for those."""
+        ...
+
+
+def body_evidence(
+    positions: np.ndarray, frames: np.ndarray, guesses: np.ndarray, sigmas: np.ndarray, tracklets: Tracklets,
+    labels: np.ndarray, trusted: np.ndarray, fps: float, fit: BodyFit,
+) -> np.ndarray:  # fmt: skip
+    """Return (C, 54) mean log likelihoods of each chain's labels by the body; 0 where it is not used.
+
+    Args:
+        positions: (F, N, 3) metres, NaN where missing.
+        frames: (K,) frames that the network read.
+        guesses: (K, 53, 3) where it has the markers, and
+        sigmas: (K, 53) how surely, metres.
+        tracklets: T stretches in C chains.
+        labels: (C,) label of each chain.
+        trusted: (C,) bool: those that the body is laid over.
+        fps: of the take.
+        fit: of a body, from its start.
+    """
+    step = max(1, round(fps / CHECK_FPS / max(1.0, float(np.median(np.diff(frames))) if len(frames) > 1 else 1.0)))
+    body, chains = load_body(), tracklets.num_chains
+    moved = _moved_with(marker_landmarks(body, MARKERS).weights, body.parents)
+    total, count, before = np.zeros((chains, GHOST)), np.zeros(chains), -1
+    for row in range(0, len(frames), step):
+        frame = int(frames[row])
+        columns = np.flatnonzero(tracklets.number[frame] >= 0)
+        chain = tracklets.chain[tracklets.number[frame, columns]]
+        sure = trusted[chain] & (labels[chain] < GHOST)
+        if sure.sum() < _FEWEST:
+            continue
+        markers = np.full((len(MARKERS), 3), np.nan)
+        markers[labels[chain[sure]]] = positions[frame, columns[sure]]
+        dt = 0.2 if before < 0 else min((frame - before) / fps, 0.5)
+        if before < 0 or (frame - before) / fps > 1.0:
+            fit.restart()
+        found = fit.step(markers, guesses[row], GUESS_WIDER * sigmas[row], dt, STEPS)
+        before = frame
+        if not found.off_m < BAD_FIT_M:
+            before = -1
+            continue
+        apart = np.linalg.norm(positions[frame, columns][:, None] - found.landmarks, axis=-1)
+        apart = np.where(_limbs_fit(markers, found.landmarks, moved), apart, GHOST_M)
+        np.add.at(total, chain, np.minimum(apart, _FARTHEST_M))
+        np.add.at(count, chain, 1.0)
+    distance = np.where(count[:, None] > 0, total / np.maximum(count, 1.0)[:, None], np.nan)
+    far = np.concatenate([distance, np.full((chains, 1), GHOST_M)], axis=1)
+    log = -0.5 * (FREEDOM + 1.0) * np.log1p((np.nan_to_num(far) / SIGMA_M) ** 2 / FREEDOM)
+    return np.where(count[:, None] > 0, log, 0.0)
+
+
+def _moved_with(weights: np.ndarray, parents: tuple[int, ...]) -> np.ndarray:
+    """Return (53, 53) bool: the second marker hangs on the first one's joint, or farther out on the limb.
+
+    Args:
+        weights: (53, J) shares of the joints in the markers.
+        parents: (J,) of the joints.
+    """
+    within = np.eye(len(parents), dtype=bool)
+    for joint, parent in enumerate(parents):
+        if parent >= 0:
+            within[:, joint] |= within[:, parent]
+    hangs_on = weights.argmax(axis=1)
+    return within[hangs_on][:, hangs_on]
+
+
+def _limbs_fit(markers: np.ndarray, places: np.ndarray, moved: np.ndarray) -> np.ndarray:
+    """Return (53,) bool: what the body is laid over from a marker's joint on outwards is near it, or is not there.
+
+    A wrist with a bar is no wrist of this body: laid over both ends, it takes a hand for one of them.
+
+    Args:
+        markers: (53, 3) metres, NaN where the body is not laid over one.
+        places: (53, 3) where the body has them.
+        moved: see ``_moved_with``.
+    """
+    squared = ((markers - places) ** 2).sum(axis=-1)
+    laid = moved & np.isfinite(squared)
+    mean = (laid * np.nan_to_num(squared)).sum(axis=1) / np.maximum(laid.sum(axis=1), 1)
+    return mean < BAD_FIT_M**2
+
 
 READ_FPS = 30.0
 """Frames a second that the network reads: votes nearer to each other repeat each other."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -9,11 +10,54 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import WeightsInvalid
-from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
-from solver_backend.labelling.reading import CloudReading
 from solver_backend.priors.networks.attention import Arrays, attention, dense, layer, layer_norm, softmax, split_heads
 from solver_backend.priors.weights import ASSETS, read_weights
+from solver_backend.types.shapes import Float
+
+FREQUENCIES: tuple[float, ...] = tuple(math.pi * 2.0**k for k in range(5))
+"""Angular frequencies of the coordinates' sines and cosines, 1/m: wavelengths from 2 m to 0.125 m."""
+NEARNESS: tuple[float, ...] = tuple(0.2 + 0.13 * k for k in range(8))
+"""Roots of the distances whose bumps make the bias of an attention: 4 cm to 1.2 m, denser where markers are near."""
+NEARNESS_WIDTH = 0.13
+"""Width of a bump, in roots of metres."""
+
+
+FREEDOM = 4.0
+"""Degrees of freedom of Student's distribution that positions' errors were trained to have."""
+_DM = 0.1
+"""Metres in a decimetre, the unit that the network's positions and spreads have."""
+
+
+@dataclass(frozen=True)
+class CloudReading:
+    """B clouds of N points; 53 markers and a ghost, 77 landmarks."""
+
+    scores: Float[np.ndarray, "clouds points labels"]
+    """(B, N, 54) of each label, ghost last."""
+    missing: Float[np.ndarray, " markers"]
+    """(53,) score of a marker that is none of the points."""
+    positions: Float[np.ndarray, "clouds landmarks 3"]
+    """(B, 77, 3) metres."""
+    spread: Float[np.ndarray, "clouds landmarks 6"]
+    """(B, 77, 6): log diagonal and lower part of the Cholesky factor of each position's scatter, inverted, in 1/dm."""
+
+    @property
+    def log_probability(self) -> np.ndarray:
+        """(B, N, 54) log probability of each label of a point."""
+        shifted = self.scores - self.scores.max(-1, keepdims=True)
+        return shifted - np.log(np.exp(shifted).sum(-1, keepdims=True))
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """(B, 77, 3, 3) m²: ``ν / (ν - 2) (L Lᵀ)⁻¹``, of Student's distribution with ν = 4."""
+        log_diagonal, lower = np.clip(self.spread[..., :3], -4.0, 5.0).astype(float), self.spread[..., 3:].astype(float)
+        L = np.zeros((*self.spread.shape[:-1], 3, 3))
+        L[..., range(3), range(3)] = np.exp(log_diagonal)
+        L[..., 1, 0], L[..., 2, 0], L[..., 2, 1] = lower[..., 0], lower[..., 1], lower[..., 2]
+        inverse = np.linalg.inv(L)
+        return FREEDOM / (FREEDOM - 2.0) * _DM**2 * (np.swapaxes(inverse, -1, -2) @ inverse)
+
 
 NAME = "landmarks"
 _HIDDEN = np.float32(-30000.0)

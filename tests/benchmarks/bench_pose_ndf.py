@@ -26,12 +26,18 @@ from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.pose_ndf.complete import complete, missing_joints
-from solver_backend.fitters.pose_ndf.denoise import WEIGHTS, DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.complete import (
+    ALONG,
+    WEIGHTS,
+    DenoiseSettings,
+    complete,
+    denoise,
+    interpolate_poses,
+    missing_joints,
+)
 from solver_backend.fitters.pose_ndf.edit_motion import LAYOUT
 from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
-from solver_backend.fitters.pose_ndf.interpolate import ALONG, interpolate_poses
-from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights
+from solver_backend.fitters.pose_ndf.sequence_solver import ManifoldWeights
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.metrics.self_intersection import self_intersection_percent
 from solver_backend.priors.gaussian_vae import VaeName, load_vae

@@ -20,7 +20,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.errors import FileMissing
-from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
+from solver_backend.fitters.pose_ndf.complete import interpolate_poses
 from solver_backend.geometry.interpolation import sider2
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors

@@ -9,7 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.recipes.live import fit_average_person
-from solver_backend.labelling.body_check import GHOST_M, body_evidence
+from solver_backend.labelling.label_take import GHOST_M, body_evidence
 from solver_backend.labelling.outputs import GHOST, MARKERS
 from solver_backend.labelling.tracklets import tracklets_of
 

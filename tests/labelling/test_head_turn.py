@@ -11,8 +11,7 @@ import pytest
 from solver_backend.fitters.recipes.live import fit_average_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.markers.read import read_markers
-from solver_backend.labelling.head_turn import AROUND, with_head_forward
-from solver_backend.labelling.label_take import label_take
+from solver_backend.labelling.label_take import AROUND, label_take, with_head_forward
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.labelling.point_network import load_network
 from solver_backend.labelling.tracklets import tracklets_of

@@ -13,8 +13,7 @@ from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters.label_like import labelled_like, worn
 from solver_backend.io.markers.c3d_writer import write_c3d
 from solver_backend.io.markers.read import read_markers
-from solver_backend.labelling.label_like import label_like
-from solver_backend.labelling.reference_take import reference_of, triple_products
+from solver_backend.labelling.label_like import label_like, reference_of, triple_products
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.takes_in_pieces import pieces, shares
 from tests.support.words import codes, words

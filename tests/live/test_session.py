@@ -17,7 +17,7 @@ from solver_backend.fitters.model.subject import frame_equations
 from solver_backend.fitters.recipes.live import LiveFit
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import GHOST, MARKERS
-from solver_backend.labelling.reading import CloudReading
+from solver_backend.labelling.point_network import CloudReading
 from solver_backend.live.frames import PointFrame, from_lines, replayed
 from solver_backend.live.point_tracks import PointTracks
 from solver_backend.live.session import LiveSession

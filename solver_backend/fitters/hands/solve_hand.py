@@ -18,7 +18,7 @@ from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.problem import REFERENCE_FPS, SAMPLE_FRAMES
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import Convergence
-from solver_backend.fitters.subject_calibration.keypoint_variance import reweighted_by_points
+from solver_backend.fitters.subject_calibration.variances import reweighted_by_points
 from solver_backend.types.shapes import Bool, Float
 
 WINDOW = 12

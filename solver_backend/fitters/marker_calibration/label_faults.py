@@ -2,15 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from solver_backend.body.joint_names import is_joint_centre
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.marker_names import is_unnamed, name_markers
+from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.exchange.errors import MarkersMirrored
+from solver_backend.fitters.marker_calibration.calibrate import varied_frames
+from solver_backend.fitters.marker_calibration.person_doubts import over_takes
+from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.single_frame.fit import posed
+from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.geometry.arrays import Array, to_numpy
+from solver_backend.geometry.marker_jumps import neighbours_of
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
+from solver_backend.labelling.names_over_takes import NameChange, NamesOverTakes, names_over_takes, with_exchanged
 from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED
+from solver_backend.types import MARKER_GHOST, MARKER_SWAPPED, MarkerCloud
 
 WINDOW_S = 0.1
 """Hypotheses are compared over so long: one frame is noise."""
@@ -173,3 +189,333 @@ def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
         )
         items = [several if item is alike[0] else item for item in items if item is alike[0] or item.code != code]
     return items
+
+
+WAIST = ("FWT", "BWT", "MWT", "GTR")
+SHOULDERS = ("SHO", "FSH", "BSH")
+LEGS = ("KNE", "KNM", "SHN", "TTB", "ANK", "ANM", "HEE", "TOE", "MT1", "MT5")
+ARMS = ("UPA", "ELB", "ELM")
+NEAR_BASE = {"legs": ("THI", "KNE", "KNM"), "arms": ("UPA", "ELB", "ELM")}
+"""Places of a limb that stay on its side of the body when limbs are crossed."""
+TOES, HEELS = ("TOE", "MT1", "MT5"), ("HEE", "ANK", "ANM")
+"""Places without their side."""
+OF_CENTRES = {
+    "hip": "FWT", "knee": "KNE", "ankle": "ANK", "heel": "HEE", "foot": "TOE", "big_toe": "TOE", "shoulder": "SHO",
+    "elbow": "ELB",
+}  # fmt: skip
+"""The places of a skin that stand for joint centres and keypoints here."""
+LEAST_PAIRS = 2
+"""Pairs of a limb's markers that have to be there."""
+MIRRORED, CROSSED_M, SIDES_SHARE = -0.3, -0.05, 0.75
+"""Sine of feet that point backwards; metres by which left legs are on the right, and in which share of the frames. In
+45 recordings the sine's median is above 0.5, and left legs are 0.12 m on the left in a quarter of the frames at
+least."""
+INNER_M, FOOT_M = -0.015, 0.1
+"""Metres that the outer ankle lies on the inner side of the foot's axis in a leg of the other side, and at most. Of 320
+feet in 160 recordings it lies 27 to 58 mm on the outer side, but in one recording (btkdata's ADemo1) 4 on the inner."""
+KNEE_BENT = 0.08
+"""Distance of a knee from the line between hip and ankle by its length, from which it shows where it bends: at 18
+degrees."""
+
+
+def check_sides(points: np.ndarray, landmarks: Landmarks) -> None:
+    """Make sure that left legs and arms are on the left of waist and shoulders, and that feet point forward.
+
+    With l from the right to the left side, u from the feet to the waist and f from heels to toes, ``(l × u) · f > 0``.
+    Joint centres without toes are compared by f from the middle of hip and ankle to the knee, which bends forwards, and
+    by f from the neck or the ears to the nose. A limb alone is compared with waist or shoulders, a leg alone with its
+    ankle.
+
+    Args:
+        points: (F, L, 3) metres, NaN where missing.
+        landmarks: the L places.
+
+    Raises:
+        MarkersMirrored: it is not so in most frames.
+    """
+    names = [_on_skin(name) for name in landmarks.names]
+    column = {name: i for i, name in reversed(list(enumerate(names)))}
+    for base, limb, which in ((WAIST, LEGS, "legs"), (SHOULDERS, ARMS, "arms")):
+        own, beyond = (_lateral(points, column, places, least) for places, least in ((base, 1), (limb, LEAST_PAIRS)))
+        if own is not None and beyond is not None and _usual((_unit(own) * beyond).sum(-1), SIDES_SHARE) < CROSSED_M:
+            raise MarkersMirrored(
+                f"The {which}' left markers are on the right of the body: their left and right labels are exchanged.",
+                where="markers", hint=f"Exchange L and R in the labels of the {which}.",
+            )  # fmt: skip
+        for side in "LR" if own is not None else "":
+            _check_limb(points, column, base, [side + place for place in NEAR_BASE[which]], which[:-1])
+    centres = tuple(names) != tuple(landmarks.names)
+    forward = _feet_forward(points, column)
+    if forward is None and centres:
+        forward = _centres_forward(points, column)
+    if forward is not None and _usual(forward) < MIRRORED:
+        what = "joint centres" if centres else "legs' markers"
+        raise MarkersMirrored(
+            f"The {what} are a mirror image of a body's: left and right "
+            "labels are exchanged, or an axis points the other way.", where="markers",
+            hint="Exchange L and R in the labels, or export the take with right-handed axes.",
+        )  # fmt: skip
+    if not centres:
+        _check_ankles(points, column)
+
+
+def _check_limb(
+    points: np.ndarray, column: dict[str, int], base: Sequence[str], names: Sequence[str], limb: str
+) -> None:
+    """Raise ``MarkersMirrored`` where one limb is on the other side of waist or shoulders in most frames."""
+    lateral, middle = _lateral(points, column, base, 1), _middle(points, column, base)
+    near = _mean(points, column, names)
+    if lateral is None or middle is None or near is None:
+        return
+    side = names[0][0]
+    outwards = (1.0 if side == "L" else -1.0) * (_unit(lateral) * (near - middle)).sum(-1)
+    if _usual(outwards, SIDES_SHARE) < CROSSED_M:
+        own, other = ("left", "right") if side == "L" else ("right", "left")
+        raise MarkersMirrored(
+            f"The {own} {limb}'s markers are on the {other} of the body: they are the {other} {limb}'s.",
+            where="markers", hint=f"Exchange L and R in the labels of this {limb}.",
+        )  # fmt: skip
+
+
+def _check_ankles(points: np.ndarray, column: dict[str, int]) -> None:
+    """Raise ``MarkersMirrored`` where the outer ankle is on the inner side of a foot: the leg is the other one.
+
+    With u from ankle to knee, h the heel and f from it to the toes, ``± (u × f) · (ankle - h) > 0`` of left and right.
+    """
+    for side, sign in (("L", 1.0), ("R", -1.0)):
+        foot = [side + place for place in ("ANK", "HEE", "TOE")]
+        above = next((side + place for place in ("KNE", "SHN", "TTB", "KNM") if side + place in column), None)
+        if above is None or not set(foot) <= column.keys():
+            continue
+        ankle, heel, toe = (points[:, column[name]] for name in foot)
+        up, forward = points[:, column[above]] - ankle, toe - heel
+        outwards = sign * (_unit(np.cross(up, forward)) * (ankle - heel)).sum(-1)
+        # Exchanged labels of a foot, which are found later, leave the ankle lower than the heel or nearer to the toes.
+        sound = ((ankle - heel) * up).sum(-1) > 0.0
+        sound &= np.linalg.norm(ankle - heel, axis=-1) < np.linalg.norm(ankle - toe, axis=-1)
+        outwards = np.where(sound & (abs(outwards) < FOOT_M), outwards, np.nan)
+        if _usual(outwards) < INNER_M:
+            own, other = ("left", "right") if side == "L" else ("right", "left")
+            raise MarkersMirrored(
+                f"The {own} leg's outer ankle is on the inner side of its foot: the markers are those of a {other} "
+                "leg, or an axis points the other way.", where="markers",
+                hint="Exchange L and R in the labels of this leg, or export the take with right-handed axes.",
+            )  # fmt: skip
+
+
+def _on_skin(name: str) -> str:
+    """Return the place on the skin that stands for a joint centre, any other place as it is."""
+    side, _, part = name[1:].partition("_")
+    if is_joint_centre(name) and part in OF_CENTRES:
+        return side[0].upper() + OF_CENTRES[part]
+    return name
+
+
+def _feet_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
+    """Return the (n, F) sines of feet in front of waist and legs; None where they are not known."""
+    lateral = _lateral(points, column, WAIST, 1)
+    lateral = _lateral(points, column, LEGS, LEAST_PAIRS) if lateral is None else lateral
+    waist, feet = (_mean(points, column, _both(places)) for places in (WAIST, (*TOES, *HEELS)))
+    known = [step for side in "LR" if (step := _along(points, column, side)) is not None]
+    if lateral is None or waist is None or feet is None or not known:
+        return None
+    across = np.cross(_unit(lateral), _unit(waist - feet))
+    return np.stack([(across * step).sum(-1) for step in known])
+
+
+def _centres_forward(points: np.ndarray, column: dict[str, int]) -> np.ndarray | None:
+    """Return (n, F) sines of knees and noses in front of the body, those of bends that show; None where none does."""
+    found = []
+    hips, shoulders = _lateral(points, column, ("FWT",), 1), _lateral(points, column, ("SHO",), 1)
+    if hips is not None:
+        for side in "LR":
+            leg = [side + place for place in ("FWT", "KNE", "ANK")]
+            if set(leg) <= column.keys():
+                hip, knee, ankle = (points[:, column[name]] for name in leg)
+                along, bend = _unit(hip - ankle), knee - ankle
+                bend = bend - (bend * along).sum(-1, keepdims=True) * along
+                bent = np.linalg.norm(bend, axis=-1) > KNEE_BENT * np.linalg.norm(hip - ankle, axis=-1)
+                found.append(np.where(bent, (np.cross(_unit(hips), along) * _unit(bend)).sum(-1), np.nan))
+    if shoulders is not None and "~nose" in column:
+        base = _mean(points, column, [name for name in ("~left_ear", "~right_ear") if name in column])
+        base = _mean(points, column, [name for name in ("~neck", "=neck") if name in column]) if base is None else base
+        if base is not None:
+            across = np.cross(_unit(shoulders), [0.0, 0.0, 1.0])
+            found.append((across * _unit(points[:, column["~nose"]] - base)).sum(-1))
+    return np.stack(found) if found else None
+
+
+def _lateral(points: np.ndarray, column: dict[str, int], places: Sequence[str], least: int) -> np.ndarray | None:
+    """Return (F, 3) metres from the right to the left, the mean of pairs; None where there are too few."""
+    there = [place for place in places if {"L" + place, "R" + place} <= column.keys()]
+    pairs = [(column["L" + place], column["R" + place]) for place in there]
+    if len(pairs) < least:
+        return None
+    return np.mean([points[:, left] - points[:, right] for left, right in pairs], axis=0)
+
+
+def _middle(points: np.ndarray, column: dict[str, int], places: Sequence[str]) -> np.ndarray | None:
+    """Return (F, 3) the middle of pairs of places; None without any."""
+    there = [place for place in places if {"L" + place, "R" + place} <= column.keys()]
+    return _mean(points, column, _both(there)) if there else None
+
+
+def _along(points: np.ndarray, column: dict[str, int], side: str) -> np.ndarray | None:
+    """Return (F, 3) unit directions from a foot's heel to its toes; None without both."""
+    toes, heel = (_mean(points, column, [side + place for place in places]) for places in (TOES, HEELS))
+    return None if toes is None or heel is None else _unit(toes - heel)
+
+
+def _mean(points: np.ndarray, column: dict[str, int], names: Sequence[str]) -> np.ndarray | None:
+    """Return (F, 3) means of the places that are there; None where none is."""
+    chosen = [column[name] for name in names if name in column]
+    return points[:, chosen].mean(axis=1) if chosen else None
+
+
+def _both(places: Sequence[str]) -> list[str]:
+    return [side + place for side in "LR" for place in places]
+
+
+def _unit(v: np.ndarray) -> np.ndarray:
+    return v / np.maximum(np.linalg.norm(v, axis=-1, keepdims=True), 1e-9)
+
+
+def _usual(values: np.ndarray, share: float = 0.5) -> float:
+    """Return the quantile of what is known; 1 where nothing is."""
+    known = values[np.isfinite(values)]
+    return float(np.quantile(known, share)) if known.size else 1.0
+
+
+ELBOW_BENT = 0.35
+"""Sine of the elbow's bend from which on it shows: straight arms look bent by 0.3 where the elbow's marker is."""
+EXCHANGED = -0.3
+"""Median cosine below which names are exchanged. In 351 arms of UI-PRMD's takes and of 40 other files it is 0.37 and
+more in all but four, where it is -0.77 to -0.97 (docs/research-log/marker_names.md)."""
+LEAST_FRAMES = 20
+"""Frames in which the elbow has to be bent."""
+_SHOULDERS, _ELBOWS = (("SHO",), ("FSH", "BSH")), ("ELB", "ELM")
+
+
+def exchanged_wrists(points: np.ndarray, places: Sequence[str]) -> list[tuple[int, int]]:
+    """Return the columns of WRA and WRB of each side on which they hold each other's names.
+
+    Whichever way the hand turns, the thumb's side of the forearm is towards the upper arm, across the forearm: turned
+    in and out by up to a right angle from there. With f from elbow to wrist and u from elbow to shoulder,
+    ``(x_A - x_B) · (u - (u · f) f) > 0``.
+
+    Args:
+        points: (F, L, 3) metres, NaN where missing.
+        places: of the L markers.
+    """
+    column = {place: i for i, place in enumerate(places)}
+    pairs: list[tuple[int, int]] = []
+    for side in "LR":
+        inner, outer = (column.get(side + place) for place in ("WRA", "WRB"))
+        shoulders = (_mean(points, column, [side + name for name in names]) for names in _SHOULDERS)
+        shoulder = next((found for found in shoulders if found is not None), None)
+        elbow = _mean(points, column, [side + name for name in _ELBOWS])
+        if inner is None or outer is None or shoulder is None or elbow is None:
+            continue
+        if _towards_upper_arm(points[:, inner], points[:, outer], shoulder, elbow) < EXCHANGED:
+            pairs.append((inner, outer))
+    return pairs
+
+
+def with_wrists_named(clouds: Sequence[MarkerCloud], own: Mapping[str, str]) -> NamesOverTakes:
+    """Return takes whose wrists' markers have their own names, and what was changed.
+
+    Args:
+        clouds: labelled takes.
+        own: the user's place by label, which is not changed.
+    """
+    takes, changes = list(clouds), list[NameChange]()
+    for number, cloud in enumerate(clouds):
+        labels = cloud.labels or ()
+        known = name_markers([label for label in labels if not is_unnamed(label)], own).known
+        for a, b in exchanged_wrists(cloud.positions, [known.get(label, "") for label in labels]):
+            if {labels[a], labels[b]} & set(own):
+                continue
+            takes[number] = with_exchanged(takes[number], labels[a], labels[b])
+            changes.append(NameChange(number, labels[a], labels[b], mended=True))
+    return NamesOverTakes(tuple(takes), tuple(changes))
+
+
+def _towards_upper_arm(inner: np.ndarray, outer: np.ndarray, shoulder: np.ndarray, elbow: np.ndarray) -> float:
+    """Return the median cosine of the wrist's line and the upper arm's direction across the forearm; 1 if unknown."""
+    forearm = 0.5 * (inner + outer) - elbow
+    forearm = forearm / np.maximum(np.linalg.norm(forearm, axis=-1, keepdims=True), 1e-9)
+    upper = shoulder - elbow
+    across = upper - (upper * forearm).sum(-1, keepdims=True) * forearm
+    size, line = np.linalg.norm(across, axis=-1), inner - outer
+    cosine = (line * across).sum(-1) / np.maximum(size * np.linalg.norm(line, axis=-1), 1e-9)
+    bent = np.isfinite(cosine) & (size > ELBOW_BENT * np.linalg.norm(upper, axis=-1))
+    return float(quantile(cosine[bent], 0.5, axis=0)) if bent.sum() >= LEAST_FRAMES else 1.0
+
+
+FRAMES = 16
+"""Varied frames that are looked at before a person is known."""
+OFF_M = 0.04
+"""Both markers are at least this far from their places, in the root of the mean square of the two."""
+EXCHANGE_LEAVES = 0.3
+"""An exchange leaves at most so much of the squared distances."""
+LEAST = 8
+"""Frames in which both markers are seen."""
+
+
+def exchanged_labels(problem: Problem, like: Array) -> list[tuple[int, int]]:
+    """Return pairs of markers that hold each other's labels, of a person who is not known yet: the mean one is fitted.
+
+    Markers of which the bone alone is known are nowhere expected, so none of them can be elsewhere.
+
+    Args:
+        problem: markers made ready.
+        like: array that sets kind, type and device.
+    """
+    subject = Subject.average(problem.body, problem.measurements.landmarks, like)
+    frames = varied_frames(problem.measurements.points, FRAMES)
+    states = fit_to_points(problem, subject, frames)
+    found = to_numpy(pose(subject, posed(problem.prior, states)).points)
+    on_skin = np.array([not name.startswith(ON_BONE) for name in problem.measurements.landmarks.names])
+    return exchanged_throughout(np.where(on_skin[:, None], problem.measurements.points[frames], np.nan), found)
+
+
+def exchanged_throughout(points: np.ndarray, expected: np.ndarray) -> list[tuple[int, int]]:
+    """Return pairs (a, b) of markers each of which is where the other is expected, in the median of the frames.
+
+    ``m(|x_a - y_b|² + |x_b - y_a|²) < s m(|x_a - y_a|² + |x_b - y_b|²)`` with the places y shifted by what the body is
+    off around each marker.
+
+    Args:
+        points: (S, M, 3) metres, NaN where missing.
+        expected: (S, M, 3) where a body has them.
+    """
+    around = neighbours_of(points)
+    shifted = expected + shared_error(points - expected, around)
+    pairs = np.array(sorted({(min(a, b), max(a, b)) for a, near in enumerate(around) for b in near}))
+    a, b = pairs[:, 0], pairs[:, 1]
+    straight, crossed = (
+        ((points[:, a] - shifted[:, i]) ** 2 + (points[:, b] - shifted[:, j]) ** 2).sum(-1) for i, j in ((a, b), (b, a))
+    )
+    compared = np.flatnonzero(np.isfinite(straight).sum(0) >= min(LEAST, len(points)))
+    straight, crossed = (np.nanmedian(part[:, compared], axis=0) for part in (straight, crossed))
+    wrong = (straight > 2 * OFF_M**2) & (crossed < EXCHANGE_LEAVES * straight)
+    found: list[tuple[int, int]] = []
+    for k in np.flatnonzero(wrong)[np.argsort(crossed[wrong] - straight[wrong])]:
+        pair = int(a[compared[k]]), int(b[compared[k]])
+        if not any(set(pair) & set(other) for other in found):
+            found.append(pair)
+    return found
+
+
+def named_alike(
+    clouds: Sequence[MarkerCloud], own: Mapping[str, str]
+) -> tuple[tuple[MarkerCloud, ...], dict[str, Any]]:
+    """Return takes whose names agree, and what the person's provenance records of it.
+
+    Args:
+        clouds: labelled takes.
+        own: the user's place by label, which is not changed.
+    """
+    wrists = with_wrists_named(clouds, own)
+    named = names_over_takes(wrists.clouds, own)
+    return named.clouds, over_takes((*wrists.changes, *named.changes))

@@ -16,27 +16,30 @@ from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, least_ma
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.marker_calibration.attach_unknown import Attachment, attach
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
-from solver_backend.fitters.marker_calibration.doubted_joints import doubt_joints
-from solver_backend.fitters.marker_calibration.exchanged_sides import check_sides
-from solver_backend.fitters.marker_calibration.exchanged_wrists import exchanged_wrists
-from solver_backend.fitters.marker_calibration.handedness import check_handedness
-from solver_backend.fitters.marker_calibration.label_faults import clean_labels, diagnose_labels, gathered
-from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, loose_groups
-from solver_backend.fitters.marker_calibration.off_place import distances, off_place
-from solver_backend.fitters.marker_calibration.one_body import check_one_body
+from solver_backend.fitters.marker_calibration.label_faults import (
+    check_sides,
+    clean_labels,
+    diagnose_labels,
+    exchanged_labels,
+    exchanged_throughout,
+    exchanged_wrists,
+    gathered,
+)
+from solver_backend.fitters.marker_calibration.marker_places import distances, off_place, two_places
 from solver_backend.fitters.marker_calibration.person_doubts import (
     EXCHANGED,
     MISPLACED,
     SIDE_FOUND,
     TWO_PLACES,
+    check_handedness,
+    check_one_body,
+    doubt_joints,
     doubts_of,
 )
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
-from solver_backend.fitters.marker_calibration.two_places import two_places
-from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels, exchanged_throughout
+from solver_backend.fitters.marker_calibration.unknown_markers import Attachment, BonePoses, attach, loose_groups
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem

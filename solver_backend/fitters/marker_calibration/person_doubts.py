@@ -5,10 +5,18 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
+
+from solver_backend.body.body import Body
+from solver_backend.body.joint_names import is_joint_centre
+from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.markers import ON_BONE
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.exchange.diagnostics.wording import listed
+from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.labelling.names_over_takes import NameChange
-from solver_backend.types import MarkerSubject
+from solver_backend.types import MarkerCloud, MarkerSubject
 
 MISPLACED = "misplaced"
 """What a person's provenance calls labels whose names are not used, each with the place that it names and its distance
@@ -82,3 +90,168 @@ def _over_takes(person: MarkerSubject) -> list[Diagnostic]:
         labels = [label for _, several in items for label in several]
         diagnostics += [diagnostic(code, markers=labels, places=", ".join(texts))] if items else []
     return diagnostics
+
+
+WIDEST = 0.64
+"""Distance of the hips by the length of a thigh: 0.40 in an inertial suit's skeleton, 0.3 to 0.45 in bodies, 0.52 in
+detections; markers on the outer hip or the waist have 0.7 and more."""
+FAR_M = 0.025
+"""A calibrated limb joint this far from the body's is none: an inertial suit's differ by up to 11 mm, markers on the
+skin by 40 and more."""
+STRANGE = 4.0
+"""Deviations of a shape coefficient that no person has: a suit's skeleton gives 1.3, markers on waist and knees that
+are named hips and knees 6.5, where their width alone passes for a body's."""
+_CHAIN = ("hip", "knee", "ankle", "shoulder", "elbow", "wrist")
+
+
+def doubt_joints(cloud: MarkerCloud, person: MarkerSubject) -> list[Diagnostic]:
+    """Return that points with a skeleton's names are no joint centres, by their distances, the fit or the shape.
+
+    Args:
+        cloud: the take.
+        person: as calibrated on it.
+    """
+    if not any(is_joint_centre(place) for place in person.places):
+        return []
+    chain = [m for m, place in enumerate(person.places) if is_joint_centre(place) and place.endswith(_CHAIN)]
+    off = np.linalg.norm(person.offsets[chain], axis=-1)
+    far = [person.labels[m] for m, distance in zip(chain, off, strict=True) if distance > FAR_M]
+    wide, shape = _width(cloud, person), float(np.abs(person.betas).max())
+    if wide <= WIDEST and 2 * len(far) < len(chain) and (shape <= STRANGE or not far):
+        return []
+    most = 1000 * float(off.max(initial=0.0))
+    return [diagnostic("joints_doubted", markers=far, size=100 * wide, off=most, shape=shape)]
+
+
+def _width(cloud: MarkerCloud, person: MarkerSubject) -> float:
+    """Return the distance of the hips by the length of a thigh, the median of the frames; 0 where it is not known."""
+    labels, needed = cloud.labels or (), ("left_hip", "right_hip", "left_knee", "right_knee")
+    label_of = {place[1:]: label for place, label in zip(person.places, person.labels, strict=True)}
+    if not all(label_of.get(name) in labels for name in needed):
+        return 0.0
+    left, right, left_knee, right_knee = (cloud.positions[:, labels.index(label_of[name])] for name in needed)
+    thigh = 0.5 * (np.linalg.norm(left_knee - left, axis=-1) + np.linalg.norm(right_knee - right, axis=-1))
+    ratio = np.linalg.norm(left - right, axis=-1) / np.maximum(thigh, 1e-9)
+    ratio = ratio[np.isfinite(ratio)]
+    return float(np.median(ratio)) if ratio.size else 0.0
+
+
+TRUNK = ("C7", "T2", "T4", "T8", "T10", "T12", "CLAV", "STRN", "SACR", "SHO", "FSH", "BSH", "FWT", "BWT", "MWT")
+"""Places that stay nearly rigid to each other, without their side."""
+LEAST, MIRROR_FRAMES = 5, 40
+"""Markers of the trunk, and frames, that are looked at."""
+SHARE = 0.75
+"""A mirror image fits by so much better, in the median of the frames."""
+
+
+def check_handedness(points: np.ndarray, landmarks: Landmarks) -> None:
+    """Make sure that the trunk's markers are no mirror image of where a body has them.
+
+    Each frame's markers are laid over those of the rest pose by a rotation, and by a rotation with a reflection (Kabsch
+    1976, with and without the sign of the determinant).
+
+    Args:
+        points: (F, L, 3) metres, NaN where missing.
+        landmarks: the L places.
+
+    Raises:
+        MarkersMirrored: the reflection fits much better.
+    """
+    columns = [i for i, name in enumerate(landmarks.names) if name in TRUNK or name[1:] in TRUNK]
+    frames = points[:, columns][np.unique(np.linspace(0, len(points) - 1, MIRROR_FRAMES).astype(int))]
+    frames = frames[np.isfinite(frames).all((1, 2))]
+    if len(columns) < LEAST or not len(frames):
+        return
+    rest = landmarks.anchors[columns].sum(axis=1)
+    rest, frames = rest - rest.mean(axis=0), frames - frames.mean(axis=1, keepdims=True)
+    U, S, Vt = np.linalg.svd(np.swapaxes(frames, 1, 2) @ rest)
+    power = (frames**2).sum((1, 2)) + (rest**2).sum()
+    proper = S[:, 0] + S[:, 1] + np.sign(np.linalg.det(U @ Vt)) * S[:, 2]
+    improper = 2 * S[:, :2].sum(axis=1) - proper
+    straight, mirrored = (np.sqrt(np.maximum(power - 2 * fit, 0)) for fit in (proper, improper))
+    if np.median(mirrored / np.maximum(straight, 1e-9)) < SHARE:
+        raise MarkersMirrored(
+            "The markers of the trunk are a mirror image of a body's: left and right labels are exchanged, or an axis "
+            "points the other way.", where="markers",
+            hint="Exchange L and R in the labels, or export the take with right-handed axes.",
+        )  # fmt: skip
+
+
+DISTANCE_FRAMES = 60
+"""Frames at most in which distances are measured."""
+LEAST_GROUP = 3
+"""Markers of a group that is more than wrong labels; those are found by the fit."""
+LARGEST, SLACK_M = 1.45, 0.15
+"""How much larger than the average body a person is at most (2.45 m), and by how much more markers are off their
+places: real bodies' nearest places come no nearer to this than half, two halves 0.6 m apart exceed it."""
+NEAREST = 5
+"""Pairs across the gap by which it is tested: those that are nearest on a body."""
+
+
+def check_one_body(points: np.ndarray, landmarks: Landmarks, body: Body, offsets: np.ndarray | float = 0.0) -> None:
+    """Make sure that the markers are not two groups that are farther apart than a body reaches.
+
+    The groups are those that the longest edge of the minimum spanning tree of the median distances parts. They are of
+    different bodies if each of the pairs across that are nearest along the skeleton, d, is farther apart than
+    ``LARGEST d + SLACK_M``.
+
+    Args:
+        points: (F, L, 3) metres, NaN where missing.
+        landmarks: the L places.
+        body: of average shape.
+        offsets: (L, 3) metres of the markers from their places in the rest frame: those on a bone are at its joint.
+
+    Raises:
+        MarkersUnknown: they are.
+    """
+    some = points[np.unique(np.linspace(0, len(points) - 1, DISTANCE_FRAMES).astype(int))]
+    distance = quantile(np.linalg.norm(some[:, :, None] - some[:, None], axis=-1), 0.5, axis=0)
+    known = np.flatnonzero(np.isfinite(distance).sum(axis=1) > LEAST_GROUP)
+    if len(known) < 2 * LEAST_GROUP:
+        return
+    between = np.where(np.isfinite(distance), distance, np.inf)[np.ix_(known, known)]
+    parts = _parted(between)
+    if min(parts.sum(), (~parts).sum()) < LEAST_GROUP:
+        return
+    along = _along_skeleton(landmarks, body, offsets)[np.ix_(known, known)][parts][:, ~parts].ravel()
+    apart = between[parts][:, ~parts].ravel()
+    nearest = np.argsort(along, kind="stable")[:NEAREST]
+    if (apart[nearest] > LARGEST * along[nearest] + SLACK_M).all():
+        one, two = ([landmarks.names[m] for m in known[which]] for which in (parts, ~parts))
+        raise MarkersUnknown(
+            f"The markers are two groups {apart.min():.2f} m apart, farther than on one body: {listed(one)} and "
+            f"{listed(two)}.", where="markers",
+            hint="They are of two people or things: give each a prefix of its own, or leave one out with `layout`.",
+        )  # fmt: skip
+
+
+def _parted(distance: np.ndarray) -> np.ndarray:
+    """Return (M,) bool: one side of the longest edge of the minimum spanning tree (Prim 1957)."""
+    count = len(distance)
+    parent, away = np.zeros(count, dtype=int), distance[0].copy()
+    inside = np.arange(count) == 0
+    length = np.zeros(count)
+    order = []
+    for _ in range(count - 1):
+        added = int(np.argmin(np.where(inside, np.inf, away)))
+        inside[added], length[added] = True, away[added]
+        order.append(added)
+        nearer = distance[added] < away
+        parent, away = np.where(nearer & ~inside, added, parent), np.minimum(away, distance[added])
+    beyond = np.arange(count) == int(np.argmax(length))
+    for added in order:  # what was joined to it later is beyond too
+        beyond[added] |= bool(beyond[parent[added]])
+    return beyond
+
+
+def _along_skeleton(landmarks: Landmarks, body: Body, offsets: np.ndarray | float) -> np.ndarray:
+    """Return (L, L) metres from place to place along the skeleton: to the joint, the way from joint to joint, back."""
+    places, carriers = landmarks.anchors.sum(axis=1) + offsets, np.argmax(landmarks.weights, axis=1)
+    joints, parents = body.joints_template, body.parents
+    way = np.zeros((len(joints), len(joints)))
+    for j, p in enumerate(parents):
+        if p >= 0:
+            way[j, :j] = way[p, :j] + np.linalg.norm(joints[j] - joints[p])
+            way[:j, j] = way[j, :j]
+    out = np.linalg.norm(places - joints[carriers], axis=-1)
+    return way[np.ix_(carriers, carriers)] + out[:, None] + out

@@ -19,10 +19,15 @@ from solver_backend.fitters.hands.wide_motion import without_fingers
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.finger_turns import finger_turns_of, with_finger_turns
-from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
-from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.complete import (
+    CompleteSettings,
+    DenoiseSettings,
+    complete,
+    denoise,
+    interpolate_poses,
+    missing_joints,
+)
 from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings, fit_keypoints
-from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
 from solver_backend.geometry.interpolation import slerp
 from solver_backend.geometry.quaternions import matrix_from_quat, quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3, log_so3

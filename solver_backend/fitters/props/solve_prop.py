@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.exchange.props import Prop
-from solver_backend.fitters.marker_calibration.rigid_groups import LEAST_MARKERS
+from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_MARKERS
 from solver_backend.fitters.props.prop_equations import PropEquations
 from solver_backend.fitters.props.prop_start import LEAST_SIGMA_M, MOST_SIGMA_M, start_prop
 from solver_backend.fitters.props.prop_state import PropState

@@ -10,8 +10,7 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.props import Prop
-from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, LooseGroup, loose_groups
-from solver_backend.fitters.marker_calibration.rigid_groups import FRAMES
+from solver_backend.fitters.marker_calibration.unknown_markers import FRAMES, BonePoses, LooseGroup, loose_groups
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.props.solve_prop import solve_prop
 from solver_backend.fitters.solution import SolvedFrames

@@ -26,8 +26,8 @@ from solver_backend.fitters.recipes.passes import Pass
 from solver_backend.fitters.recipes.result import constant_m_of
 from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.solution import SolvedFrames
-from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
+from solver_backend.fitters.subject_calibration.variances import with_learned_noise
 from solver_backend.geometry.arrays import Array, constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3, log_so3, quat_from_matrix
 from solver_backend.geometry.symmetric import packed

@@ -15,10 +15,9 @@ from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
-from solver_backend.fitters.subject_calibration.keypoint_variance import with_learned_noise
-from solver_backend.fitters.subject_calibration.landmark_variance import with_window_variances
 from solver_backend.fitters.subject_calibration.shape import ShapePrior
 from solver_backend.fitters.subject_calibration.shape import refit_shape as refit
+from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
 from solver_backend.geometry.arrays import index, to_numpy
 
 

@@ -8,14 +8,19 @@ import numpy as np
 from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import RESIDUAL, UNCOVERED
+from solver_backend.exchange.progress import Progress
 from solver_backend.fitters.model.codes import d_pose_d_key, state_layout
 from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame.fit import posed
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.single_frame.fit import fit_frames, posed
+from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas, sample_frames
 from solver_backend.geometry.arrays import Array, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
+from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import Arrowhead, DenseBlocks
 
@@ -177,3 +182,30 @@ def _point_jacobian(
     evidence = objective.of_points(posed.points, scale)
     J = xp.concat([posed.by_rotations, eye, posed.by_betas, by_offsets], axis=-1)
     return J, evidence.gradient, evidence.information, evidence.cost
+
+
+SAMPLE_FRAMES = 32
+"""Frames from which the shape is learned."""
+
+
+def learn_subject(problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress) -> Subject:
+    """Return the subject with the shape learned from a sample of frames, where the settings know none.
+
+    A person who is known before the solve stays as they are.
+    """
+    if problem.measurements.subject is not None:
+        return problem.measurements.subject
+    frames = sample_frames(problem.measurements, SAMPLE_FRAMES)
+    progress("Learning the body", 0, 3)
+    if settings.betas is None:
+        subject = replace(subject, betas=lifted_betas(subject, problem.measurements, frames))
+    states = fit_to_points(problem, subject, frames)
+    progress("Learning the body", 1, 3)
+    objective, steps = problem.objective.select(frames), LMSettings(settings.iterations)
+    states = fit_frames(subject, problem.prior, objective, states, (4 * settings.robust_scale,), steps).state
+    progress("Learning the body", 2, 3)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
+    shape_prior = ShapePrior(free_betas=settings.betas is None, free_offsets=False)
+    subject, _ = fit_shape(subject, problem.prior, objective, states, scales, steps, shape_prior)
+    progress("Learning the body", 3, 3)
+    return subject

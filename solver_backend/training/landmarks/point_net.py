@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass
 import torch
 from torch import nn
 
-from solver_backend.labelling.features import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS
+from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
 from solver_backend.training.engine.attention_layers import AttentionLayer, attention, split_heads
 
 _HIDDEN = -30000.0

@@ -17,8 +17,14 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
-from solver_backend.fitters.pose_ndf.denoise import WEIGHTS, DenoiseSettings, denoise
+from solver_backend.fitters.pose_ndf.complete import (
+    WEIGHTS,
+    CompleteSettings,
+    DenoiseSettings,
+    complete,
+    denoise,
+    missing_joints,
+)
 from solver_backend.fitters.pose_ndf.fit_keypoints import KeypointSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, load_pose_ndf

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.markers import ON_BONE, marker_layout
-from solver_backend.fitters.marker_calibration.attach_unknown import attach
+from solver_backend.fitters.marker_calibration.unknown_markers import attach
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud

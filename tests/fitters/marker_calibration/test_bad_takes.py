@@ -129,7 +129,7 @@ RECORDINGS = recordings_folder() / "markers"
 @pytest.mark.skipif(not (RECORDINGS / "cmu_pairs").is_dir(), reason="the recordings are not beside the repository")
 def test_recorded_people_are_no_mirror_images():
     from solver_backend.body.body import load_body
-    from solver_backend.fitters.marker_calibration.handedness import check_handedness
+    from solver_backend.fitters.marker_calibration.person_doubts import check_handedness
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.io.markers.read import read_markers
 

@@ -12,8 +12,7 @@ from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import MARKER_OFFSET_M, marker_layout
 from solver_backend.exchange.errors import FileDamaged, SubjectInvalid
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.marker_calibration.calibrate import FRAMES, POSE_FRAMES
-from solver_backend.fitters.marker_calibration.frame_choice import varied_frames
+from solver_backend.fitters.marker_calibration.calibrate import FRAMES, POSE_FRAMES, varied_frames
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import read_subject, write_subject

@@ -8,9 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_layout
 from solver_backend.fitters import SolveSettings
-from solver_backend.fitters.marker_calibration.calibrate import placement_prior
-from solver_backend.fitters.marker_calibration.calibration_equations import calibration_equations
-from solver_backend.fitters.marker_calibration.calibration_state import CalibrationState
+from solver_backend.fitters.marker_calibration.calibrate import CalibrationState, calibration_equations, placement_prior
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import ON_BONE, marker_landmarks, marker_layout
-from solver_backend.fitters.marker_calibration.first_size import first_shape
+from solver_backend.fitters.marker_calibration.calibrate import first_shape
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.types import Capture
 from tests.support.worn_markers import worn_markers

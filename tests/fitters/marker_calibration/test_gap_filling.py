@@ -6,9 +6,13 @@ import numpy as np
 import pytest
 
 from research.baselines.rigid_filling import fill_rigidly
-from solver_backend.fitters.marker_calibration import gap_neighbours
-from solver_backend.fitters.marker_calibration.gap_filling import filled, lasting_frames
-from solver_backend.fitters.marker_calibration.gap_neighbours import joining_shares, predict_from_neighbours
+from solver_backend.fitters.marker_calibration import gap_filling
+from solver_backend.fitters.marker_calibration.gap_filling import (
+    filled,
+    joining_shares,
+    lasting_frames,
+    predict_from_neighbours,
+)
 from solver_backend.geometry.rotations import exp_so3
 
 FRAMES, FPS = 400, 60.0
@@ -101,9 +105,9 @@ def test_a_long_take_tells_no_more_stretches_than_a_short_one(monkeypatch):
     truth, off[3000:3010, 0] = off[3000:3010, 0].copy(), np.nan
     times = np.arange(1, 11)
     ends = sum(joining_shares(t, 10, 100.0)[:, None] * off[f, 0] for t, f in ((times, 2999), (11 - times, 3010)))
-    rests = gap_neighbours._rests
-    monkeypatch.setattr(gap_neighbours, "_rests", lambda *a: looked_at.append(a[3]) or rests(*a))
+    rests = gap_filling._rests
+    monkeypatch.setattr(gap_filling, "_rests", lambda *a: looked_at.append(a[3]) or rests(*a))
     told = predict_from_neighbours(off, (3000, 3009), 100.0)
-    assert max(looked_at) <= gap_neighbours.MOST_STRETCHES
+    assert max(looked_at) <= gap_filling.MOST_STRETCHES
     alone, with_others = (np.linalg.norm(ends + more - truth, axis=-1).mean() for more in (0.0, told))
     assert with_others < 0.4 * alone

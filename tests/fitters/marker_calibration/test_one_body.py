@@ -11,7 +11,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.exchange.errors import MarkersUnknown
 from solver_backend.fitters import solve
-from solver_backend.fitters.marker_calibration.one_body import check_one_body
+from solver_backend.fitters.marker_calibration.person_doubts import check_one_body
 from solver_backend.types import Capture
 from tests.support.worn_markers import worn_markers
 

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.diagnostics import Remedy, diagnostic, read_diagnostics
 from solver_backend.fitters import SolveSettings, solve
-from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_throughout
+from solver_backend.fitters.marker_calibration.label_faults import exchanged_throughout
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.types import MARKER_SWAPPED, Capture
 from tests.support.recordings import recordings_folder
@@ -67,7 +67,7 @@ RECORDINGS = recordings_folder() / "markers"
 @pytest.mark.skipif(not (RECORDINGS / "cmu_pairs").is_dir(), reason="the recordings are not beside the repository")
 def test_recorded_labels_are_not_exchanged():
     from solver_backend.body.body import load_body
-    from solver_backend.fitters.marker_calibration.whole_exchanges import exchanged_labels
+    from solver_backend.fitters.marker_calibration.label_faults import exchanged_labels
     from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
     from solver_backend.fitters.problem import Problem
     from solver_backend.io.markers.read import read_markers

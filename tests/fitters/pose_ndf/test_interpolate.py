@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 import torch
 
-from solver_backend.fitters.pose_ndf.interpolate import interpolate_poses
+from solver_backend.fitters.pose_ndf.complete import interpolate_poses
 from solver_backend.geometry.quaternions import quat_from_matrix
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance

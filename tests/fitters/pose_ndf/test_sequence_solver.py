@@ -15,10 +15,14 @@ from solver_backend.exchange.errors import JobInvalid, PoseInvalid
 from solver_backend.fitters.model.posed_frames import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf import sequence_solver
-from solver_backend.fitters.pose_ndf.complete import CompleteSettings, complete, missing_joints
-from solver_backend.fitters.pose_ndf.denoise import DenoiseSettings, denoise
-from solver_backend.fitters.pose_ndf.sequence_equations import ManifoldWeights, PoseSequence
-from solver_backend.fitters.pose_ndf.sequence_solver import solve_sequence
+from solver_backend.fitters.pose_ndf.complete import (
+    CompleteSettings,
+    DenoiseSettings,
+    complete,
+    denoise,
+    missing_joints,
+)
+from solver_backend.fitters.pose_ndf.sequence_solver import ManifoldWeights, PoseSequence, solve_sequence
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF

@@ -9,8 +9,12 @@ import pytest
 
 from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.props import POSE_POINTS
-from solver_backend.fitters.marker_calibration.loose_groups import BonePoses, loose_groups, mirrored_labels
-from solver_backend.fitters.marker_calibration.rigid_groups import rigid_groups
+from solver_backend.fitters.marker_calibration.unknown_markers import (
+    BonePoses,
+    loose_groups,
+    mirrored_labels,
+    rigid_groups,
+)
 from solver_backend.fitters.pipeline import solve
 from solver_backend.fitters.props.prop_equations import PropEquations
 from solver_backend.fitters.props.prop_state import SIZE, PropState

@@ -1,0 +1,260 @@
+"""Which markers are a prop's: groups that keep their distances, and that no bone of the person carries."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.marker_names import is_unnamed
+from solver_backend.body.markers import ON_BONE
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.types import NUM_BODY_JOINTS, SMPL_JOINTS, MarkerCloud
+
+LEAST_MARKERS = 3
+"""Fewer have no orientation."""
+STRAYS_M = 0.006
+"""A distance of a rigid body stays so near to its median in ``SHARE`` of the frames: markers of 2 mm noise per axis
+stray by 5.5 mm, a racket's frame bends by 3 mm in a stroke (Brody 1995)."""
+SHARE = 0.95
+MOVES_M = 0.05
+"""A group whose markers stay nearer than so to one place all along is no prop but part of the room."""
+LEAST_FRAMES, FRAMES = 15, 400
+"""Frames in which two markers must be seen together, and frames of a take that are looked at."""
+MOST = 100
+"""Markers that are looked at, those seen most: distances of all pairs are formed."""
+
+
+def rigid_groups(points: np.ndarray) -> list[list[int]]:
+    """Return groups of three or more markers that keep their distances and move, the largest first.
+
+    Each is a clique, grown from the marker that keeps its distance to most others by whichever fits the most members;
+    a marker that was never seen beside a member must fit three others.
+
+    Args:
+        points: (F, N, 3) metres, NaN where missing.
+    """
+    frames = np.unique(np.linspace(0, len(points) - 1, min(len(points), FRAMES)).astype(int))
+    seen = np.isfinite(points).all(-1)
+    looked = np.argsort(-seen.sum(axis=0), kind="stable")[:MOST]
+    constant, together = _constant(points[np.ix_(frames, looked)])
+    groups, left = list[list[int]](), set(range(len(looked)))
+    while left:
+        group = _clique(constant, together, sorted(left))
+        if len(group) < LEAST_MARKERS:
+            break
+        left -= set(group)
+        groups.append(sorted(int(looked[m]) for m in group))
+    return [group for group in groups if _moves(points[:, group])]
+
+
+def _constant(points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, N) whether distances are constant, and whether two markers are seen together often enough."""
+    count = points.shape[1]
+    constant, together = np.zeros((count, count), dtype=bool), np.zeros((count, count), dtype=bool)
+    for m in range(count):
+        away = np.linalg.norm(points - points[:, m : m + 1], axis=-1)
+        together[m] = np.isfinite(away).sum(axis=0) >= min(LEAST_FRAMES, len(points))
+        strays = quantile(np.abs(away - quantile(away, 0.5, axis=0)), SHARE, axis=0)
+        constant[m] = together[m] & (np.nan_to_num(strays, nan=np.inf) < STRAYS_M)
+    np.fill_diagonal(constant, False)
+    return constant, together
+
+
+def _clique(constant: np.ndarray, together: np.ndarray, left: list[int]) -> list[int]:
+    """Return a clique among the markers that are left, grown from the best connected one."""
+    degree = constant[np.ix_(left, left)].sum(axis=0)
+    group = [left[int(degree.argmax())]]
+    while True:
+        fits = constant[group].sum(axis=0)
+        fitting = [
+            m
+            for m in left
+            if m not in group and not (together[m, group] & ~constant[m, group]).any()
+            and fits[m] >= min(len(group), LEAST_MARKERS)
+        ]  # fmt: skip
+        if not fitting:
+            return group
+        group.append(max(fitting, key=lambda m: (fits[m], degree[left.index(m)])))
+
+
+def _moves(points: np.ndarray) -> bool:
+    """Return whether some of (F, M, 3) points leave the place where they usually are."""
+    away = np.linalg.norm(points - quantile(points, 0.5, axis=0), axis=-1)
+    return bool(np.nanmax(quantile(away, 0.98, axis=0)) > MOVES_M)
+
+
+LEAST_FRAMES_OF_BONE = 8
+"""Frames in which a marker must be seen to identify its bone."""
+RESIDUAL_M = 0.03
+"""A marker that stays no closer to any bone's frame is worn by nobody (a wand, another person, a ghost)."""
+REACH_M = 0.45
+"""Nor is one that is so far from its bone's joint."""
+_MEDIAN_LENGTH = 1.54
+"""Standard deviations per axis that are the median length of a three-dimensional Gaussian."""
+
+
+@dataclass(frozen=True)
+class Attachment:
+    """What a marker moves with."""
+
+    place: str
+    """``@`` and the name of the bone's joint."""
+    offset: np.ndarray
+    """(3,) metres from the joint, in the bone's rest frame."""
+    sigma_m: float
+    """Standard deviation around it per axis, metres."""
+
+    @classmethod
+    def on_bone(cls, bone: int, offset: np.ndarray, spread: np.ndarray) -> Attachment:
+        """Return what ``bone_offsets`` has of one bone: its offset (22, 3), and its median distance (22,) from that."""
+        return cls(ON_BONE + SMPL_JOINTS[bone], offset[bone], float(spread[bone] / _MEDIAN_LENGTH))
+
+
+def attach(
+    points: np.ndarray, joints: np.ndarray, rotations: np.ndarray, named: str | None = None
+) -> Attachment | None:
+    """Return the bone to which a marker has the most constant offset; None where it has none.
+
+    For every bone j the offset is ``o_j = median_f G_jᵀ (x - p_j)``, the median of each axis, which single wrong points
+    do not move; the bone around whose offset the marker stays closest has it. Where another bone is as good within the
+    noise, the one whose joint is nearest is taken.
+
+    Args:
+        points: (F, 3) metres, NaN where missing.
+        joints: (F, 24, 3) metres.
+        rotations: (F, 24, 3, 3) global rotations of the bones.
+        named: joint of the bone that the marker's label names, the only one that it may be on.
+    """
+    if np.isfinite(points).all(-1).sum() < LEAST_FRAMES_OF_BONE:
+        return None
+    offset, spread, reach = bone_offsets(points, joints, rotations)
+    spread = np.where(reach > REACH_M, np.inf, spread)
+    if named is not None:
+        spread = np.where(np.arange(len(spread)) == SMPL_JOINTS.index(named), spread, np.inf)
+    near = np.flatnonzero(spread <= 1.1 * spread.min() + 1e-4)
+    best = int(near[np.argmin(reach[near])])
+    if not spread[best] < RESIDUAL_M:
+        return None
+    return Attachment.on_bone(best, offset, spread)
+
+
+def bone_offsets(
+    points: np.ndarray, joints: np.ndarray, rotations: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return a marker's offset (22, 3) from every bone, its median distance (22,) from that, and the offset's length.
+
+    Args:
+        points: (F, 3) metres, NaN where missing.
+        joints: (F, 24, 3) metres.
+        rotations: (F, 24, 3, 3) global rotations of the bones.
+    """
+    seen, count = np.isfinite(points).all(-1), 1 + NUM_BODY_JOINTS
+    away = points[seen, None] - joints[seen, :count]
+    local = (np.swapaxes(rotations[seen, :count], -1, -2) @ away[..., None])[..., 0]
+    offset = np.median(local, axis=0)
+    return offset, np.median(np.linalg.norm(local - offset, axis=-1), axis=0), np.linalg.norm(offset, axis=-1)
+
+
+SEPARATOR = ":"
+"""Between a subject's prefix and a label."""
+_OTHER = {"l": "R", "r": "L", "left": "right", "right": "left"}
+_SIDE = tuple(re.compile(text, re.IGNORECASE) for text in (r"left|right", r"^[lr]", r"[lr](?=[\W\d_]*$)"))
+_NO_PARTS = {"LAT", "MED", "FRONT", "BACK", "TOP", "UPPER", "BIG", "GREATER", "FIRST", "SECOND", "THIRD", "FIFTH"}
+"""Words of labels that name no part of a body."""
+_FIRST_WORD = re.compile(r"[^\W\d_]([A-Z]+(?![a-z])|[^\W\dA-Z_]*)")
+LEAST_NAME = 3
+"""Letters that markers' labels have in common from which on these are a prop's name."""
+
+
+@dataclass(frozen=True)
+class LooseGroup:
+    """Markers of one prop."""
+
+    name: str
+    """The prefix or the beginning that their labels share; else a number."""
+    columns: tuple[int, ...]
+    """Their columns in the cloud."""
+
+
+@dataclass(frozen=True)
+class BonePoses:
+    """Where the bones of the person are in F frames."""
+
+    joints: np.ndarray
+    """(F, 24, 3) metres."""
+    rotations: np.ndarray
+    """(F, 24, 3, 3) global rotations."""
+
+    def carry(self, points: np.ndarray) -> bool:
+        """Return whether one bone carries (F, M, 3) markers: most of them are near it and stay where they are on it."""
+        offsets = [bone_offsets(points[:, m], self.joints, self.rotations) for m in range(points.shape[1])]
+        spread, reach = (np.median([item[k] for item in offsets], axis=0) for k in (1, 2))
+        return bool(((spread < RESIDUAL_M) & (reach < REACH_M)).any())
+
+
+def loose_groups(cloud: MarkerCloud, bones: BonePoses | None = None) -> list[LooseGroup]:
+    """Return the groups of markers that move as rigid bodies, markers of one prefix with one another.
+
+    Args:
+        cloud: labelled markers that are no known places of a body.
+        bones: of the person in these frames; groups that one of them carries are left out.
+    """
+    labels = cloud.labels or ()
+    prefixes = [label.rpartition(SEPARATOR)[0].strip() for label in labels]
+    found = list[LooseGroup]()
+    for prefix in dict.fromkeys(prefixes):
+        own = [i for i, name in enumerate(prefixes) if name == prefix]
+        for group in rigid_groups(cloud.positions[:, own]):
+            columns = tuple(own[m] for m in group)
+            names = {labels[i] for i in columns}
+            worn = bones is not None and (
+                _is_one_of_a_pair(names, labels) or _names_a_part(names) or bones.carry(cloud.positions[:, columns])
+            )
+            if not worn:
+                found.append(LooseGroup(_name([labels[i] for i in columns], len(found) + 1), columns))
+    names = [group.name for group in found]
+    return [
+        group if names.index(group.name) == n else LooseGroup(f"{group.name} {n + 1}", group.columns)
+        for n, group in enumerate(found)
+    ]
+
+
+def _name(labels: list[str], number: int) -> str:
+    prefix = labels[0].rpartition(SEPARATOR)[0].strip()
+    if any(is_unnamed(label) for label in labels):
+        return f"Prop {number}"
+    shared = _beginning([label.rpartition(SEPARATOR)[2].strip() for label in labels]).rstrip(" _-.0123456789")
+    return prefix or (shared if len(shared) >= LEAST_NAME else f"Prop {number}")
+
+
+def _is_one_of_a_pair(group: set[str], labels: Sequence[str]) -> bool:
+    """Return whether most markers of a group have a left or right counterpart outside it: a shoe's, a limb's."""
+    outside = {label.casefold() for label in labels if label not in group}
+    paired = [label for label in group if mirrored_labels(label) & outside]
+    return 2 * len(paired) > len(group)
+
+
+def _names_a_part(group: set[str]) -> bool:
+    """Return whether the labels of most markers begin with a part of the body: ``Head.L``, not ``RacketHead``."""
+    words = load_layouts().words
+    first = [(_FIRST_WORD.match(label.rpartition(SEPARATOR)[2].strip()) or [""])[0] for label in group]
+    return 2 * sum(bool(set(words.of(word)[1]) - _NO_PARTS) for word in first) > len(group)
+
+
+def mirrored_labels(label: str) -> set[str]:
+    """Return what the same place on the other side may be called: the first or last L, R, left or right turned."""
+    prefix, colon, name = label.rpartition(SEPARATOR)
+    turned = {pattern.sub(lambda found: _OTHER[found[0].lower()], name, count=1) for pattern in _SIDE}
+    return {(prefix + colon + text).casefold() for text in turned} - {label.casefold()}
+
+
+def _beginning(texts: list[str]) -> str:
+    """Return what texts begin with alike."""
+    count = next(
+        (n for n, letters in enumerate(zip(*texts, strict=False)) if len(set(letters)) > 1), min(map(len, texts))
+    )
+    return texts[0][:count]
