@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -22,8 +22,6 @@ _TYPES: dict[str, type | tuple[type, ...]] = {
     "switch": bool, "number": (int, float), "text": str, "choice": str, "texts": list, "range": list,
 }  # fmt: skip
 """In a job file, by the kind of a setting."""
-EARLIER_KEYS = {"told": "labels"}
-"""Key of jobs up to version 0.1, and its name today; read until the next release."""
 PATHS = {
     name: is_path if row.kind == "name_or_file" else bool
     for name, row in settings_of_class(SolveSettings).items()
@@ -65,7 +63,6 @@ class Job(JobFile):
         Raises:
             JobInvalid: the version is another one, a key is unknown or missing, or a value is of the wrong type.
         """
-        values = {EARLIER_KEYS.get(key, key): value for key, value in values.items()}
         known = {"version", *cls.__dataclass_fields__}
         unknown = sorted(set(values) - known)
         if unknown:
@@ -99,12 +96,8 @@ class Job(JobFile):
         )
 
     @classmethod
-    def read(cls, path: Path | str, renamed: Callable[[str, str], None] | None = None) -> Job:
+    def read(cls, path: Path | str) -> Job:
         """Read a job file; relative paths in it are relative to its folder.
-
-        Args:
-            path: the file.
-            renamed: called with a key's earlier and today's name, for each key that has its earlier one.
 
         Raises:
             FileMissing, FileDamaged: it is not there or is not JSON.
@@ -113,9 +106,6 @@ class Job(JobFile):
         values = read_json(path)
         if not isinstance(values, dict):
             raise JobInvalid("The job file does not hold a JSON object.", where=str(path))
-        for key in EARLIER_KEYS.keys() & values.keys():
-            if renamed is not None:
-                renamed(key, EARLIER_KEYS[key])
         return cls.from_dict(values, Path(path).parent)
 
     def reading(self) -> dict[str, Any]:

@@ -34,14 +34,6 @@ def test_a_job_survives_the_round_trip_through_json(tmp_path):
     assert Job.read(path) == full_job()
 
 
-def test_a_keys_earlier_name_is_read_with_a_note(tmp_path):
-    path, notes = tmp_path / "job.json", []
-    path.write_text(json.dumps({**MINIMAL, "told": "labels.json"}), encoding="utf-8")
-    job = Job.read(path, lambda earlier, today: notes.append((earlier, today)))
-    assert job.labels == tmp_path / "labels.json" and notes == [("told", "labels")]
-    assert job.as_dict()["labels"] == str(job.labels) and "told" not in job.as_dict()
-
-
 def test_relative_paths_start_at_the_job_file(tmp_path):
     path = tmp_path / "job.json"
     path.write_text(json.dumps({**MINIMAL, "report": "page.html"}), encoding="utf-8")

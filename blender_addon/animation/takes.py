@@ -86,16 +86,15 @@ def person_of(provenance: str) -> str:
 def found_in(provenance: str) -> list[DiagnosticValues]:
     """Return what was found while a motion was solved, by its provenance, JSON text; plain JSON values."""
     try:
-        record = json.loads(provenance)
-        values = [*(record.get("findings") or ()), *(record.get("diagnostics") or ())]
+        values = json.loads(provenance).get("diagnostics")
     except (ValueError, AttributeError, TypeError, RecursionError):
         return []
     return [item.as_dict() for item in read_diagnostics(values)]
 
 
 def warnings_of_take(action: bpy.types.Action) -> Sequence[Diagnostic]:
-    """Return the warnings that a take keeps; of takes of earlier versions their sentences alone are known."""
-    return warnings_in(findings_in(str(action.get(DIAGNOSTICS, "")), str(action.get(WARNINGS, ""))))
+    """Return the warnings that a take keeps."""
+    return warnings_in(findings_in(str(action.get(DIAGNOSTICS, ""))))
 
 
 def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bpy.types.Action]:

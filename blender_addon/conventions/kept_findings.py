@@ -14,17 +14,11 @@ def findings_text(found: Iterable[Diagnostic]) -> str:
     return json.dumps([item.as_dict() for item in found])
 
 
-def findings_in(text: str, sentences: str = "") -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a text.
-
-    Args:
-        text: of ``findings_text``; one of another version, or of nobody's, holds none.
-        sentences: what they are then, a sentence a line.
-    """
+def findings_in(text: str) -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a text of ``findings_text``; any other text holds none."""
     import json
 
     try:
-        found = json.loads(text)
+        return read_diagnostics(json.loads(text))
     except (ValueError, RecursionError):
-        found = sentences.splitlines()
-    return read_diagnostics(found)
+        return ()

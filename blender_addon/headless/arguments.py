@@ -10,7 +10,6 @@ from pathlib import Path
 
 from .._exchange.diagnostics import REFUSALS
 from .._exchange.marker_formats import MARKER_FORMATS
-from .._exchange.renamed import RenamedOption
 from ..conventions.naming import LOOKS
 from ..conventions.skeleton import NUM_BETAS
 from ..export.formats import FORMATS
@@ -246,7 +245,7 @@ def _add_studio_options(studio: argparse.ArgumentParser) -> None:
     add("--out", type=Path, required=True, metavar="DIR", help="folder of the data set; an interrupted run resumes")
     add("--plan", action="store_true", help="check the description; report what would be made and its size")
     add(
-        "--benchmark", "--judge", nargs="+", default=[], action=RenamedOption, metavar="METHOD",
+        "--benchmark", nargs="+", default=[], metavar="METHOD",
         help="also solve by these methods and compare",
     )  # fmt: skip
     add("--places", action="store_true", help="also map the camera arrays' errors over the floor")

@@ -6,14 +6,13 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from .._exchange.diagnostics import EARLIER_NOTE, Diagnostic, read_diagnostics
+from .._exchange.diagnostics import Diagnostic, read_diagnostics
 from .._exchange.errors import MocapError
 from .._exchange.json_file import read_json_file
 from .._exchange.plain_text import plain
 
 NAME = "road.json"
-_FORMAT, _VERSIONS = "manifold_mocap_road", (1, 2)
-"""Version 1 holds sentences, ``words`` and ``doubts``, where version 2 holds ``diagnostics``."""
+_FORMAT, _VERSION = "manifold_mocap_road", 2
 _LARGEST = 1 << 20
 """Bytes of a file that is read; chosen by hand."""
 
@@ -41,28 +40,17 @@ def read_road(folder: Path) -> tuple[RoadStep, ...]:
         values = read_json_file(path, _LARGEST)
     except MocapError:
         return ()
-    if not isinstance(values, dict) or values.get("format") != _FORMAT or values.get("version") not in _VERSIONS:
+    if not isinstance(values, dict) or values.get("format") != _FORMAT or values.get("version") != _VERSION:
         return ()
     steps = values.get("steps")
     rows = [row for row in steps if isinstance(row, dict)] if isinstance(steps, list) else []
     return tuple(
         RoadStep(
-            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), _found(row),
+            plain(str(row.get("step", ""))), plain(str(row.get("state", ""))), read_diagnostics(row.get("diagnostics")),
             tuple(_pictures(folder, row.get("pictures"))),
         )
         for row in rows
     )  # fmt: skip
-
-
-def _found(row: dict[str, Any]) -> tuple[Diagnostic, ...]:
-    return (
-        *read_diagnostics(_sentences(row.get("words")), EARLIER_NOTE), *read_diagnostics(_sentences(row.get("doubts"))),
-        *read_diagnostics(row.get("diagnostics")),
-    )  # fmt: skip
-
-
-def _sentences(value: Any) -> list[str]:
-    return [item for item in value if isinstance(item, str)] if isinstance(value, list) else []
 
 
 def _pictures(folder: Path, value: Any) -> list[Path]:

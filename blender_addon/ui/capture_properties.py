@@ -74,7 +74,7 @@ class MocapMessage(bpy.types.PropertyGroup):
 
     @property
     def found(self) -> tuple[Diagnostic, ...]:
-        """What was found; of files of a former version the sentence alone."""
+        """What was found."""
         return findings_in(self.diagnostic)
 
 

@@ -92,9 +92,8 @@ def read_noise_map(path: Path | str) -> NoiseMap:
     try:
         if not isinstance(values, dict) or values.get("format") != FORMAT:
             raise ValueError(f"its format is not '{FORMAT}'")
-        # Files of earlier versions of this program state no version.
-        if values.get("version", 1) != 1:
-            raise ValueError(f"it has version {values['version']!r}, and 1 is read")
+        if values.get("version") != 1:
+            raise ValueError(f"it has version {values.get('version')!r}, and 1 is read")
         return _checked(values)
     except (KeyError, TypeError, ValueError, OverflowError) as error:
         why = f"it has no {error.args[0]}" if isinstance(error, KeyError) else str(error)

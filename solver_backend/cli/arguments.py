@@ -12,7 +12,6 @@ from solver_backend.cli.verb_table import TASKS, VERBS, Shared
 from solver_backend.cli.video_arguments import detector_options, footage_options
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.exit_codes import describe_exit_codes
-from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.version import VERSION
 
 EPILOG = (
@@ -22,11 +21,6 @@ EPILOG = (
     )
     + "Messages for people go to standard error."
 )
-_EARLIER_VERBS = {
-    "studio-judge": "studio-benchmark", "studio-rigs": "studio-cameras", "rig-record": "sensors-record",
-    "rig-live": "sensors-live",
-}  # fmt: skip
-"""Verbs of version 0.1, and their names today; known until the next release."""
 
 
 class _Parser(argparse.ArgumentParser):
@@ -46,9 +40,6 @@ def parse(argv: list[str]) -> argparse.Namespace:
     Raises:
         CommandLineInvalid: it makes no sense; the hint is the usage.
     """
-    if argv and argv[0] in _EARLIER_VERBS:
-        note_renamed(argv[0], _EARLIER_VERBS[argv[0]])
-        argv = [_EARLIER_VERBS[argv[0]], *argv[1:]]
     return build_parser().parse_args(_with_signed_axis(argv))
 
 

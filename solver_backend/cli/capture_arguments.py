@@ -6,7 +6,6 @@ import argparse
 from pathlib import Path
 
 from solver_backend.cli.setting_options import ROWS, add_settings
-from solver_backend.exchange.renamed import RenamedOption
 
 CAPTURE_HELP = "capture: a folder or file of keypoints or markers"
 
@@ -37,10 +36,8 @@ def solve_arguments(verb: argparse.ArgumentParser) -> None:
 
 def add_labels(verb: argparse.ArgumentParser) -> None:
     """Add the file of labels that a user assigned."""
-    verb.add_argument(
-        "--labels", "--told", dest="labels", action=RenamedOption, type=Path, metavar="LABELS.json",
-        help="user-assigned labels; the solver never overrides them",
-    )  # fmt: skip
+    help = "user-assigned labels; the solver never overrides them"
+    verb.add_argument("--labels", type=Path, metavar="LABELS.json", help=help)
 
 
 def info_arguments(verb: argparse.ArgumentParser) -> None:

@@ -50,7 +50,7 @@ def found_data(found: Sequence[Diagnostic]) -> Remarks:
 
 
 def findings_data(found: Sequence[Diagnostic]) -> dict[str, object]:
-    """Return what was found of sensors as plain JSON values: data, and the sentences of earlier versions."""
+    """Return diagnostics of cameras as plain JSON values, and as sentences."""
     return {"findings": [sentence(item) for item in found], "diagnostics": [item.as_dict() for item in found]}
 
 

@@ -23,7 +23,6 @@ from solver_backend.exchange.job_file import MOTION_SUFFIX
 from solver_backend.exchange.motion_file import is_motion
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.renamed import note_renamed
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.verb_results import FailedTake, SolveResult, TakeResult, TakesResult
 from solver_backend.fitters.freed_memory import keep_freed_memory
@@ -247,7 +246,7 @@ def _jobs(args: argparse.Namespace) -> list[Job]:
             raise CommandLineInvalid(
                 f"--job cannot be combined with {', '.join([*given, *settings])}.", hint="Write it in the job file."
             )
-        return [Job.read(path, note_renamed) for path in args.job]
+        return [Job.read(path) for path in args.job]
     if args.capture is None or args.out is None:
         raise CommandLineInvalid("solve needs a capture and --out, or --job.", hint="solve CAPTURE --out MOTION.npz")
     read = {name: value for name, value in reading(args).items() if name != "sync"}  # a setting of the solve

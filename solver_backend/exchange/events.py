@@ -64,14 +64,14 @@ def _people(value: Any) -> bool:
 _CAPTURE: dict[str, _Test] = {
     "capture": _text, "name": _text, "frames": _whole, "fps": _number, "joint_set": _or_none(_text),
     "markers": _or_none(_whole), "cameras": _cameras, "people": _people, "person": _text,
-    "notes": _texts, "problems": _texts, "diagnostics": _or_none(_diagnostics),
+    "notes": _texts, "problems": _texts, "diagnostics": _diagnostics,
 }  # fmt: skip
 _SOLVED: dict[str, _Test] = {
     "motion": _text, "report": _or_none(_text), "diagnostics": _diagnostics, "frames": _whole,
     "reprojection_median_px": _or_none(_number), "unsure_frames": _whole, "unseen_frames": _whole,
 }  # fmt: skip
 _RESULTS: dict[str, dict[str, _Test]] = {"convert": _CAPTURE, "demo-capture": _CAPTURE, "solve": _SOLVED}
-"""What the results of the verbs hold that somebody acts on; earlier solvers write no diagnostics of what is read."""
+"""What the results of the verbs hold that somebody acts on."""
 
 
 def _each(tests: dict[str, _Test]) -> _Test:
@@ -103,11 +103,11 @@ def _takes_of_videos(value: Any) -> bool:
 
 _RESULTS["check-cameras"] = {
     "verdict": _text, "findings": _texts, "problems": _or_none(_texts), "stature_m": _number, "tilt_deg": _number,
-    "tilt_sigma_deg": _number, "diagnostics": _or_none(_diagnostics), "capture_diagnostics": _or_none(_diagnostics),
+    "tilt_sigma_deg": _number, "diagnostics": _diagnostics, "capture_diagnostics": _or_none(_diagnostics),
 }  # fmt: skip
 _RESULTS["fit-cameras"] = {
     "calibration": _text, "format": _text, "cameras": _texts, "residual_px": _or_none(_number),
-    "stature_m": _or_none(_number), "notes": _texts, "problems": _texts, "diagnostics": _or_none(_diagnostics),
+    "stature_m": _or_none(_number), "diagnostics": _diagnostics,
 }  # fmt: skip
 _RESULTS["from-videos"] = {"takes": _takes_of_videos}
 _SEVERAL: dict[str, tuple[str, dict[str, _Test]]] = {

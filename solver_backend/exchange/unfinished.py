@@ -20,8 +20,7 @@ except ModuleNotFoundError:  # Windows
 _PART, _PROBE = ".part", ".probe"
 _PROBE_BYTES = bytes(4096)
 _LOCK = re.compile(r"\.part-[0-9a-f]{16}")
-_LEFTOVER = re.compile(r"\.part(-[0-9a-f]{16}|\d+)(_.*)?|\.probe(-[0-9a-f]{16}|\d*)", re.DOTALL)
-"""Those with a number are named as earlier versions did."""
+_LEFTOVER = re.compile(r"\.part-[0-9a-f]{16}(_.*)?|\.probe-[0-9a-f]{16}", re.DOTALL)
 _YOUNG_S, _OLD_S = 60.0, 86400.0
 """A leftover is swept after the first if nobody holds its lock, after the second where locks cannot be asked."""
 

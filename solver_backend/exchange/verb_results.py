@@ -28,7 +28,7 @@ class PersonSummary(TypedDict):
 
 
 class Remarks(TypedDict):
-    """What was found: data, and the sentences of earlier versions."""
+    """Diagnostics as data, and as sentences."""
 
     notes: list[str]
     problems: list[str]

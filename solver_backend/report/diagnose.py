@@ -49,13 +49,8 @@ def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
 
 
 def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
-    """Return what a motion states was found when it was solved; in ``findings`` where an earlier version wrote it."""
-    return read_diagnostics([*_list(motion, "findings"), *_list(motion, "diagnostics")])
-
-
-def _list(motion: Motion, key: str) -> list[object]:
-    values = motion.provenance.get(key)
-    return values if isinstance(values, list) else []
+    """Return what a motion states was found when it was solved."""
+    return read_diagnostics(motion.provenance.get("diagnostics"))
 
 
 def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.diagnostics import EARLIER_NOTE, Diagnostic, read_diagnostics
+from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import (
     CalibrationMismatch,
     CaptureInvalid,
@@ -218,8 +218,6 @@ class Capture:
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "notes", read_diagnostics(self.notes, EARLIER_NOTE))
-        object.__setattr__(self, "problems", read_diagnostics(self.problems))
         cameras, found = self.cameras, self.keypoints
         if cameras is not None and found is not None and len(cameras) != found.num_views:
             raise CalibrationMismatch(

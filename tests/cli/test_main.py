@@ -119,7 +119,7 @@ def test_json_ends_in_exactly_one_result(stand_ins, tmp_path, capsys):
     assert last["frames"] == FRAMES
     odd = check_motion(small_motion(FRAMES))
     found = read_diagnostics(last["diagnostics"])
-    said = [item.values["text"] for item in found if item.code == "earlier_warning"]
+    said = [item.values["text"] for item in found if item.severity == "warning" and item.code == "scene_message"]
     assert odd and all(item in found for item in odd)
     assert said == ["One camera is dark.", "Ünicode."]
 
@@ -265,12 +265,3 @@ def test_training_names_what_is_wrong(tmp_path, capsys):
 def test_an_axis_with_a_sign_is_no_option() -> None:
     assert parse(["info", "capture", "--up-axis", "-y"]).up_axis == "-y"
     assert parse(["info", "capture", "--up-axis", "x"]).up_axis == "x"
-
-
-@pytest.mark.parametrize("verb", ["solve", "label"])
-def test_an_options_earlier_name_works_with_a_note(verb, tmp_path, capsys):
-    file = tmp_path / "labels.json"
-    for option, note in (("--labels", ""), ("--told", "note: --told is now called --labels; ")):
-        assert parse([verb, "take.c3d", "--out", "out.c3d", option, str(file)]).labels == file
-        shown = capsys.readouterr()
-        assert shown.err.startswith(note) and bool(shown.err) == bool(note) and not shown.out

@@ -47,7 +47,7 @@ def filled(code: str) -> Diagnostic:
 
 def test_no_code_is_in_two_groups():
     assert sum(map(len, GROUPS.values())) == len(TABLE)
-    assert {"starts_apart", "earlier_warning"} <= READING and not READING & {*RECORDING, *RESULT}
+    assert {"starts_apart"} <= READING and not READING & {*RECORDING, *RESULT}
 
 
 @pytest.mark.parametrize("code", TABLE)
@@ -56,7 +56,7 @@ def test_every_code_has_words_and_survives_a_file(code):
     words = word(found, 10.0)
     assert code not in words.what and "{" not in words.what + words.advice
     assert words.what.endswith((".", "?")) and "frames 3-9 (0.70 s)" in words.what
-    assert TABLE[code].cause and (words.advice or found.severity is Severity.NOTE or code.startswith("earlier"))
+    assert TABLE[code].cause and (words.advice or found.severity is Severity.NOTE or code == "scene_message")
     assert read_diagnostics(json.loads(json.dumps([found.as_dict()]))) == (found,)
 
 
@@ -113,22 +113,6 @@ def test_nonsense_in_a_diagnostic_is_left_out():
     assert "\x1b" not in sentence(found)
 
 
-def test_files_of_earlier_versions_are_read():
-    usual = {"camera": "", "first": 0, "last": 9, "figure": 0.0, "remedy": "repaired", "detail": ""}
-    faults = [
-        {"kind": "limbs_exchanged", "camera": "b", "first": 30, "last": 59, "figure": 8.0, "remedy": "repaired",
-         "detail": "legs"},
-        {**usual, "kind": "markers_exchanged", "detail": "LWRA and LWRB"},
-        {**usual, "kind": "names_exchanged", "camera": "a", "detail": "c"},
-        "The views disagree.",
-    ]  # fmt: skip
-    legs, wrists, names, text = read_diagnostics(faults)
-    assert legs == LEGS
-    assert wrists.where.markers == ("LWRA", "LWRB") and "LWRA and LWRB have" in sentence(wrists)
-    assert sentence(names).startswith("Camera a and camera c are exchanged in frames 0-9: corrected.")
-    assert sentence(text) == "The views disagree." and text.severity is Severity.WARNING
-
-
 def test_counts_of_numpy_are_whole_and_survive_a_file():
     found = diagnostic("frame_files_missing", count=np.int64(3))
     assert word(found).what.startswith("3 frame files")
@@ -149,8 +133,9 @@ def test_a_code_that_the_table_lacks_is_a_defect():
 
 
 def test_every_code_is_used_and_every_use_has_its_row():
-    root = Path(__file__).resolve().parents[2] / "solver_backend"
-    files = [path for path in sorted(root.rglob("*.py")) if path.parent.name != "diagnostics"]
+    root = Path(__file__).resolve().parents[2]
+    every = (path for half in ("solver_backend", "blender_addon") for path in sorted((root / half).rglob("*.py")))
+    files = [path for path in every if path.parent.name != "diagnostics"]
     text = "".join(path.read_text(encoding="utf-8") for path in files)
     direct = set(re.findall(r'\bdiagnostic\(\s*"(\w+)"', text))
     assert direct <= set(TABLE), "codes without a row"
@@ -158,4 +143,4 @@ def test_every_code_is_used_and_every_use_has_its_row():
     named = set(re.findall(r'"(\w+)"', text))
     of_one = {code: {code, code.removesuffix("_markers"), code.removesuffix("s")} for code in TABLE}
     unused = {code for code in TABLE if not of_one[code] & named}
-    assert all(code.startswith(("earlier_", "frames_uns", "few_frames_unsure")) for code in unused), unused
+    assert all(code.startswith(("frames_uns", "few_frames_unsure")) for code in unused), unused

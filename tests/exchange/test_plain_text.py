@@ -46,7 +46,7 @@ def test_a_message_of_a_capture_is_plain_in_the_panel() -> None:
     message = SimpleNamespace(text="", is_problem=False)
     import_results._add_message(
         SimpleNamespace(messages=SimpleNamespace(add=lambda: message)),
-        diagnostic("earlier_warning", text=HOSTILE),
+        diagnostic("scene_message", text=HOSTILE),
         is_problem=True,
     )
     assert "\x1b" not in message.text and message.is_problem

@@ -113,7 +113,7 @@ def test_files_of_a_writer_at_work_are_not_swept(tmp_path: Path, monkeypatch: py
 def test_leftovers_are_swept_when_old_and_block_nothing(tmp_path: Path) -> None:
     token = "0123456789abcdef"
     old = [aged(tmp_path / f".part-{token}", 100), aged(tmp_path / f".part-{token}_x.txt", 5),
-           aged(tmp_path / ".probe123", 100), aged(tmp_path / ".part77_x.txt", 90_000)]  # fmt: skip
+           aged(tmp_path / f".probe-{token}", 100), aged(tmp_path / f".part-{token}_y.txt", 90_000)]  # fmt: skip
     young = aged(tmp_path / ".part-fedcba9876543210", 5)
     mine = aged(tmp_path / ".partition", 100)
     assert not is_free(tmp_path)

@@ -41,7 +41,7 @@ def test_codes_that_refuse_nothing_are_named() -> None:
 
 
 def test_a_refusal_repeats_what_the_reader_doubted() -> None:
-    doubt = diagnostic("earlier_warning", text="The joint set is not certain.")
+    doubt = diagnostic("scene_message", text="The joint set is not certain.")
     with pytest.raises(ResultRefused) as caught:
         refuse_errors([doubt, TALL, APART], (), "take")
     assert caught.value.hint.startswith("What was found before may explain it: The joint set is not certain.")

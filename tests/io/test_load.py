@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.diagnostics import EARLIER, diagnostic
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import (
     KeypointCountMismatch,
 )
@@ -39,7 +39,7 @@ def test_a_trial_is_read(trial: Path) -> None:
     assert (found.num_frames, found.fps, found.keypoints.joint_set) == (20, 30.0, JointSet.COCO_17)
     assert (found.keypoints.confidence > 0).all()
     assert "30 frames a second, from Config.toml." in words(found.notes)
-    assert found.problems == () and not {*EARLIER} & {note.code for note in found.notes}
+    assert found.problems == ()
     assert set(calls) == {"Reading the detections", "Comparing the views"}
     assert "keypoints span 1.59 m upwards from z = 0.08 m" in words(found.notes)[-1]
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import OutputExists
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.report.capture_page import capture_html, write_capture_report
@@ -34,7 +35,8 @@ def agreement(page: str, camera: str) -> float:
 
 
 def test_cameras_person_and_views_are_on_the_page() -> None:
-    page = capture_html(replace(DEMO, problems=("The lens is <odd>.",), notes=("A note.",)))
+    found = diagnostic("scene_message", text="The lens is <odd>.")
+    page = capture_html(replace(DEMO, problems=(found,), notes=(diagnostic("scene_message", text="A note."),)))
     text = words(page)
     for word in ("Capture demo", "Space", "Views", "Detections that agree", "cam03", "The lens is <odd>.", "A note."):
         assert word in text

@@ -8,15 +8,15 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.diagnostics import Severity, word
+from solver_backend.exchange.diagnostics import Severity, diagnostic, word
 from solver_backend.report.diagnose import diagnose
 from solver_backend.types import FLAG_UNSURE
 from tests.support.solved import GAP, OFF, solved
 
 
 def sentences(capture, motion) -> list[str]:
-    found = (item for item in diagnose(capture, motion) if item.code != "earlier_note")
-    return [word(item, motion.fps).what for item in found]
+    noted = diagnostic("scene_message", severity=Severity.NOTE, text="Read as metres.")
+    return [word(item, motion.fps).what for item in diagnose(capture, motion) if item != noted]
 
 
 def test_a_clean_solve_has_nothing_to_look_at():
@@ -25,7 +25,7 @@ def test_a_clean_solve_has_nothing_to_look_at():
 
 def test_every_fault_is_named():
     capture, motion = solved()
-    found = sentences(replace(capture, problems=("A camera was trimmed.",)), motion)
+    found = sentences(replace(capture, problems=(diagnostic("scene_message", text="A camera was trimmed."),)), motion)
     assert found[0] == "A camera was trimmed."
     assert any(f"frames {GAP[0]}-{GAP[1]} (0.50 s)" in line and "interpolated" in line for line in found)
     assert any(f"frames {OFF[0]}-{OFF[1]} (0.20 s)" in line and "far from the detections" in line for line in found)

@@ -13,7 +13,7 @@ from solver_backend.types import Capture
 DOUBTS = [
     diagnostic("camera_sees_elsewhere", cameras=["cam03"]),
     diagnostic("cameras_shifted", cameras=["cam01", "cam03"], shifts=["cam01 by 20 px", "cam03 by 215 px"]),
-    diagnostic("earlier_warning", text="The views have different frame rates."),
+    diagnostic("scene_message", text="The views have different frame rates."),
 ]
 
 
@@ -24,7 +24,7 @@ def corrected(last: int, remedy: Remedy = Remedy.REPAIRED) -> Diagnostic:
 def test_only_the_explanation_stays() -> None:
     found = list(without_explained([*DOUBTS, corrected(99)], 100))
     assert found[0] == diagnostic("cameras_shifted", cameras=["cam01"], shifts=["cam01 by 20 px"])
-    assert [item.code for item in found[1:]] == ["earlier_warning", "image_mirrored"]
+    assert [item.code for item in found[1:]] == ["scene_message", "image_mirrored"]
     shifted = diagnostic("cameras_shifted", cameras=["cam03"], shifts=["cam03 by 30 px"])
     alone = list(without_explained([DOUBTS[0], shifted, corrected(99)], 100))
     assert [item.code for item in alone] == ["image_mirrored"]
@@ -38,7 +38,7 @@ def test_what_was_compared_with_a_corrected_camera_is_no_doubt_of_the_others() -
         "three", cameras=cameras.subset([1, 2, 3]), keypoints=keypoints.views([1, 2, 3]), footage=(None,) * 3
     )
     assert [i.code for i in without_explained([*DOUBTS, lenses, corrected(99)], 100, three)] == [
-        "earlier_warning", "image_mirrored"
+        "scene_message", "image_mirrored"
     ]  # fmt: skip
     assert list(without_explained([*DOUBTS, lenses], 100, three)) == [*DOUBTS, lenses]
     four = Capture("four", cameras=cameras, keypoints=keypoints, footage=(None,) * 4)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MotionInvalid, OutputExists
 from solver_backend.report.page import report_html, write_report
 from solver_backend.types import Capture, MarkerCloud
@@ -39,7 +40,8 @@ def test_what_files_say_cannot_break_the_page():
     evil = "</script><script>alert(1)</script>\"'&<"
     names = tuple(f"{evil}{c}" for c in range(4))
     cameras = replace(capture.cameras, names=names)
-    capture = replace(capture, name=evil, cameras=cameras, sources=(evil,), notes=(evil,), problems=(evil,))
+    found = diagnostic("scene_message", text=evil)
+    capture = replace(capture, name=evil, cameras=cameras, sources=(evil,), notes=(found,), problems=(found,))
     motion = replace(motion, body=evil, provenance={**motion.provenance, evil: evil, "settings": {evil: evil}})
     parsed = Strict(report_html(capture, motion))
     assert [tag for tag, _ in parsed.seen].count("script") == 1

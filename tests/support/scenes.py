@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.types import Cameras, Capture, JointSet, Keypoints2D, MarkerCloud, Motion
 
 NAMES = ("cam_a", "cam_b", "cam_c", "cam_d")
@@ -46,8 +47,8 @@ def small_capture(frames: int = 7, joint_set: JointSet = JointSet.COCO_17, views
         keypoints=Keypoints2D(xy, confidence, joint_set, 59.94),
         footage=tuple(None if i == 1 else Path(f"video_{i}.mp4") for i in range(views)),
         sources=("a.json", "b.toml"),
-        notes=("Read as metres.",),
-        problems=("One camera is dark.", "Ünicode."),
+        notes=(diagnostic("scene_message", severity=Severity.NOTE, text="Read as metres."),),
+        problems=tuple(diagnostic("scene_message", text=text) for text in ("One camera is dark.", "Ünicode.")),
         truth={"joints": rng.normal(size=(frames, 24, 3)), "betas": rng.normal(size=10)},
     )
 

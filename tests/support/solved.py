@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, SMPL_JOINTS, Capture, JointSet, Keypoints2D, Motion
 from tests.support.scenes import ring_of_cameras, walker
 
@@ -54,7 +55,14 @@ def solved(faults: bool = True, truth: bool = False, views: int = 4) -> tuple[Ca
     keypoints = Keypoints2D(xy, confidence, joint_set, FPS)
     joints = joints_of(points, joint_set)
     known = {"joints": joints + [0.003, 0.004, 0.0], "keypoints3d": points} if truth else {}
-    capture = Capture(NAME, cameras, keypoints, sources=("one.json",), notes=("Read as metres.",), truth=known)
+    capture = Capture(
+        NAME,
+        cameras,
+        keypoints,
+        sources=("one.json",),
+        notes=(diagnostic("scene_message", severity=Severity.NOTE, text="Read as metres."),),
+        truth=known,
+    )
     motion = Motion(
         betas=np.zeros(10), global_orient=np.zeros((FRAMES, 3)), body_pose=np.zeros((FRAMES, 69)),
         transl=np.zeros((FRAMES, 3)), fps=FPS, body="neutral-1", joints=joints, keypoints3d=points,

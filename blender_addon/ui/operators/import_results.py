@@ -12,7 +12,7 @@ import numpy as np
 from mathutils import Vector
 
 from ..._exchange.capture_file import read_capture
-from ..._exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, sentence, warnings_in
+from ..._exchange.diagnostics import Diagnostic, diagnostic, notes_in, read_diagnostics, sentence, warnings_in
 from ..._exchange.motion_file import read_motion
 from ..._exchange.plain_text import plain
 from ...animation.takes import DIAGNOSTICS, ERROR, PERSON, WARNINGS, SolvedAgain, SolveFiles, person_of
@@ -36,7 +36,7 @@ from ..project_files import bring_home
 from ..viewport import colour_markers
 
 if TYPE_CHECKING:
-    from ..._exchange.verb_results import CaptureResult, CaptureSummary, PersonSummary, SolveResult
+    from ..._exchange.verb_results import CaptureResult, PersonSummary, SolveResult
 
 _NAMED = ("known", "unknown", "computed", "doubled")
 
@@ -109,8 +109,9 @@ def take_capture(scene: bpy.types.Scene, result: CaptureResult, source: Path | N
     capture.collection, capture.floor = stage.collection, stage.floor
     capture.messages.clear()
     capture.checked = capture.doubts = capture.doubted = ""
-    found = read_diagnostics(result.get("diagnostics"))
-    for item in (*warnings_in(found), *read_diagnostics([*stage.notes, *refused])):
+    found = read_diagnostics(result["diagnostics"])
+    shown = [diagnostic("scene_message", text=text) for text in (*stage.notes, *refused)]
+    for item in (*warnings_in(found), *shown):
         _add_message(capture, item, is_problem=True)
     for item in notes_in(found):
         _add_message(capture, item, is_problem=False)

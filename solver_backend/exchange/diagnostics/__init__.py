@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from .diagnostic import (
-    EARLIER,
-    EARLIER_NOTE,
     Diagnostic,
     DiagnosticValues,
     Remedy,
@@ -22,7 +20,7 @@ from .table import TABLE
 from .wording import frames_text, sentence, word
 
 __all__ = [
-    "EARLIER", "EARLIER_NOTE", "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "DiagnosticValues", "Remedy",
+    "REFUSALS", "TABLE", "Diagnostic", "DiagnosticEntry", "DiagnosticValues", "Remedy",
     "Severity", "Where", "diagnostic", "frames_text", "merge", "notes_in", "read_diagnostics", "refuse_errors",
     "sentence", "summarise", "warnings_in", "word",
 ]  # fmt: skip

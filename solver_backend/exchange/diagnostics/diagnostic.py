@@ -15,9 +15,6 @@ from .table import TABLE
 Frames = tuple[tuple[int, int], ...]
 """First and last frame, included, of one or more stretches."""
 
-EARLIER = EARLIER_NOTE, EARLIER_WARNING = "earlier_note", "earlier_warning"
-"""Codes of sentences that files of earlier versions hold."""
-
 
 class Remedy(StrEnum):
     """What the program did about it; the value is the name written to files."""
@@ -152,27 +149,13 @@ def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     return tuple(item for item in found if item.severity is Severity.NOTE)
 
 
-def read_diagnostics(values: Any, sentences: str = EARLIER_WARNING) -> tuple[Diagnostic, ...]:
-    """Return the diagnostics of a file or an event, of this or an earlier version; what is none is left out.
-
-    Args:
-        values: a list of diagnostics, of objects as ``Diagnostic.as_dict`` makes them, of faults of versions before
-            them, or sentences.
-        sentences: code of a sentence, ``EARLIER_WARNING`` or ``EARLIER_NOTE``.
-    """
+def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it; others are left out."""
     items = values if isinstance(values, list | tuple) else ()
-    return tuple(found for item in items if (found := _read(item, sentences)))
+    return tuple(found for item in items if isinstance(item, Mapping) and (found := _read(item)))
 
 
-def _read(item: Any, sentences: str) -> Diagnostic | None:
-    if isinstance(item, Diagnostic):
-        return item
-    if isinstance(item, str):
-        return diagnostic(sentences, text=item)
-    if not isinstance(item, Mapping):
-        return None
-    if isinstance(item.get("kind"), str):
-        return _read_fault(item)
+def _read(item: Mapping[str, Any]) -> Diagnostic | None:
     code = item.get("code")
     if not isinstance(code, str):
         return None
@@ -208,21 +191,3 @@ def _runs(value: Any) -> Frames:
     runs = value if isinstance(value, list) else []
     pairs = [run for run in runs if isinstance(run, list) and len(run) == 2]
     return tuple((a, b) for a, b in pairs if type(a) is int and type(b) is int and a <= b)
-
-
-def _read_fault(item: Mapping[str, Any]) -> Diagnostic:
-    """Return a fault as versions before the diagnostics wrote it: kind, camera, first, last, figure, remedy, detail."""
-    kind, camera, detail = (str(item.get(key) or "") for key in ("kind", "camera", "detail"))
-    cameras = [camera] if camera else []
-    values: dict[str, Any] = {"size": _kept(item.get("figure", 0.0))}
-    markers: list[str] = detail.split(" and ") if kind.startswith("marker") else []
-    if kind == "names_exchanged":
-        cameras.append(detail)
-    elif detail and not markers:
-        values["part"] = detail
-    where = {"cameras": cameras, "markers": markers, "frames": [[item.get("first"), item.get("last")]]}
-    severity = TABLE[kind].severity.value if kind in TABLE else ""
-    fault = {"code": kind, "severity": severity, "where": where, "values": values, "remedy": item.get("remedy")}
-    found = _read(fault, EARLIER_WARNING)
-    assert found is not None
-    return found

@@ -5,7 +5,7 @@ from __future__ import annotations
 from .calibration import CALIBRATION
 from .captures import CAPTURES
 from .detections import DETECTIONS
-from .entry import DiagnosticEntry, note, warning
+from .entry import DiagnosticEntry, warning
 from .extrinsics import EXTRINSICS
 from .gloves import GLOVES
 from .labels import LABELS
@@ -18,9 +18,8 @@ from .videos import VIDEOS
 from .wand import WAND
 from .world import WORLD
 
-_EARLIER: dict[str, DiagnosticEntry] = {
-    "earlier_note": note("{text}", "A file of an earlier version holds this sentence."),
-    "earlier_warning": warning("{text}", "A file of an earlier version holds this sentence.", ""),
+_SCENE: dict[str, DiagnosticEntry] = {
+    "scene_message": warning("{text}", "Blender shows this part of a capture otherwise, or not at all.", ""),
 }
 
 GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
@@ -38,7 +37,7 @@ GROUPS: dict[str, dict[str, DiagnosticEntry]] = {
     "Motions of other programs": MOTIONS,
     "Hands of gloves": GLOVES,
     "Results of a solve": RESULT,
-    "Files of earlier versions": _EARLIER,
+    "Scenes": _SCENE,
 }
 """By where they are found, in the order of the reference page."""
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterable
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -11,14 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, portable_path
-from solver_backend.exchange.diagnostics import (
-    EARLIER,
-    EARLIER_NOTE,
-    Diagnostic,
-    notes_in,
-    read_diagnostics,
-    warnings_in,
-)
+from solver_backend.exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.npz import write_npz
@@ -92,7 +84,7 @@ ROUNDING = 1e-5
 """Share of its largest variance by which a covariance in single precision may be negative."""
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
 _STORED = (
-    "format", "version", "name", "diagnostics", "notes", "problems", "sources", "footage", "footage_first",
+    "format", "version", "name", "diagnostics", "sources", "footage", "footage_first",
     "camera_names", "K", "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence",
     "joint_set", "marker_positions", "marker_fps", "marker_labels", "marker_residual", "marker_covariance",
     "other_positions", "other_labels",
@@ -114,12 +106,9 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         "format": np.array(FORMAT),
         "version": np.array(VERSION),
         "name": np.array(capture.name),
-        "notes": _strings(_sentences(capture.notes)),
-        "problems": _strings(_sentences(capture.problems)),
         "sources": _strings(capture.sources),
     }
-    found = [item for item in (*capture.notes, *capture.problems) if item.code not in EARLIER]
-    if found:
+    if found := (*capture.notes, *capture.problems):
         arrays["diagnostics"] = _strings(tuple(json.dumps(item.as_dict()) for item in found))
     if capture.cameras is not None:
         cameras = capture.cameras
@@ -184,18 +173,13 @@ def read_capture(path: Path | str) -> Capture:
         raise type(error)(error.message, where=where, hint=error.hint) from error
 
 
-def _sentences(found: Iterable[Diagnostic]) -> tuple[str, ...]:
-    """Return those that an earlier version wrote, as it wrote them."""
-    return tuple(str(item.values.get("text", "")) for item in found if item.code in EARLIER)
-
-
 def _diagnostics(fields: Fields) -> tuple[Diagnostic, ...]:
     """Return what a file holds as JSON texts; what is none is left out."""
     values: list[object] = []
     for text in fields.texts("diagnostics"):
         with suppress(ValueError, RecursionError):
             values.append(json.loads(text))
-    return read_diagnostics([value for value in values if isinstance(value, dict)])
+    return read_diagnostics(values)
 
 
 def _truth(fields: Fields, path: Path) -> dict[str, np.ndarray]:
@@ -237,8 +221,8 @@ def _capture(fields: Fields, path: Path) -> Capture:
         footage=tuple(footage_path(item, path) for item in fields.texts("footage")),
         footage_first=_footage_first(fields),
         sources=fields.texts("sources"),
-        notes=(*read_diagnostics(fields.texts("notes"), EARLIER_NOTE), *notes_in(found)),
-        problems=(*read_diagnostics(fields.texts("problems")), *warnings_in(found)),
+        notes=notes_in(found),
+        problems=warnings_in(found),
         people=people,
         person=fields.text("person", "") if people else "",
         stature_m=_number(fields, "stature_m"),

@@ -161,10 +161,11 @@ def test_what_a_file_of_steps_says_is_not_trusted(tmp_path):
     (tmp_path / "results").mkdir()
     (tmp_path / "secret.png").write_bytes(b"x")
     (tmp_path / "results" / "mine.png").write_bytes(b"x")
+    fine = {"code": "scene_message", "values": {"text": "fine\u202e"}}
     said = {
-        "format": "manifold_mocap_road", "version": 1,
+        "format": "manifold_mocap_road", "version": 2,
         "steps": [
-            {"step": "detect", "state": "made", "words": ["fine\u202e", 3], "doubts": None,
+            {"step": "detect", "state": "made", "diagnostics": [3, fine],
              "pictures": ["../secret.png", "mine.png", "gone.png", 7, str(tmp_path / "secret.png")]},
             "nonsense",
         ],
@@ -173,14 +174,14 @@ def test_what_a_file_of_steps_says_is_not_trusted(tmp_path):
     file.write_text(json.dumps(said), encoding="utf-8")
     [step] = read_road(file.parent)
     assert step.pictures == ((tmp_path / "results" / "mine.png").resolve(),)
-    assert [(item.code, sentence(item)) for item in step.diagnostics] == [("earlier_note", "fine\ufffd.")]
+    assert [(item.code, sentence(item)) for item in step.diagnostics] == [("scene_message", "fine\ufffd.")]
     for broken in ("{", "[]", json.dumps({**said, "version": 3}), json.dumps({**said, "steps": 5})):
         file.write_text(broken, encoding="utf-8")
         assert read_road(file.parent) == ()
     assert read_road(tmp_path / "absent") == ()
 
 
-def test_steps_hold_diagnostics_and_those_of_an_earlier_version_sentences(tmp_path):
+def test_steps_hold_diagnostics(tmp_path):
     steps = Steps(tmp_path, "walk", ("detect", "sync"))
     found = [diagnostic("videos_searched", count=40, detector="RTMPose"), diagnostic("rolling_shutter")]
     steps.report("detect", "made", found)
@@ -188,13 +189,6 @@ def test_steps_hold_diagnostics_and_those_of_an_earlier_version_sentences(tmp_pa
     assert [(item.code, item.severity, item.values) for item in step.diagnostics] == [
         (item.code, item.severity, item.values) for item in found
     ]
-    row = {"step": "detect", "state": "kept", "words": ["40 pictures"], "doubts": ["cam2 sees nobody"]}
-    kept = {"format": "manifold_mocap_road", "version": 1, "steps": [row]}
-    (tmp_path / "road.json").write_text(json.dumps(kept), encoding="utf-8")
-    [step] = read_road(tmp_path)
-    assert [(item.code, item.values) for item in step.diagnostics] == [
-        ("earlier_note", {"text": "40 pictures"}), ("earlier_warning", {"text": "cam2 sees nobody"}),
-    ]  # fmt: skip
 
 
 def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):

@@ -108,7 +108,7 @@ def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
 
 
 def test_weighted_confidences_are_not_measured_again(tmp_path: Path) -> None:
-    weighted = replace(capture(frames=20), notes=("Confidences stand for variances as measured of a on 9 keypoints.",))
+    weighted = replace(capture(frames=20), notes=(diagnostic("noise_map_applied", measured="a", keypoints=9),))
     write_capture(tmp_path / "c.npz", weighted)
     assert main(["detector-noise", str(tmp_path / "c.npz"), "--out", str(tmp_path / "noise.json")]) == 2
     assert not (tmp_path / "noise.json").exists()

@@ -171,7 +171,7 @@ def test_files_that_are_not_ours_are_left_alone(captures: Path, solver: Solver, 
 def test_what_a_killed_batch_left_blocks_no_take(captures: Path, solver: Solver, tmp_path: Path) -> None:
     folder = tmp_path / "out" / "good"
     folder.mkdir(parents=True)
-    for name in (".probe4711", ".probe", ".part-0123456789abcdef", ".part-0123456789abcdef_take.json"):
+    for name in (".probe-0123456789abcdef", ".part-0123456789abcdef", ".part-0123456789abcdef_take.json"):
         (folder / name).touch()
         os.utime(folder / name, ns=(1, 1))
     result = run_batch(BatchRequest(captures, tmp_path / "out"), silent)

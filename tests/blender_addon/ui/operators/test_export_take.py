@@ -11,7 +11,7 @@ import bpy
 import pytest
 
 import blender_addon
-from blender_addon._exchange.diagnostics import diagnostic
+from blender_addon._exchange.diagnostics import Severity, diagnostic
 from blender_addon.animation.takes import DIAGNOSTICS
 from blender_addon.export.formats import FORMATS
 from blender_addon.scene.bake import BakedTake
@@ -47,7 +47,7 @@ def test_what_one_camera_left_open_is_a_warning_of_every_export(
     selected: BakedTake, tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:
     found = diagnostic("one_camera", size=21.0, share=4.0, source="the given stature")
-    noted = diagnostic("earlier_note", text="Read as metres.")
+    noted = diagnostic("scene_message", severity=Severity.NOTE, text="Read as metres.")
     selected.action[DIAGNOSTICS] = json.dumps([found.as_dict(), noted.as_dict()])
     assert bpy.ops.mocap.export_take(filepath=str(tmp_path / "walk.csv"), format="csv") == {"FINISHED"}
     out = capfd.readouterr().out

@@ -1,4 +1,4 @@
-"""A capture, a motion and a job that version 0.1.0 wrote before the exchange library was one: both halves read them.
+"""Read a kept capture, motion and job in both halves: the formats stay as they are.
 
 The capture is the first 8 frames of the embedded demonstration, the motion is its solution, and the job, written by
 the add-on, solves frames 2 to 6 of it again with the pose of frame 4 pinned.
@@ -19,7 +19,7 @@ from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.job import Job
 from solver_backend.types import JointSet
 
-FOLDER = Path(__file__).parent / "files_of_0_1"
+FOLDER = Path(__file__).parent / "files"
 
 
 def test_the_motion_loads_in_both_halves() -> None:
