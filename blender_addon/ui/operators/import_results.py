@@ -36,7 +36,7 @@ from ..project_files import bring_home
 from ..viewport import colour_markers
 
 if TYPE_CHECKING:
-    from ..._exchange.verb_results import CaptureResult, PersonSummary, SolveResult
+    from ..._exchange.verb_results import CaptureResult, CaptureSummary, PersonSummary, SolveResult
 
 _NAMED = ("known", "unknown", "computed", "doubled")
 
