@@ -11,7 +11,7 @@ import bpy
 import numpy as np
 
 from .._exchange.capture_file import CameraFile, CaptureFile
-from .._exchange.lens import distort, normalised, pixels
+from .._exchange.lens import distort, is_pinhole, normalised, pixels
 from .._exchange.motion_file import MotionFile
 from .._exchange.so3 import matrix_from_rotvec
 from ..body.body_file import BodyFile
@@ -76,7 +76,7 @@ def straightening_map(view: View, native_size: tuple[int, int], read_size: tuple
     camera, calibrated = view.camera, np.array(view.camera.image_size)
     scale = calibrated / np.array(native_size)
     cut = bool((np.abs(scale - 1) < _CUT).all() and (scale != 1).any())
-    bent = bool(camera.distortion.any()) or camera.distortion_model != "opencv"
+    bent = not is_pinhole(camera.distortion, camera.distortion_model)
     if not (cut or bent) and view.part[2] == 1.0 and read_size == view.size:
         return None
     u, v = np.meshgrid(np.arange(view.size[0], dtype=float), np.arange(view.size[1], dtype=float))

@@ -14,7 +14,7 @@ import numpy as np
 from .._exchange.capture_file import CameraFile, CaptureFile, read_capture
 from .._exchange.errors import FileDamaged
 from .._exchange.json_file import read_json_file
-from .._exchange.lens import normalised, pixels, undistort
+from .._exchange.lens import DEFAULT_MODEL, is_pinhole, normalised, pixels, undistort
 from .._exchange.motion_file import read_motion
 from .._exchange.outputs import write_text
 from .._exchange.studio_results import ShotRecord, is_shot_record
@@ -50,8 +50,8 @@ class LensPicture:
 
 def lens_picture(camera: CameraFile) -> LensPicture:
     """Return how a camera's pictures are rendered."""
-    straight = replace(camera, distortion=np.zeros(8), distortion_model="opencv", footage=None)
-    if not camera.distortion.any() and camera.distortion_model == "opencv":
+    straight = replace(camera, distortion=np.zeros(8), distortion_model=DEFAULT_MODEL, footage=None)
+    if is_pinhole(camera.distortion, camera.distortion_model):
         return LensPicture(straight, None)
     width, height = camera.image_size
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))

@@ -31,10 +31,10 @@ def bumped(capture: Capture, view: int, degrees: float = 5.0, first: int = 0) ->
     cameras, keypoints = capture.require_multiview()
     turn = exp_so3(np.radians(degrees) * np.array([0.6, 0.8, 0.0]))
     one = cameras.subset([view])
-    flat = undistort(one.K, one.distortion, keypoints.xy[view : view + 1, first:], one.distortion_model)[0]
+    flat = undistort(one, keypoints.xy[view : view + 1, first:])[0]
     ray = np.concatenate([flat, np.ones_like(flat[..., :1])], axis=-1) @ turn.T
     seen = (ray[..., :2] / ray[..., 2:]).reshape(1, -1, 2)
-    px = distort(seen, one.distortion, one.distortion_model)[0] @ one.K[0, :2, :2].T + one.K[0, :2, 2]
+    px = distort(seen, one.distortion, one.models)[0] @ one.K[0, :2, :2].T + one.K[0, :2, 2]
     xy = keypoints.xy.copy()
     xy[view, first:] = px.reshape(xy[view, first:].shape)
     return _with(capture, _inside(xy, keypoints, cameras), view, (first, keypoints.num_frames))

@@ -63,7 +63,7 @@ def film(person: Person, cameras: Cameras, settings: FilmSettings, rng: np.rando
     """
     joint_set = settings.joint_set
     posed = person.landmarks(joint_set, settings.offsets)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    px = project(cameras, posed.points)
     if settings.delays is not None:
         px = np.stack([delayed(track, delay) for track, delay in zip(px, settings.delays, strict=True)])
     way = cameras.centres[:, None] - posed.skeleton.joints[None, :, 0]

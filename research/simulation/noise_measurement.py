@@ -134,7 +134,7 @@ def measure_noise(capture: Capture) -> NoiseFigures:
 def _errors(cameras: Cameras, keypoints: Keypoints2D) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the reference points (F, K, 3), their pixels, and the detections' errors (C, F, K, 2) in millimetres."""
     points = triangulate_and_filter(cameras, keypoints, REFERENCE_CUTOFF_HZ)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     return points, px, (keypoints.xy - px) * millimetres_per_px(cameras, points)[..., None]
 
 

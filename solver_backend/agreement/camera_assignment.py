@@ -79,4 +79,4 @@ def _pair_scores(calibrated: Cameras, detections: Detections, corrections: Seque
 
 def _normalised(cameras: Cameras, a: int, seen: np.ndarray) -> np.ndarray:
     """Return (F, J, 2) normalised points of pixels (1, F, J, 2) if camera a recorded them."""
-    return undistort(cameras.K[a : a + 1], cameras.distortion[a : a + 1], seen, cameras.distortion_model)[0]
+    return undistort(cameras.subset([a]), seen)[0]

@@ -86,9 +86,7 @@ def sightings(cameras: Cameras, detections: Detections) -> Sightings:
     xy = np.full((*certain.shape, 2), np.nan)
     for c in range(len(cameras)):
         pixels = detections.xy[c][..., columns, :][certain[c]].astype(np.float64)
-        xy[c][certain[c]] = undistort(
-            cameras.K[c : c + 1], cameras.distortion[c : c + 1], pixels[None], cameras.distortion_model
-        )[0]
+        xy[c][certain[c]] = undistort(cameras.subset([c]), pixels[None])[0]
     return Sightings(cameras, xy, mirror)
 
 

@@ -14,9 +14,10 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.cameras.distortion import distort_with_jacobian
+from solver_backend.cameras.distortion import distort_with_jacobian, is_distorted
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3, skew
 from solver_backend.geometry.short_axis import dot, squared_length, sum_of_rows
 from solver_backend.types import Cameras, Keypoints2D
@@ -196,8 +197,8 @@ def _rays(cameras: Cameras, xy: np.ndarray, log: float) -> tuple[np.ndarray, np.
     """
     K = cameras.K.copy()
     K[:, :2, :2] *= np.exp(log)
-    n = undistort(K, cameras.distortion, xy, cameras.distortion_model)
-    (m, (xx, cross, yy)) = distort_with_jacobian(n, cameras.distortion, cameras.distortion_model)
+    n = undistort(replace(cameras, K=K), xy)
+    (m, (xx, cross, yy)) = distort_with_jacobian(n, cameras.distortion, cameras.models)
     determinant = xx * yy - cross**2
     dx, dy = yy * m[..., 0] - cross * m[..., 1], xx * m[..., 1] - cross * m[..., 0]
     by_log = -np.stack([dx / determinant, dy / determinant, np.zeros_like(dx)], axis=-1)
@@ -209,8 +210,8 @@ def pixels_a_direction(cameras: Cameras, xy: np.ndarray) -> np.ndarray:
 
     A lens that bends shows less or more of it at its edge: distances are compared where the detector measured.
     """
-    n = undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model)
-    _, (xx, cross, yy) = distort_with_jacobian(n, cameras.distortion, cameras.distortion_model)
+    n = undistort(cameras, xy)
+    _, (xx, cross, yy) = distort_with_jacobian(n, cameras.distortion, cameras.models)
     focal = 0.5 * np.trace(cameras.K[:, :2, :2], axis1=1, axis2=2)
     return focal[:, None, None] * np.sqrt(np.maximum(xx * yy - cross**2, 0.0))
 
@@ -285,7 +286,7 @@ def report_undistorted(
         keypoints: of one person in the same views.
         views: what is compared of both, where it is known.
     """
-    if not cameras.distortion.any() and cameras.distortion_model == "opencv":
+    if not is_distorted(cameras.distortion, cameras.models):
         return ()
     views = views or ComparedViews.of(cameras, keypoints)
     if views is None:
@@ -299,7 +300,7 @@ def report_undistorted(
 def _gain(views: ComparedViews) -> float:
     """Return twice the logarithm of how much likelier the views are without distortion; 0 where that is unknown."""
     chosen = views.cameras
-    without = replace(chosen, distortion=np.zeros_like(chosen.distortion), distortion_model="opencv")
+    without = replace(chosen, distortion=np.zeros_like(chosen.distortion), models=(DEFAULT_MODEL,))
     fits = views.fit, fit_epipolar(without, views.xy)
     if fits[0] is None or fits[1] is None or not fits[1].is_calibrated:
         return 0.0

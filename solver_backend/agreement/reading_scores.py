@@ -89,7 +89,7 @@ class ReadingScores:
         factors = np.asarray(sizes)[:, None, None, None]
         xy = np.where(self._seen[c][..., None], (self._xy[c] + 0.5) / factors - 0.5, np.nan)
         flat = xy.reshape(1, -1, *xy.shape[2:])
-        points = undistort(one.K, one.distortion, flat, one.distortion_model)
+        points = undistort(one, flat)
         return points.reshape(xy.shape), R[c], t[c]
 
     def compute(self, readings: Sequence[list[CameraCorrection]]) -> None:
@@ -156,8 +156,7 @@ class ReadingScores:
         if picture not in self._normalised:
             all_alike = corrected(self.cameras, [picture] * len(self.cameras))
             xy = np.where(self._seen[..., None], self._xy, np.nan)
-            lens = all_alike.K, all_alike.distortion
-            self._normalised[picture] = undistort(*lens, xy, all_alike.distortion_model)
+            self._normalised[picture] = undistort(all_alike, xy)
         return self._normalised[picture]
 
 

@@ -50,7 +50,7 @@ def whole_lags(
     at = frames + np.arange(-reach, reach + 1)[:, None]
     inside = np.clip(at, 0, tracks.shape[1] - 1)
     looked_at = np.unique(inside)
-    normalised = undistort(cameras.K, cameras.distortion, tracks[:, looked_at], cameras.distortion_model)
+    normalised = undistort(cameras, tracks[:, looked_at])
     seen = np.concatenate([normalised, np.ones_like(normalised[..., :1])], axis=-1)
     place, outside = np.searchsorted(looked_at, inside), at != inside
     pairs = compared_pairs(count)
@@ -192,9 +192,7 @@ def delay_step(
     Reference: Lucas and Kanade 1981 (the shift that aligns two signals); Golub and Pereyra 1973 (the elimination);
     Liang and Zeger 1986 (the covariance).
     """
-    px, J, _ = project_with_jacobian(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model
-    )
+    px, J, _ = project_with_jacobian(cameras, points)
     error = xy - px
     known = np.isfinite(error).all(-1) & np.isfinite(velocity).all(-1)
     known &= known.sum(axis=0) >= 2

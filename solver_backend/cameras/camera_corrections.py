@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.types import Cameras
 
 FACTORS = (1.0, 1 / 4, 1 / 3, 3 / 8, 1 / 2, 2 / 3, 3 / 4, 4 / 3, 3 / 2, 2.0, 8 / 3, 3.0, 4.0)
@@ -148,15 +149,11 @@ def _reposed(cameras: Cameras, c: int, correction: CameraCorrection) -> Cameras:
 
 
 def _turned_once(cameras: Cameras, c: int) -> Cameras:
-    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px; the camera turns about its axis with them.
-
-    Of the lens' terms only p1 and p2 have a direction: ``p1' = p2``, ``p2' = -p1`` (fisheye lenses have none).
-    """
+    """Turn pictures by 90° clockwise: ``u' = h - 1 - v``, ``v' = u`` px; the camera turns about its axis with them."""
     K, sizes, R, t = cameras.K.copy(), cameras.image_size.copy(), cameras.R.copy(), cameras.t.copy()
     distortion, height = cameras.distortion.copy(), sizes[c, 1]
     (fx, _, cx), (_, fy, cy) = K[c, 0], K[c, 1]  # a skew, which no lens has today, would leave the upper triangle
     K[c] = [[fy, 0.0, height - 1 - cy], [0.0, fx, cx], [0.0, 0.0, 1.0]]
     R[c], t[c], sizes[c] = _QUARTER @ R[c], _QUARTER @ t[c], sizes[c, ::-1]
-    if cameras.distortion_model == "opencv":
-        distortion[c, 2], distortion[c, 3] = cameras.distortion[c, 3], -cameras.distortion[c, 2]
+    distortion[c] = LENS_MODELS[cameras.models[c]].turn(distortion[c])
     return replace(cameras, K=K, distortion=distortion, R=R, t=t, image_size=sizes)

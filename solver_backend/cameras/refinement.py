@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.cameras.projection import project, project_with_jacobian, undistort
+from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
@@ -66,9 +66,7 @@ def resected(
     count = len(cameras)
     flat, target = points.reshape(-1, 3), xy.reshape(count, -1, 2)
     for _ in range(steps):
-        px, J, _ = project_with_jacobian(
-            cameras.K, cameras.distortion, cameras.R, cameras.t, flat, cameras.distortion_model
-        )
+        px, J, _ = project_with_jacobian(cameras, flat)
         error = target - px
         usable = np.isfinite(error).all(-1)
         error = np.where(usable[..., None], error, 0.0)
@@ -185,7 +183,7 @@ def view_distances(
 ) -> Float[np.ndarray, " views"]:  # fmt: skip
     """Return (C,) median px between detections and the points that all views locate; NaN for views that see nobody."""
     points = triangulate(cameras, xy, confidence).points
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     off = np.where(confidence > 0, np.linalg.norm(px - xy, axis=-1), np.nan).reshape(len(cameras), -1)
     return np.array([np.median(view[np.isfinite(view)]) if np.isfinite(view).any() else np.nan for view in off])
 
@@ -214,12 +212,10 @@ def estimated_rotation(
 
     Reference: Geman and McClure 1987 (the penalty); Blake and Zisserman 1987 (graduated non-convexity).
     """
-    R, t = camera.R[0].copy(), camera.t[0].copy()
+    now, R, t = CameraArrays.of(camera, px), camera.R[0].copy(), camera.t[0].copy()
     for scale in SCALES:
         for _ in range(STEPS):
-            expected, J, _ = project_with_jacobian(
-                camera.K, camera.distortion, R[None], t[None], points, camera.distortion_model
-            )
+            expected, J, _ = project_with_jacobian(replace(now, R=R[None], t=t[None]), points)
             error = (px - expected[0]) / sigma_px[:, None]
             local = points @ R.T + t
             by_rotation = -(J[0] @ R.T) @ skew(local) / sigma_px[:, None, None]
@@ -247,6 +243,7 @@ def rotated_back(
 
     Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 8.4 (cameras with one centre).
     """
-    n = undistort(camera.K, camera.distortion, px[None], camera.distortion_model)[0]
+    n = undistort(camera, px[None])[0]
     rays = np.concatenate([n, np.ones_like(n[..., :1])], axis=-1) @ exp_so3(rotation)
-    return project(camera.K, camera.distortion, np.eye(3)[None], np.zeros((1, 3)), rays, camera.distortion_model)[0]
+    at_origin = replace(CameraArrays.of(camera, rays), R=np.eye(3)[None], t=np.zeros((1, 3)))
+    return project(at_origin, rays)[0]

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .errors import CaptureInvalid
-from .lens import DISTORTION_MODELS
+from .lens import DEFAULT_MODEL, LENS_MODELS
 from .npz import read_arrays
 from .schema import Fields
 
@@ -38,9 +38,9 @@ class CameraFile:
     image_size: tuple[int, int]
     """Width and height in pixels."""
     distortion: np.ndarray
-    """(8,) k1 k2 p1 p2 k3 k4 k5 k6, or the fisheye's k1 k2 k3 k4 and zeros."""
+    """(8,) coefficients in the order of the lens model, padded with zeros."""
     distortion_model: str
-    """'opencv' or 'fisheye'."""
+    """Name of the lens model, of ``LENS_MODELS``."""
     footage: Path | None
     """Video file or folder of images; it may not exist."""
     footage_first: int = 0
@@ -125,12 +125,14 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
     names, where = fields.texts("camera_names"), str(fields.path)
     arrays = {key: _camera_numbers(fields, key, (len(names), *shape)) for key, shape in _CAMERA_SHAPES.items()}
     footage = fields.texts("footage") or ("",) * len(names)
-    model = fields.text("distortion_model", "opencv")
-    if model not in DISTORTION_MODELS or len(footage) != len(names):
+    models = fields.texts("distortion_model") or (DEFAULT_MODEL,)
+    models = models * len(names) if len(models) == 1 else models
+    if not set(models) <= LENS_MODELS.keys() or len(models) != len(names) or len(footage) != len(names):
         raise CaptureInvalid(
-            f"{len(names)} cameras have {len(footage)} entries of footage and the distortion model '{model}'.",
+            f"{len(names)} cameras have {len(footage)} entries of footage and the distortion model "
+            f"'{', '.join(dict.fromkeys(models))}'.",
             where=where,
-            hint="One entry a camera ('' for none) and the model 'opencv' or 'fisheye' are expected.",
+            hint=f"One entry per camera ('' for none) and models of {', '.join(LENS_MODELS)} are expected.",
         )
     firsts = np.zeros(len(names))
     if "footage_first" in fields:
@@ -147,7 +149,7 @@ def _cameras(fields: Fields) -> tuple[CameraFile, ...]:
             t=arrays["t"][c],
             image_size=_checked_size(arrays["image_size"][c], name),
             distortion=distortion[c],
-            distortion_model=model,
+            distortion_model=models[c],
             footage=footage_path(footage[c], fields.path),
             footage_first=int(np.nan_to_num(firsts[c])),
         )

@@ -92,7 +92,7 @@ class ViewsSession:
         cameras, trial = self.cameras, LiveViewsFit(self.fit.subject.body, self.cameras, self.joint_set)
         standing = PosedFrames(UPRIGHT[None], trial.rest, _middle(cameras)[None])
         points = pose(trial.subject, standing).points
-        xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)[:, 0]
+        xy = project(cameras, points)[:, 0]
         sure = np.isfinite(xy).all(-1).astype(np.float64)
         for _ in range(_TRIAL_MOMENTS):
             trial.step(xy, sure, trial.locate(xy, sure), 1.0 / 30.0)
@@ -202,7 +202,7 @@ class ViewsSession:
     def _project(self, points: np.ndarray) -> np.ndarray:
         """Return (C, K, 2) px of (K, 3) points."""
         c = self.cameras
-        return project(c.K, c.distortion, c.R, c.t, points[None], c.distortion_model)[:, 0]
+        return project(c, points[None])[:, 0]
 
     def _enter_world(self, moment: ViewMoment) -> Iterator[EventLine]:
         """Take the world in which the person of the first moments stands upright on the floor."""

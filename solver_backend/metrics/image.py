@@ -35,6 +35,6 @@ def reprojection_px(
     error = np.empty((views, frames, count))
     for start in range(0, frames, _FRAMES):
         part = slice(start, start + _FRAMES)
-        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points[part], cameras.distortion_model)
+        px = project(cameras, points[part])
         error[:, part] = np.linalg.norm(px - keypoints.xy[:, part], axis=-1)
     return error

@@ -75,7 +75,7 @@ def lift_take(
         FileMissing, WeightsInvalid: see ``load_view_lifter``.
     """
     lifter = load_view_lifter()
-    image = np.asarray(undistort(camera.K, camera.distortion, keypoints.xy, camera.distortion_model))[0]
+    image = np.asarray(undistort(camera, keypoints.xy))[0]
     confidence = np.where(np.isfinite(image).all(axis=-1), keypoints.confidence[0], 0.0)
     view = lifter(image, confidence, keypoints.joint_set.keypoints, keypoints.fps, up)
     z = view.z

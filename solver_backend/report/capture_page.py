@@ -79,7 +79,7 @@ class _SharedViews:
 def _projected(capture: Capture, points: np.ndarray) -> np.ndarray:
     c = capture.cameras
     assert c is not None
-    return project(c.K, c.distortion, c.R, c.t, points, c.distortion_model)
+    return project(c, points)
 
 
 def _tiles(capture: Capture, views: _SharedViews | None, warnings: int) -> list[Tile]:

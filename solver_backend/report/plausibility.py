@@ -127,7 +127,7 @@ def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
     c = capture.cameras
     if motion.keypoints3d is None:
         return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
-    return project(c.K, c.distortion, c.R, c.t, motion.keypoints3d, c.distortion_model)
+    return project(c, motion.keypoints3d)
 
 
 def _extents(px: np.ndarray) -> np.ndarray:

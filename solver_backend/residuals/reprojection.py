@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.projection import project, project_with_jacobian
+from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, identity
 from solver_backend.geometry.short_axis import all_coordinates, squared_length
 from solver_backend.residuals.point_term import PointEvidence, Residuals
@@ -20,16 +20,8 @@ from solver_backend.types import Cameras, Keypoints2D
 class ReprojectionTerm:
     """``E = 1/2 sum_cam sum_i c_i rho(|pi(y_i) - k_i| / sigma_i)`` with Geman-McClure's rho (Albanis 2026, eq. 6.8)."""
 
-    K: Array
-    """(C, 3, 3) px."""
-    distortion: Array
-    """(C, 8)."""
-    R: Array
-    """(C, 3, 3)."""
-    t: Array
-    """(C, 3) metres."""
-    model: str
-    """Distortion model."""
+    cameras: CameraArrays
+    """C cameras."""
     xy: Array
     """(C, F, L, 2) px, finite everywhere (anything where the weight is 0)."""
     weight: Array
@@ -52,11 +44,7 @@ class ReprojectionTerm:
         seen = keypoints.confidence > 0
         xy = np.where(seen[..., None], keypoints.xy, 0.0)
         return cls(
-            constant(cameras.K, like),
-            constant(cameras.distortion, like),
-            constant(cameras.R, like),
-            constant(cameras.t, like),
-            cameras.distortion_model,
+            CameraArrays.of(cameras, like),
             constant(xy, like),
             constant(keypoints.confidence / np.asarray(sigma_px) ** 2, like),
             constant(keypoints.confidence, like),
@@ -69,14 +57,13 @@ class ReprojectionTerm:
 
     def astype(self, precision: Any) -> ReprojectionTerm:
         """Return the term in a precision; single holds a thousand pixels to 0.0001."""
-        K, distortion, R, t = (astype(a, precision) for a in (self.K, self.distortion, self.R, self.t))
         xy, weight, confidence = (astype(a, precision) for a in (self.xy, self.weight, self.confidence))
-        return ReprojectionTerm(K, distortion, R, t, self.model, xy, weight, confidence, self.penalty)
+        return ReprojectionTerm(self.cameras.astype(precision), xy, weight, confidence, self.penalty)
 
     def __call__(self, points: Array, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
         xp = array_namespace(points)
-        px, by_point, depth = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        px, by_point, depth = project_with_jacobian(self.cameras, points)
         usable = (self.weight > 0) & all_coordinates(xp.isfinite(px)) & (depth > 0)
         rows = xp.concat([by_point, (px - self.xy)[..., None]], axis=-1)
         rows = xp.where(usable[..., None, None], rows, xp.zeros_like(rows))
@@ -107,7 +94,7 @@ class ReprojectionTerm:
         ``h_c = tr(w_c J_c S⁻¹ J_cᵀ) / 2`` with ``S = Σ_c w_c J_cᵀ J_c``.
         """
         xp = array_namespace(points)
-        _, J, _ = project_with_jacobian(self.K, self.distortion, self.R, self.t, points, self.model)
+        _, J, _ = project_with_jacobian(self.cameras, points)
         weight = xp.where(used, self.weight, xp.zeros_like(self.weight))
         J = xp.where(used[..., None, None], J, xp.zeros_like(J))
         own = weight[..., None, None] * xp.matmul(xp.matrix_transpose(J), J)
@@ -120,7 +107,7 @@ class ReprojectionTerm:
     def residuals(self, points: Array) -> Residuals:
         """Return what (F, L, 3) positions leave unexplained, in pixels."""
         xp = array_namespace(points)
-        px = project(self.K, self.distortion, self.R, self.t, points, self.model)
+        px = project(self.cameras, points)
         error = px - self.xy
         measured = (self.weight > 0) & all_coordinates(xp.isfinite(px))
         error = xp.where(measured[..., None], error, xp.zeros_like(error))

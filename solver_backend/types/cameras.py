@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
-from solver_backend.exchange.lens import DISTORTION_MODELS
+from solver_backend.exchange.lens import DEFAULT_MODEL, require_models
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, require_within
 from solver_backend.types.shapes import Float, Int
 
@@ -24,15 +24,15 @@ class Cameras:
     K: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) intrinsic matrices in pixels."""
     distortion: Float[np.ndarray, "cameras 8"]
-    """(C, 8) coefficients, zero-padded; the fisheye model uses the first 4."""
+    """(C, 8) coefficients in the order of each camera's lens model, padded with zeros."""
     R: Float[np.ndarray, "cameras 3 3"]
     """(C, 3, 3) rotations world to camera (OpenCV axes: x right, y down, z forward)."""
     t: Float[np.ndarray, "cameras 3"]
     """(C, 3) translations in metres."""
     image_size: Int[np.ndarray, "cameras 2"]
     """(C, 2) width and height in pixels."""
-    distortion_model: str = "opencv"
-    """'opencv' or 'fisheye'."""
+    models: tuple[str, ...] = (DEFAULT_MODEL,)
+    """Name of each camera's lens model, of ``LENS_MODELS``; a single name is that of all."""
 
     def __post_init__(self) -> None:
         count = len(self.names)
@@ -68,10 +68,11 @@ class Cameras:
                 )
             require_within(name, value, FARTHEST_IN_UNITS, CalibrationInvalid, "cameras")
             object.__setattr__(self, name, value)
-        if self.distortion_model not in DISTORTION_MODELS:
-            raise CalibrationInvalid(
-                f"Unknown distortion model '{self.distortion_model}'; valid are {', '.join(DISTORTION_MODELS)}."
-            )
+        models = tuple(self.models) * count if len(self.models) == 1 else tuple(self.models)
+        if len(models) != count:
+            raise CalibrationInvalid(f"{len(models)} lens models do not fit {count} cameras.", where="cameras")
+        require_models(models)
+        object.__setattr__(self, "models", models)
         self._check_physics()
 
     def _check_physics(self) -> None:
@@ -114,7 +115,7 @@ class Cameras:
         """Return the cameras at these indices, in this order."""
         return Cameras(
             tuple(self.names[i] for i in indices), self.K[indices], self.distortion[indices], self.R[indices],
-            self.t[indices], self.image_size[indices], self.distortion_model,
+            self.t[indices], self.image_size[indices], tuple(self.models[i] for i in indices),
         )  # fmt: skip
 
 

@@ -61,5 +61,5 @@ def leave_one_camera_out(
 
 def _error(camera: Cameras, points: np.ndarray, observed: np.ndarray) -> np.ndarray:
     """Return (F, K) pixel distances of projected points to one camera's detections."""
-    px = project(camera.K, camera.distortion, camera.R, camera.t, points, camera.distortion_model)[0]
+    px = project(camera, points)[0]
     return np.linalg.norm(px - observed, axis=-1)

@@ -40,7 +40,7 @@ def captured(name: str) -> Capture:
     middle = np.nanmedian(points[..., :2], axis=(0, 1))
     points = points - [*middle, float(np.quantile(ankles[..., 2].min(1), 0.1)) - 0.08]
     cameras = ring_of_cameras(4, RADIUS_M, 2.0)
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    xy = project(cameras, points)
     xy = xy + np.random.default_rng(0).normal(0.0, OFF_PX, xy.shape)
     confidence = np.where(np.isfinite(xy).all(-1), 0.8, 0.0)
     return Capture(name, cameras, Keypoints2D(xy, confidence, joint_set, fps / STEP))

@@ -82,10 +82,8 @@ def filmed(seed: int) -> Filmed:
     [(person, cameras, settings, found)] = kept
     posed = person.landmarks(settings.joint_set, settings.offsets)
     assert settings.delays is not None
-    _, by_point, _ = project_with_jacobian(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model
-    )
-    seen = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    _, by_point, _ = project_with_jacobian(cameras, posed.points)
+    seen = project(cameras, posed.points)
     seen = np.stack([delayed(track, delay) for track, delay in zip(seen, settings.delays, strict=True)])
     scale = px_per_mm(cameras, posed.points)[..., None]
     error = np.where((found.swapped | found.outlier)[..., None], np.nan, (found.xy - seen) / scale)

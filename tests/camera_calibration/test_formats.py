@@ -26,7 +26,7 @@ def some_cameras(model: str = "opencv", coefficients: int = 5, seed: int = 3) ->
     R = exp_so3(rng.normal(0, 0.4, (3, 3)))
     return Cameras(
         ("left", "cam_02", "phone 3"), K, bent, R, rng.normal(0, 0.5, (3, 3)) + [0, 0, 4], np.tile([1280, 720], (3, 1)),
-        model,
+        (model,),
     )  # fmt: skip
 
 
@@ -43,7 +43,7 @@ def test_cameras_come_back(tmp_path: Path, kind: str, model: str, coefficients: 
     assert write_calibration(path, cameras, kind, rmse_px=0.4) == kind
     unit = "mm" if kind == "freemocap" else None  # a rig narrower than 60 mm times 1000 would be metres
     again = read_calibration(path, unit=unit).cameras
-    assert again.distortion_model == model
+    assert again.models == (model,) * len(again)
     for name in ("K", "R", "t", "distortion", "image_size"):
         assert np.abs(getattr(again, name) - getattr(cameras, name)).max() < 1e-9, name
     if kind not in ("caliscope", "colmap"):
@@ -64,7 +64,7 @@ def test_colmap_counts_pixels_from_their_corner(tmp_path: Path) -> None:
     assert float(numbers[6]) == pytest.approx(cameras.K[0, 0, 2] + 0.5)
     again = read_calibration(tmp_path / "model").cameras
     points = np.random.default_rng(0).normal(0, 0.3, (20, 3))
-    px = [project(c.K, c.distortion, c.R, c.t, points) for c in (cameras, again)]
+    px = [project(c, points) for c in (cameras, again)]
     assert np.nanmax(np.abs(px[0] - px[1])) < 1e-6
 
 

@@ -21,7 +21,7 @@ BOX = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.4, 0.4) for z in (0.0, 0.9)]
 
 def clicked(places: list, noise_px: float = 0.5) -> tuple:
     cameras = ring(3)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array(places))
+    px = project(cameras, np.array(places))
     px = px + np.random.default_rng(0).normal(0, noise_px, px.shape)
     names = [f"p{i}" for i in range(len(places))]
     by_camera = {

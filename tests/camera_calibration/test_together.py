@@ -42,13 +42,13 @@ def walked(cameras: Cameras, seed: int, noise_px: float = 5.0, frames: int = 60)
     angle = np.linspace(0, 2 * np.pi, frames)[:, None]
     path = 0.5 * np.concatenate([np.cos(angle), np.sin(angle), 0.0 * angle], axis=1)
     points = rest + path[:, None] + 0.1 * np.sin(3 * angle[..., None] + np.arange(17)[:, None])
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     px = px + rng.normal(0, noise_px, px.shape)
     return Keypoints2D(px, np.full(px.shape[:-1], 0.9), JointSet.COCO_17, 30.0)
 
 
 def clicked(cameras: Cameras, seed: int, places: bool = True) -> Clicks:
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array(list(PLACES.values())))
+    px = project(cameras, np.array(list(PLACES.values())))
     px = px + np.random.default_rng(seed).normal(0, 1.0, px.shape)
     seen = {c: dict(zip(PLACES, map(tuple, rows), strict=True)) for c, rows in zip(cameras.names, px, strict=True)}
     return Clicks(seen, dict(PLACES) if places else {})
@@ -146,7 +146,7 @@ def test_what_holds_a_pose_pulls_as_its_deviations_say() -> None:
     truth = ring(2)
     expected = shaken(truth, 3, 0.002, 0.004)
     point = Bodies(np.eye(3)[None], np.zeros((1, 3)))
-    px = project(truth.K, truth.distortion, truth.R, truth.t, np.zeros((1, 3)))[:, 0]
+    px = project(truth, np.zeros((1, 3)))[:, 0]
     seen = BodySightings(np.arange(2), np.zeros(2, int), np.zeros((2, 3)), px, np.full(2, 1e4))
     unknowns = Unknowns(np.ones(2, bool), np.zeros((2, 12), bool), held=Held(expected, 0.01, 0.02))
     found = adjust(truth, point, seen, unknowns, gauge=0)

@@ -56,9 +56,7 @@ near_right,cam_04,843.6,950.4
 def unused_px(cameras: Cameras, keypoints: Keypoints2D) -> float:
     """Return the median distance of detections to the points that all cameras make of them, px."""
     located = triangulate(cameras, keypoints.xy, (keypoints.confidence > 0).astype(float))
-    px = project(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, np.asarray(located.points), cameras.distortion_model
-    )
+    px = project(cameras, np.asarray(located.points))
     return float(np.nanmedian(np.linalg.norm(px - keypoints.xy, axis=-1)))
 
 
@@ -68,7 +66,7 @@ def clicked_px(cameras: Cameras, clicks: Clicks) -> np.ndarray:
     for c, name in enumerate(cameras.names):
         one, seen = cameras.subset([c]), clicks.px[name]
         places = np.array([clicks.places[point] for point in seen])
-        px = project(one.K, one.distortion, one.R, one.t, places, one.distortion_model)[0]
+        px = project(one, places)[0]
         far.append(np.linalg.norm(px - np.array(list(seen.values())), axis=-1))
     return np.concatenate(far)
 

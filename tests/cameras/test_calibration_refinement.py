@@ -55,7 +55,7 @@ def test_hands_help_to_place_cameras() -> None:
     cameras, keypoints = true.require_multiview()
     swarm = rng.uniform([-0.8, -0.8, 0.4], [0.8, 0.8, 1.9], (keypoints.num_frames, 2, 1, 3))
     places = swarm + rng.normal(0.0, 0.04, (*swarm.shape[:2], 21, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, places, cameras.distortion_model)
+    px = project(cameras, places)
     px += rng.normal(0.0, 1.0, px.shape)
     hands = np.concatenate([px, np.full((*px.shape[:-1], 1), 0.9)], axis=-1)
     error = []

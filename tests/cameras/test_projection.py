@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import torch
@@ -32,26 +34,22 @@ def rig(lens: str, count: int = 3) -> Cameras:
     distortion = np.tile(coefficients, (count, 1)) * (1 + 0.05 * np.arange(count)[:, None])
     names = tuple("abcdefgh"[:count])
     return Cameras(
-        names, K, distortion, R, np.tile([0.1, -0.2, 3.0], (count, 1)), np.tile([1280, 720], (count, 1)), model
+        names, K, distortion, R, np.tile([0.1, -0.2, 3.0], (count, 1)), np.tile([1280, 720], (count, 1)), (model,)
     )
-
-
-def arguments(c: Cameras) -> tuple[np.ndarray, ...]:
-    return c.K, c.distortion, c.R, c.t
 
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_jacobian_equals_central_differences(lens):
     cameras = rig(lens)
     points = np.random.default_rng(0).uniform(-0.7, 0.7, (4, 5, 3))
-    px, J, depth = projection.project_with_jacobian(*arguments(cameras), points, cameras.distortion_model)
+    px, J, depth = projection.project_with_jacobian(cameras, points)
     assert px.shape == (3, 4, 5, 2) and J.shape == (3, 4, 5, 2, 3) and depth.shape == (3, 4, 5)
     assert np.isfinite(px).all()
     h = 1e-4
     for i, e in enumerate(np.eye(3)):
 
         def at(offset, e=e):
-            return projection.project(*arguments(cameras), points + offset * e, cameras.distortion_model)
+            return projection.project(cameras, points + offset * e)
 
         numeric = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
         np.testing.assert_allclose(J[..., i], numeric, rtol=1e-7, atol=1e-6)
@@ -65,13 +63,13 @@ def test_undistort_inverts_the_lens_over_the_whole_image(lens):
     cameras = rig(lens)
     u, v = np.meshgrid(np.linspace(0, 1279, 41), np.linspace(0, 719, 23))
     xy = np.broadcast_to(np.stack([u, v], -1), (3, 23, 41, 2))
-    n = projection.undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model)
+    n = projection.undistort(cameras, xy)
     assert np.isfinite(n).all()
     depth = np.linspace(0.5, 6.0, 41)[:, None]
     camera = np.concatenate([n, np.ones_like(n[..., :1])], -1) * depth
     for c in range(3):
         world = (camera[c] - cameras.t[c]) @ cameras.R[c]
-        back = projection.project(*arguments(cameras), world, cameras.distortion_model)[c]
+        back = projection.project(cameras, world)[c]
         np.testing.assert_allclose(back, xy[c], atol=1e-9)
 
 
@@ -79,12 +77,12 @@ def test_undistort_inverts_the_lens_over_the_whole_image(lens):
 def test_undistorted_pixels_point_to_what_was_projected(lens):
     cameras = rig(lens)
     points = np.random.default_rng(1).uniform(-0.7, 0.7, (6, 3))
-    px = projection.project(*arguments(cameras), points, cameras.distortion_model)
-    found = projection.undistort(cameras.K, cameras.distortion, px, cameras.distortion_model)
+    px = projection.project(cameras, points)
+    found = projection.undistort(cameras, px)
     local = points @ np.swapaxes(cameras.R, -1, -2) + cameras.t[:, None]
     np.testing.assert_allclose(found, local[..., :2] / local[..., 2:], atol=1e-12)
     missing = np.full_like(px, np.nan)
-    assert np.isnan(projection.undistort(cameras.K, cameras.distortion, missing, cameras.distortion_model)).all()
+    assert np.isnan(projection.undistort(cameras, missing)).all()
 
 
 def test_points_behind_a_camera_and_missing_points_are_nan():
@@ -92,28 +90,28 @@ def test_points_behind_a_camera_and_missing_points_are_nan():
     towards = cameras.R[0][2]
     points = cameras.centres + np.array([[-1.0], [0.0], [0.005], [1.0]]) * towards
     points = np.concatenate([points, np.full((1, 3), np.nan)])
-    px, J, depth = projection.project_with_jacobian(*arguments(cameras), points, cameras.distortion_model)
+    px, J, depth = projection.project_with_jacobian(cameras, points)
     np.testing.assert_array_equal(np.isfinite(px[0]).all(-1), [False, False, False, True, False])
     np.testing.assert_array_equal(np.isfinite(J[0]).all((-1, -2)), [False, False, False, True, False])
     np.testing.assert_allclose(depth[0, :4], [-1, 0, 0.005, 1.0], atol=1e-14)
-    np.testing.assert_array_equal(np.isnan(projection.project(*arguments(cameras), points, "opencv")), np.isnan(px))
+    np.testing.assert_array_equal(np.isnan(projection.project(cameras, points)), np.isnan(px))
 
 
 def test_nothing_folds_back_into_the_image():
     """With k1 = -0.3 the lens turns at r = 1.054: pixels grow up to there and are NaN beyond."""
     distortion = np.array([[-0.3, 0, 0, 0, 0, 0, 0, 0.0]])
-    limit = largest_radius(distortion, "opencv")
+    limit = largest_radius(distortion, ("opencv",))
     np.testing.assert_allclose(limit, [np.sqrt(1 / 0.9)], rtol=1e-4)
-    K, R, t = np.eye(3)[None] * 800, np.eye(3)[None], np.zeros((1, 3))
+    camera = projection.CameraArrays(np.eye(3)[None] * 800, distortion, np.eye(3)[None], np.zeros((1, 3)), ("opencv",))
     r = np.linspace(0, 3, 301)
     points = np.stack([r, 0 * r, 0 * r + 1], -1)
-    px = projection.project(K, distortion, R, t, points)[0, :, 0]
+    px = projection.project(camera, points)[0, :, 0]
     seen = r <= limit
     np.testing.assert_array_equal(np.isfinite(px), seen)
     assert (np.diff(px[seen]) > 0).all()
     top = limit * (1 - 0.3 * limit**2)
     outside = np.stack([top * [1.001, 0.999, -1.1], np.zeros(3)], -1)[None]
-    found = undistort_normalised(outside, distortion, "opencv")
+    found = undistort_normalised(outside, distortion, ("opencv",))
     np.testing.assert_array_equal(np.isfinite(found).all(-1), [[False, True, False]])
 
 
@@ -121,10 +119,10 @@ def test_nothing_folds_back_into_the_image():
 def test_largest_radius_is_where_the_slope_ends(lens):
     model, coefficients = LENSES[lens]
     distortion = np.array([coefficients])
-    limit = min(float(largest_radius(distortion, model)[0]), 50.0)
+    limit = min(float(largest_radius(distortion, (model,))[0]), 50.0)
     xy = np.linspace(0, 0.999 * limit, 4000)[None, :, None] * np.array([1.0, 0.0])
     radial = distortion * [1, 1, 0, 0, 1, 1, 1, 1] if model == "opencv" else distortion
-    assert (np.diff(distort(xy, radial, model)[0, :, 0]) > 0).all()
+    assert (np.diff(distort(xy, radial, (model,))[0, :, 0]) > 0).all()
 
 
 @pytest.mark.parametrize("lens", LENSES)
@@ -133,12 +131,12 @@ def test_distortion_jacobian(lens):
     distortion, h = np.array([coefficients]), 1e-4
     xy = np.random.default_rng(2).uniform(-0.6, 0.6, (1, 50, 2))
     xy[0, 0] = 0.0
-    _, (xx, cross, yy) = distort_with_jacobian(xy, distortion, model)
+    _, (xx, cross, yy) = distort_with_jacobian(xy, distortion, (model,))
     analytic = np.stack([np.stack([xx, cross], -1), np.stack([cross, yy], -1)], -1)
     for i, e in enumerate(np.eye(2)):
 
         def at(offset, e=e):
-            return distort(xy + offset * e, distortion, model)
+            return distort(xy + offset * e, distortion, (model,))
 
         numeric = (8 * (at(h) - at(-h)) - (at(2 * h) - at(-2 * h))) / (12 * h)
         np.testing.assert_allclose(analytic[..., i], numeric, atol=1e-9)
@@ -148,19 +146,20 @@ def test_distortion_jacobian(lens):
 def test_torch_equals_numpy(lens):
     cameras = rig(lens)
     points = np.random.default_rng(0).uniform(-4, 4, (200, 3))
-    expected = projection.project_with_jacobian(*arguments(cameras), points, cameras.distortion_model)
+    expected = projection.project_with_jacobian(cameras, points)
     assert np.isnan(expected[0]).any()
     for dtype, rtol in ((torch.float64, 1e-12), (torch.float32, 1e-3)):
-        tensors = [torch.as_tensor(a).to(dtype) for a in (*arguments(cameras), points)]
-        found = projection.project_with_jacobian(*tensors, cameras.distortion_model)
+        tensor = torch.as_tensor(points).to(dtype)
+        found = projection.project_with_jacobian(projection.CameraArrays.of(cameras, tensor), tensor)
         for x, y in zip(found, expected, strict=True):
             assert x.dtype == dtype
             np.testing.assert_allclose(x.numpy(), y, rtol=rtol, atol=rtol * 1000)
     px = expected[0]
-    n = projection.undistort(cameras.K, cameras.distortion, px, cameras.distortion_model)
-    tensors = [torch.as_tensor(a) for a in (cameras.K, cameras.distortion, px)]
-    np.testing.assert_allclose(projection.undistort(*tensors, cameras.distortion_model).numpy(), n, atol=1e-11)
-    single = projection.undistort(*[a.to(torch.float32) for a in tensors], cameras.distortion_model)
+    n = projection.undistort(cameras, px)
+    tensor = torch.as_tensor(px)
+    of_torch = projection.CameraArrays.of(cameras, tensor)
+    np.testing.assert_allclose(projection.undistort(of_torch, tensor).numpy(), n, atol=1e-11)
+    single = projection.undistort(of_torch.astype(torch.float32), tensor.to(torch.float32))
     close = np.isfinite(single.numpy()) & (np.abs(n) < 2)
     assert close[np.isfinite(n) & (np.abs(n) < 1)].mean() > 0.99
     np.testing.assert_allclose(single.numpy()[close], n[close], rtol=1e-3, atol=1e-3)
@@ -174,20 +173,20 @@ def test_equals_opencv(lens):
     K, d = cameras.K[0].copy(), cameras.distortion[0]
     K[0, 1] = 0.0
     rotation = cv2.Rodrigues(cameras.R[0])[0]
-    if cameras.distortion_model == "fisheye":
+    if cameras.models == ("fisheye",):
         expected, _ = cv2.fisheye.projectPoints(points, rotation, cameras.t[0].reshape(3, 1), K, d[:4])
     else:
         expected, J = cv2.projectPoints(points, rotation, cameras.t[0], K, d)
-    px, ours, _ = projection.project_with_jacobian(
-        K[None], cameras.distortion, cameras.R, cameras.t, points[:, 0], cameras.distortion_model
-    )
+    px, ours, _ = projection.project_with_jacobian(replace(cameras, K=K[None]), points[:, 0])
     np.testing.assert_allclose(px[0], expected[:, 0], atol=1e-9)
-    if cameras.distortion_model == "opencv":
+    if cameras.models == ("opencv",):
         by_translation = J[:, 3:6].reshape(-1, 2, 3)
         np.testing.assert_allclose(ours[0], by_translation @ cameras.R[0], atol=1e-8)
 
 
 def test_an_unknown_model_is_named():
-    cameras = rig("none")
     with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'; valid are opencv, fisheye"):
-        projection.project(*arguments(cameras), np.zeros((1, 3)), "brown")
+        replace(rig("none"), models=("brown",))
+    unchecked = replace(projection.CameraArrays.of(rig("none"), np.zeros(1)), models=("brown",))
+    with pytest.raises(CalibrationInvalid, match="Unknown distortion model 'brown'; valid are opencv, fisheye"):
+        projection.project(unchecked, np.zeros((1, 3)))

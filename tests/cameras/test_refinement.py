@@ -18,7 +18,7 @@ def _scene(noise_px: float = 0.0) -> tuple[Cameras, np.ndarray, np.ndarray]:
     rng = np.random.default_rng(2)
     cameras = tripods(np.array([0.0, 0.0, 0.95]))
     points = rng.uniform(-0.5, 0.5, (40, 12, 3)) + [0.0, 0.0, 0.95]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     return cameras, points, px + noise_px * rng.normal(size=px.shape)
 
 
@@ -55,7 +55,7 @@ def test_a_camera_that_sees_one_place_alone_stays() -> None:
         distortion=np.zeros((4, 8)),
     )
     points = np.zeros((40, 12, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     found = resected(cameras, px, np.ones(px.shape[:-1]), points, scale_px=1.0)
     np.testing.assert_allclose(found.R, cameras.R, atol=1e-9)
     np.testing.assert_allclose(found.t, cameras.t, atol=1e-9)

@@ -149,7 +149,7 @@ def test_an_earlier_calibration_a_take_and_clicks_are_adjusted_together(tmp_path
     shift = np.random.default_rng(0).normal(0, 0.02, cameras.t.shape)
     write_calibration(start, replace(cameras, t=cameras.t + shift))
     places = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (0.0, 1.2)]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array(places), cameras.distortion_model)
+    px = project(cameras, np.array(places))
     rows = [f"p{i},world,{x},{y},{z}" for i, (x, y, z) in enumerate(places)]
     rows += [f"p{i},{name},{u},{v}" for name, seen in zip(cameras.names, px, strict=True)
              for i, (u, v) in enumerate(seen)]  # fmt: skip

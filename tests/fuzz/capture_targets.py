@@ -25,7 +25,7 @@ from tests.support.scenes import ring_of_cameras, small_capture, small_markers
 from tests.support.trial_files import mp4_bytes, write_trial
 
 _CAMERAS = ring_of_cameras(2)
-_FISHEYE = replace(_CAMERAS, distortion=_CAMERAS.distortion[:, :4] * 0.1, distortion_model="fisheye")
+_FISHEYE = replace(_CAMERAS, distortion=_CAMERAS.distortion[:, :4] * 0.1, models=("fisheye",))
 _NPZ = {".npz": "npz"}
 _ODD_YAML = """%YAML:1.0
 ---

@@ -71,15 +71,14 @@ def test_a_stated_unit_is_used(tmp_path: Path, cameras: Cameras) -> None:
 
 
 def test_fisheye(tmp_path: Path, cameras: Cameras) -> None:
-    fish = replace(cameras, distortion_model="fisheye", distortion=cameras.distortion[:, :4])
+    fish = replace(cameras, models=("fisheye",), distortion=cameras.distortion[:, :4])
     (tmp_path / "c.toml").write_text(toml_text(fish))
     found = read_calibration(tmp_path / "c.toml")
     assert_same(found, fish)
-    assert found.cameras.distortion_model == "fisheye"
+    assert set(found.cameras.models) == {"fisheye"}
     mixed = toml_text(fish).replace("fisheye = true", "fisheye = false", 1)
     (tmp_path / "mixed.toml").write_text(mixed)
-    with pytest.raises(CalibrationInvalid, match="mixed; fisheye are cam_b, cam_c"):
-        read_calibration(tmp_path / "mixed.toml")
+    assert read_calibration(tmp_path / "mixed.toml").cameras.models == ("opencv", "fisheye", "fisheye")
 
 
 @pytest.mark.parametrize("left", [0.0, 32.0])

@@ -175,9 +175,9 @@ def test_nothing_changes_without_evidence(cameras: Cameras, spoil: Callable[[np.
 def test_corrections_move_pictures_and_nothing_else() -> None:
     lens = np.tile([-0.05, 0.1, 0.002, -0.003, 0.0, 0.0, 0.0, 0.0], (4, 1))
     cameras, points = replace(CAMERAS, distortion=lens), np.random.default_rng(0).uniform(-1, 2, (50, 3))
-    plain = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    plain = project(cameras, points)
     seen = corrected(cameras, [CameraCorrection(factor=0.5, turn=1)] * 4)
-    found = project(seen.K, seen.distortion, seen.R, seen.t, points)
+    found = project(seen, points)
     small = (plain + 0.5) / 2 - 0.5
     height = np.round(cameras.image_size[:, 1, None] / 2)
     np.testing.assert_allclose(found, np.stack([height - 1 - small[..., 1], small[..., 0]], axis=-1), atol=1e-9)
@@ -193,7 +193,7 @@ def test_an_array_of_many_cameras_is_read_alike_within_bounds(monkeypatch: pytes
         tuple(f"c{i}" for i in range(count)), CAMERAS.K[kind], CAMERAS.distortion[kind],
         CAMERAS.R[kind] @ turned_about, CAMERAS.t[kind], CAMERAS.image_size[kind],
     )  # fmt: skip
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, DEMO.truth["keypoints3d"][FRAMES])
+    xy = project(cameras, DEMO.truth["keypoints3d"][FRAMES])
     seen = Detections(
         cameras.names, half(xy, tuple(range(count)))[:, :, None], np.ones((*xy.shape[:2], 1, xy.shape[2])),
         KEYPOINTS.joint_set,

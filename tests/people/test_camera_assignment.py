@@ -52,7 +52,7 @@ def _ring(demo: Capture) -> tuple[Cameras, Detections]:
     cameras = Cameras(
         demo.cameras.names, np.repeat(demo.cameras.K[:1], 4, 0), np.repeat(demo.cameras.distortion[:1], 4, 0),
         R0 @ turns,
-        np.repeat(t0[None], 4, 0), demo.cameras.image_size, demo.cameras.distortion_model,
+        np.repeat(t0[None], 4, 0), demo.cameras.image_size, demo.cameras.models,
     )  # fmt: skip
     points = demo.truth["keypoints3d"] - demo.truth["keypoints3d"].mean((0, 1)) + [0, 0, 0.9]
     seen = np.einsum("cij,fkj->cfki", cameras.R, points) + cameras.t[:, None, None]

@@ -83,7 +83,7 @@ def test_a_mirror_on_the_wall_is_another_track_and_not_mixed_up_with_the_person(
     wall = float((points @ normal).max()) + 0.5
     behind = points + (2.0 * (wall - points @ normal))[..., None] * normal
     both = np.stack([points, behind[:, list(JOINTS.mirrored())]], axis=1)
-    people = project(cameras.K, cameras.distortion, cameras.R, cameras.t, both, cameras.distortion_model)[0]
+    people = project(cameras, both)[0]
     people += 3.0 * rng.normal(size=people.shape)
     found = select_in_one_view(detections(people, np.ones(people.shape[:2], dtype=bool)), 30.0)
     for number, person in enumerate(found):

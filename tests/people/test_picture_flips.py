@@ -90,7 +90,7 @@ def test_pictures_of_half_the_size_are_not_flipped() -> None:
 def in_the_round(points: np.ndarray, joint_set: JointSet) -> tuple[Cameras, Detections]:
     """Return level cameras at one height, which agree with a world upside down, and what they see."""
     cameras = ring_of_cameras(height=0.9)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    px = project(cameras, points)
     return cameras, Detections(cameras.names, px[:, :, None], np.ones((*px.shape[:2], 1, px.shape[2])), joint_set)
 
 

@@ -88,8 +88,7 @@ def test_leverage_sums_to_the_points_freedoms(term):
 def test_leverage_is_how_far_a_refitted_point_follows_one_view():
     """By definition ``∂(fitted pixel) / ∂(measured pixel)``: every detection moved, every point fitted anew."""
     cameras, keypoints, points = reprojection()
-    arguments = cameras.K, cameras.distortion, cameras.R, cameras.t
-    exact = project(*arguments, points, cameras.distortion_model)
+    exact = project(cameras, points)
     term = ReprojectionTerm.of(cameras, replace(keypoints, xy=exact), np.full(POINTS, 5.0), points)
     used, step = term.residuals(points).measured, 1e-3
 
@@ -98,7 +97,7 @@ def test_leverage_is_how_far_a_refitted_point_follows_one_view():
         for _ in range(3):
             evidence = moved(fitted, PLAIN)
             fitted = fitted - np.linalg.solve(evidence.information, evidence.gradient[..., None])[..., 0]
-        return project_with_jacobian(*arguments, fitted, cameras.distortion_model)[0]
+        return project_with_jacobian(cameras, fitted)[0]
 
     leverage = term.leverage(points, used)
     for view in range(len(cameras)):

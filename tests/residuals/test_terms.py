@@ -61,7 +61,7 @@ def test_information_is_the_hessian_at_zero_residual():
     cameras, keypoints, points = reprojection()
     from solver_backend.cameras.projection import project
 
-    exact = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    exact = project(cameras, points)
     keypoints = Keypoints2D(exact, keypoints.confidence, keypoints.joint_set, 60.0)
     term = ReprojectionTerm.of(cameras, keypoints, np.full(POINTS, 5.0), points)
     information = term(points, 3.0).information

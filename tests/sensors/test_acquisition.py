@@ -126,7 +126,7 @@ def test_three_markers_whose_lower_halves_are_hidden_are_three(apart: float) -> 
 
 def test_lens_table_and_projection_are_each_others_inverse() -> None:
     lens, points = SensorLens(CAMERAS, 2), spread_points(40)
-    px = project(CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t, points)[2]
+    px = project(CAMERAS, points)[2]
     flat = lens.undistorted(px)
     camera = points @ lens.R.T + lens.t
     true, depth = camera[:, :2] / camera[:, 2:], camera[:, 2]

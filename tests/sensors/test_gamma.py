@@ -75,7 +75,7 @@ def test_the_verb_lays_the_rig_on_the_floor_by_depth(tmp_path: Path) -> None:
     for name, table in as_tables(waved(cameras, Waving())).items():
         (wand / name).write_text(table)
     write_calibration(tmp_path / "lenses.toml", cameras)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, MARKERS)
+    px = project(cameras, MARKERS)
     depth = (MARKERS @ np.swapaxes(cameras.R, 1, 2) + cameras.t[:, None])[..., 2]
     assert ((px > 0) & (px < SIZE)).all(), "the sensors see the floor"
     for c, name in enumerate(cameras.names):
@@ -99,7 +99,7 @@ def test_the_verb_lays_the_rig_on_the_floor_by_depth(tmp_path: Path) -> None:
 def test_rays_of_cameras_without_depth_meet_at_the_gamma(tmp_path: Path) -> None:
     cameras = sensors(3)
     rng = np.random.default_rng(0)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, MARKERS)
+    px = project(cameras, MARKERS)
     for c, name in enumerate(cameras.names):
         rows = []
         for moment in range(40):

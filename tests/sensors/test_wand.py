@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid, FileDamaged, MocapError
+from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
 from solver_backend.sensors.trigger import INTERLEAVE_S, triggered
 from solver_backend.sensors.wand.coverage import Coverage
 from solver_backend.sensors.wand.errors import TimesInvalid, WandAmbiguous, WandInvalid, WandNotSeen
@@ -174,13 +174,6 @@ def test_bad_recordings_are_named(case: str) -> None:
     views = spoil(waved(cameras, Waving(seconds=6.0)))
     with pytest.raises(error, match=words):
         calibrate_by_wand(views, WandOptions(clocks=triggered(tuple(v.name for v in views))))
-
-
-def test_lenses_of_two_models_are_named() -> None:
-    views = waved(sensors(2), Waving(seconds=4.0))
-    odd = replace(views[1], lens=replace(views[1].lens, distortion_model="fisheye"))
-    with pytest.raises(CalibrationInvalid, match="Fisheye"):
-        calibrate_by_wand([views[0], odd])
 
 
 def test_other_lengths_than_were_told_are_named() -> None:

@@ -60,7 +60,7 @@ def moments(folder: Path) -> Moments:
 
 def own_error_mm(cameras: Cameras, moments: Moments) -> np.ndarray:
     """Return how far each camera stands from where the other three, by the wand they see, would have it."""
-    flat = undistort(cameras.K, cameras.distortion, moments.px, cameras.distortion_model)
+    flat = undistort(cameras, moments.px)
     off = []
     for c in range(len(cameras)):
         others = [i for i in range(len(cameras)) if i != c]

@@ -20,7 +20,7 @@ def sightings(cameras: Cameras, view: int, infrared: np.ndarray, depth_mm: np.nd
 def lift(cameras: Cameras, view: int, px: np.ndarray, depth: np.ndarray) -> np.ndarray:
     """Return (N, 3) world points of pixels with depths along the axis."""
     one = cameras.subset([view])
-    flat = undistort(one.K, one.distortion, px[None], one.distortion_model)[0]
+    flat = undistort(one, px[None])[0]
     camera = np.concatenate([flat, np.ones((len(px), 1))], axis=1) * depth[:, None]
     return (camera - cameras.t[view]) @ cameras.R[view]
 

@@ -19,7 +19,7 @@ def toml_text(cameras: Cameras, *, matrices: bool = False, scale: float = 1.0, n
         fields = {
             "name": name, "size": cameras.image_size[c].astype(float).tolist(), "matrix": cameras.K[c].tolist(),
             "distortions": cameras.distortion[c, :5].tolist(), "rotation": np.asarray(rotation).tolist(),
-            "translation": (cameras.t[c] * scale).tolist(), "fisheye": cameras.distortion_model == "fisheye",
+            "translation": (cameras.t[c] * scale).tolist(), "fisheye": cameras.models[c] == "fisheye",
         }  # fmt: skip
         lines.append(f"[cameras.{c}]" if nested else f'["{name}"]')
         lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items() if not (nested and key == "name")]

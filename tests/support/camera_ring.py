@@ -21,12 +21,12 @@ def ring(count: int, model: str = "opencv", arc: float = 2 * np.pi) -> Cameras:
     K = np.tile([[1100.0, 0, 960], [0, 1100, 540], [0, 0, 1]], (count, 1, 1))
     lens = [-0.1, 0.02, 1e-3, 0, 0, 0, 0, 0] if model == "opencv" else [-0.02, 0.01, 0, 0, 0, 0, 0, 0]
     names = tuple(f"camera{i}" for i in range(count))
-    return Cameras(names, K, np.tile(lens, (count, 1)), R, t, np.tile([1920, 1080], (count, 1)), model)
+    return Cameras(names, K, np.tile(lens, (count, 1)), R, t, np.tile([1920, 1080], (count, 1)), (model,))
 
 
 def record(cameras: Cameras, frames: int, keypoints: int, sigma: float, seed: int = 0):
     """Return true points (F, K, 3), detections (C, F, K, 2) and confidences (C, F, K)."""
     rng = np.random.default_rng(seed)
     points = rng.uniform([-0.8, -0.8, 0], [0.8, 0.8, 1.8], (frames, keypoints, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     return points, px + sigma * rng.normal(size=px.shape), rng.uniform(0.3, 1.0, px.shape[:-1])

@@ -28,7 +28,7 @@ def ring(count: int = 4, model: str = "opencv", radius: float = 3.0, lens: Seque
     K = np.tile([[1100.0, 0, 639.5], [0, 1100.0, 359.5], [0, 0, 1]], (count, 1, 1))
     K[:, [0, 1], [0, 1]] += 20.0 * np.arange(count)[:, None]
     names = tuple(f"cam{c + 1}" for c in range(count))
-    return Cameras(names, K, np.tile(lens, (count, 1)), R, t, np.tile([1280, 720], (count, 1)), model)
+    return Cameras(names, K, np.tile(lens, (count, 1)), R, t, np.tile([1280, 720], (count, 1)), (model,))
 
 
 def carried(
@@ -47,14 +47,7 @@ def carried(
             swing = np.sin(np.array([2.1, 2.9, 1.7, 2.3, 3.1, 1.9]) * time + phase)
             R = exp_so3(np.array([0.5, 0.5, 0.6]) * swing[:3]) @ facing
             points = (board.points - board.points.mean(0)) @ R.T + np.array([0.5, 0.4, 0.3]) * swing[3:]
-            px = project(
-                cameras.K[[c]],
-                cameras.distortion[[c]],
-                cameras.R[[c]],
-                cameras.t[[c]],
-                points,
-                cameras.distortion_model,
-            )[0]
+            px = project(cameras.subset([c]), points)[0]
             way = points.mean(0) - cameras.centres[c]
             facing_camera = R[:, 2] @ way > 0.35 * np.linalg.norm(way)
             inside = np.isfinite(px).all(-1) & (px > 0).all(-1) & (px < cameras.image_size[c] - 1).all(-1)

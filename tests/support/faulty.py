@@ -18,7 +18,7 @@ def filmed_by(capture: Capture, cameras: Cameras, seed: int) -> Capture:
     """Return the capture's true motion as other cameras and another detector see it."""
     assert capture.keypoints is not None
     truth = capture.truth["keypoints3d"]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, truth, cameras.distortion_model)
+    px = project(cameras, truth)
     xy, confidence = detect(px, cameras.image_size, capture.fps, DEMO_DETECTOR, np.random.default_rng(seed))
     keypoints = Keypoints2D(xy, confidence, capture.keypoints.joint_set, capture.fps)
     return replace(capture, cameras=cameras, keypoints=keypoints, footage=())

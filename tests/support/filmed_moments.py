@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.synthesis.embedded.demo import demo_capture
-from solver_backend.types import Cameras, Capture
+from solver_backend.types import Capture
 from solver_backend.videos.streaming.pictures import LivePicture
 
 SIZE = (16, 8)
@@ -94,8 +94,7 @@ def demo_views(views: list[int]) -> Capture:
     capture = demo_capture()
     assert capture.cameras is not None and capture.keypoints is not None
     c, found = capture.cameras, capture.keypoints
-    K, distortion, R, t, image_size = (part[views] for part in (c.K, c.distortion, c.R, c.t, c.image_size))
-    cameras = Cameras(tuple(c.names[v] for v in views), K, distortion, R, t, image_size, c.distortion_model)
+    cameras = c.subset(views)
     keypoints = replace(found, xy=found.xy[views], confidence=found.confidence[views])
     return replace(capture, cameras=cameras, keypoints=keypoints, footage=())
 

@@ -13,7 +13,7 @@ def reprojection(seed=0):
     rng = np.random.default_rng(seed)
     cameras = tripods(np.array([0.0, 0.0, 1.0]))
     points = rng.uniform([-0.5, -0.5, 0.2], [0.5, 0.5, 1.8], (FRAMES, POINTS, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     confidence = rng.uniform(0.2, 1.0, px.shape[:-1])
     confidence[0, 1, 4] = confidence[2, 2, 5] = 0
     keypoints = Keypoints2D(px + rng.normal(size=px.shape) * 6, confidence, JointSet.COCO_17, 60.0)

@@ -45,5 +45,4 @@ def seen_by(cameras: Cameras, frames: int) -> Capture:
 
 
 def _seen(cameras: Cameras, c: int, points: np.ndarray) -> np.ndarray:
-    one = slice(c, c + 1)
-    return project(cameras.K[one], cameras.distortion[one], cameras.R[one], cameras.t[one], points)[0]
+    return project(cameras.subset([c]), points)[0]

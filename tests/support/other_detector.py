@@ -30,7 +30,7 @@ def detected_by_another(capture: Capture, seed: int, least_mm: float, most_mm: f
     rng = np.random.default_rng(seed)
     cameras = replace(capture.cameras, R=capture.truth["R"], t=capture.truth["t"])
     points = capture.truth["meant3d"]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     wander = autoregressive((*px.shape[:-1], 1), 0.95, rng)[..., 0]
     badness = 0.5 * (1.0 + np.vectorize(erf)(wander / np.sqrt(2.0)))
     sigma_mm = least_mm * (most_mm / least_mm) ** badness

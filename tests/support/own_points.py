@@ -42,7 +42,7 @@ def own_capture(frames: int = 360, seed: int = 0) -> Capture:
     posed = forward_kinematics(body, truth["betas"], exp_so3(truth["global_orient"]), local, truth["transl"])
     joints = [body.layout.joints.index(BONES[bone]) for bone in PLACES]
     points = posed.joints[:, joints] + (posed.G[:, joints] @ np.array([*PLACES.values()])[..., None])[..., 0]
-    pixels = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    pixels = project(cameras, points)
     pixels = pixels + np.random.default_rng(seed).normal(0.0, NOISE_PX, pixels.shape)
     kept = np.isin(names, [*BODY.values()])
     xy = np.concatenate([np.where(kept[:, None], keypoints.xy, np.nan), pixels], axis=2)

@@ -138,6 +138,6 @@ def detected(
     cameras: Cameras, points: np.ndarray, rng: np.random.Generator, *, sigma_px: float = 4.0
 ) -> tuple[np.ndarray, np.ndarray]:
     """Return noisy pixels (C, F, K, 2) and confidences (C, F, K) of world points (F, K, 3)."""
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     xy = px + rng.normal(scale=sigma_px, size=px.shape)
     return xy, np.where(np.isfinite(xy).all(-1), rng.uniform(0.4, 0.9, xy.shape[:-1]), 0.0)

@@ -55,7 +55,7 @@ class Painter:
         rng = np.random.default_rng([seed, view])
         infrared = np.full((height, width), self.background)
         depth = np.full((height, width), self.wall_m)
-        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)[view]
+        px = project(cameras, points)[view]
         camera = points @ cameras.R[view].T + cameras.t[view]
         for xy, z, ray in zip(px, camera[:, 2], np.linalg.norm(camera, axis=1), strict=True):
             if not np.isfinite(xy).all():
@@ -99,7 +99,7 @@ def spread_points(count: int, seed: int = 0, cameras: Cameras | None = None, apa
     found = np.zeros((0, 3))
     while len(found) < count:
         tried = np.vstack([found, np.array([0, 0, 1.0]) + rng.uniform(-0.5, 0.5, 3)])
-        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, tried)
+        px = project(cameras, tried)
         if len(tried) == 1 or np.linalg.norm(px[:, :-1] - px[:, -1:], axis=-1).min() > apart_px:
             found = tried
     return found

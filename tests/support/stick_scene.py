@@ -51,7 +51,7 @@ class StickScene:
         exact = Subject(self.body, landmarks, np.zeros(10), np.zeros((24, 3)))
         self.points = pose(exact, key_poses(self.prior, self.truth, self.layout, residuals=False)).points
         cameras = tripods(np.array([0.0, 0.0, 0.95]))
-        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, self.points, cameras.distortion_model)
+        px = project(cameras, self.points)
         px = px + NOISE_PX * rng.normal(size=px.shape)
         wrong = rng.random(px.shape[:-1]) < 0.03
         px[wrong] += 80 * rng.choice([-1, 1], (wrong.sum(), 2))

@@ -85,7 +85,7 @@ def _view(
     world = middle_at(times - late_s, waving.seed)[:, None] + lights @ np.swapaxes(
         turn_at(times - late_s, waving.seed), 1, 2
     )
-    px = project(camera.K, camera.distortion, camera.R, camera.t, world, camera.distortion_model)[0]
+    px = project(camera, world)[0]
     px = px + rng.normal(0, waving.sigma_px, px.shape)
     inside = ((px > 0) & (px < np.array(SIZE) - 1)).all((1, 2)) & (rng.random(len(times)) > waving.hidden)
     px = np.where(inside[:, None, None], px, np.nan)

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.distortion import distorted
+from solver_backend.cameras.distortion import cameras_by_model, distorted
+from solver_backend.exchange import lens
 from solver_backend.types import Cameras
 from solver_backend.types.shapes import Float, Int
 
@@ -23,20 +24,13 @@ class LensModel:
     name: str
     """As it is called in files and messages."""
     distortion_model: str
-    """'opencv' or 'fisheye', as ``Cameras`` has it."""
+    """Name of the lens model, as ``Cameras`` has it."""
     fitted: tuple[int, ...]
     """Indices of the coefficients."""
 
 
 LENS_MODELS = {
-    model.name: model
-    for model in (
-        LensModel("radial2", "opencv", (0, 1)),
-        LensModel("pinhole4", "opencv", (0, 1, 2, 3)),
-        LensModel("pinhole5", "opencv", (0, 1, 2, 3, 4)),
-        LensModel("rational8", "opencv", tuple(range(8))),
-        LensModel("fisheye", "fisheye", (0, 1, 2, 3)),
-    )
+    name: LensModel(name, model.name, fitted) for model in lens.LENS_MODELS.values() for name, fitted in model.fits
 }
 """From the simplest to the richest; ``pinhole5`` is k1 k2 p1 p2 k3, ``rational8`` has k4 k5 k6 beside them."""
 
@@ -51,21 +45,21 @@ class Lens:
     """(8,) coefficients as ``Cameras`` has them."""
     image_size: tuple[int, int]
     """Width and height, px."""
-    distortion_model: str = "opencv"
-    """'opencv' or 'fisheye'."""
+    distortion_model: str = lens.DEFAULT_MODEL
+    """Name of the lens model."""
 
     def as_camera(self) -> Cameras:
         """Return a camera of this lens at the origin, looking along Z."""
         return Cameras(
             ("camera",), self.K[None], self.distortion[None], np.eye(3)[None], np.zeros((1, 3)),
-            np.array([self.image_size]), self.distortion_model,
+            np.array([self.image_size]), (self.distortion_model,),
         )  # fmt: skip
 
 
 def lens_of(cameras: Cameras, index: int) -> Lens:
     """Return the lens of one of the cameras."""
     width, height = cameras.image_size[index].tolist()
-    return Lens(cameras.K[index], cameras.distortion[index], (width, height), cameras.distortion_model)
+    return Lens(cameras.K[index], cameras.distortion[index], (width, height), cameras.models[index])
 
 
 def rough_lens(image_size: tuple[int, int], focal_share: float = 0.9) -> Lens:
@@ -103,14 +97,14 @@ def project_local(
     Reference: OpenCV 4, "Camera Calibration and 3D Reconstruction" (the lens); derivatives by hand.
     """
     px, x, y, z, bent_x, bent_y, (xx, cross, yy) = _projected(cameras, which, x_cam)
-    coefficients, model, K = cameras.distortion[which], cameras.distortion_model, cameras.K[which]
+    K = cameras.K[which]
     fx, fy = K[:, 0, 0], K[:, 1, 1]
     rows = np.stack([xx, cross, -(xx * x + cross * y), cross, yy, -(cross * x + yy * y)], axis=-1).reshape(-1, 2, 3)
     by_point = K[:, :2, :2] @ (rows / z[:, None, None])
     by_lens = np.zeros((len(px), 2, PARAMETERS))
     by_lens[:, 0, 0], by_lens[:, 1, 1] = fx * bent_x, fy * bent_y
     by_lens[:, 0, 2], by_lens[:, 1, 3] = fx, fy
-    by_lens[:, :, 4:] = K[:, :2, :2] @ _by_coefficients(x, y, coefficients, model)
+    by_lens[:, :, 4:] = K[:, :2, :2] @ _by_coefficients(cameras, which, x, y)
     return px, by_point, by_lens
 
 
@@ -125,29 +119,29 @@ def _projected(cameras: Cameras, which: np.ndarray, x_cam: np.ndarray) -> tuple[
     """Return pixels, x/z, y/z and z, the distorted coordinates and their derivative's entries."""
     z = np.where(x_cam[:, 2] > 1e-6, x_cam[:, 2], np.nan)
     x, y = x_cam[:, 0] / z, x_cam[:, 1] / z
-    bent_x, bent_y, slopes = distorted(x, y, cameras.distortion[which], cameras.distortion_model)
+    bent_x, bent_y, slopes = _distorted(cameras, which, x, y)
     K = cameras.K[which]
     px = np.stack([K[:, 0, 0] * bent_x + K[:, 0, 1] * bent_y + K[:, 0, 2], K[:, 1, 1] * bent_y + K[:, 1, 2]], axis=-1)
     return px, x, y, z, bent_x, bent_y, slopes
 
 
-def _by_coefficients(x: np.ndarray, y: np.ndarray, k: np.ndarray, model: str) -> np.ndarray:
+def _distorted(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> tuple[Any, ...]:
+    """Return distorted coordinates (N,) and their derivative's entries, computed once per lens model."""
+    groups = cameras_by_model(cameras.models)
+    if len(groups) == 1:
+        return distorted(x, y, cameras.distortion[which], cameras.models[:1])
+    found = np.full((5, len(x)), np.nan)
+    for model, views in groups:
+        at = np.isin(which, views)
+        bent_x, bent_y, slopes = distorted(x[at], y[at], cameras.distortion[which[at]], (model.name,))
+        found[:, at] = bent_x, bent_y, *slopes
+    return found[0], found[1], tuple(found[2:])
+
+
+def _by_coefficients(cameras: Cameras, which: np.ndarray, x: np.ndarray, y: np.ndarray) -> np.ndarray:
     """Return the (N, 2, 8) derivative of distorted coordinates by the coefficients."""
-    u = x * x + y * y
-    xy = np.stack([x, y], axis=-1)
-    J = np.zeros((len(x), 2, 8))
-    if model == "fisheye":
-        r = np.sqrt(u)
-        angle = np.arctan(r)
-        share = np.divide(angle, r, out=np.ones_like(r), where=r > 1e-9)
-        powers = angle[:, None] ** np.array([2, 4, 6, 8]) * share[:, None]
-        J[:, :, :4] = xy[:, :, None] * powers[:, None]
-        return J
-    powers = u[:, None] ** np.array([1, 2, 3])
-    bottom = 1.0 + (powers * k[:, 5:8]).sum(-1)
-    scale = (1.0 + (powers * k[:, [0, 1, 4]]).sum(-1)) / bottom
-    J[:, :, [0, 1, 4]] = xy[:, :, None] * (powers / bottom[:, None])[:, None]
-    J[:, :, 5:8] = -xy[:, :, None] * (powers * (scale / bottom)[:, None])[:, None]
-    J[:, 0, 2], J[:, 1, 2] = 2 * x * y, u + 2 * y * y
-    J[:, 0, 3], J[:, 1, 3] = u + 2 * x * x, 2 * x * y
+    J = np.zeros((len(x), 2, PARAMETERS - 4))
+    for model, views in cameras_by_model(cameras.models):
+        at = np.isin(which, views)
+        J[at] = model.by_terms(x[at], y[at], cameras.distortion[which[at]])
     return J

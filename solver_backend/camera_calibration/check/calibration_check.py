@@ -138,7 +138,7 @@ def check_calibration(cameras: Cameras, keypoints: Keypoints2D, progress: Progre
 
 
 def _errors(cameras: Cameras, xy: np.ndarray, points: np.ndarray) -> np.ndarray:
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     return np.linalg.norm(px - xy, axis=-1)
 
 
@@ -158,7 +158,7 @@ def _by_region(cameras: Cameras, xy: np.ndarray, error: np.ndarray) -> np.ndarra
 def _epipolar(cameras: Cameras, xy: np.ndarray, progress: Progress) -> np.ndarray:
     """Return (C, windows) the median distance to the epipolar lines of the other cameras."""
     C, F = xy.shape[:2]
-    n = undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model)
+    n = undistort(cameras, xy)
     windows = np.array_split(np.arange(F), min(WINDOWS, F))
     values: list[list[list[np.ndarray]]] = [[[] for _ in windows] for _ in range(C)]
     pairs = compared_pairs(C)

@@ -125,7 +125,7 @@ def calibrate_by_board(
             write_coverage_png(list(sightings.values()), size, coverage / f"{name}.png")
     lenses = _lenses(footage, board, known, seen, sizes, options, progress)
     findings = _mirrored(names, seen)
-    ordered = _one_model([lenses[n][0] for n in names], names)
+    ordered = [lenses[n][0] for n in names]
     progress("All cameras at once", 0, 1)
     moving = options.fps is not None and all(p.suffix.lower() in VIDEOS for p in footage.extrinsic.values())
     solved = calibrate_from_board(
@@ -179,18 +179,6 @@ def _facts(lens: CameraLens) -> dict[str, object]:
         "focal_sigma_px": lens.choice.fit.focal_sigma_px,
         "advice": [sentence(item) for item in lens.advice],
     }  # fmt: skip
-
-
-def _one_model(lenses: Sequence[Lens], names: Sequence[str]) -> list[Lens]:
-    """Return the lenses with one distortion model, as ``Cameras`` has one; a mixture is refused by name."""
-    models = {lens.distortion_model for lens in lenses}
-    if len(models) == 1:
-        return list(lenses)
-    fish = [n for n, lens in zip(names, lenses, strict=True) if lens.distortion_model == "fisheye"]
-    raise CalibrationInvalid(
-        f"Fisheye and other lenses are mixed; fisheye are {', '.join(fish)}.",
-        hint="Choose one model for all: --lens rational8 or --lens fisheye.",
-    )
 
 
 def _mirrored(names: Sequence[str], seen: Sequence[Sightings]) -> tuple[Diagnostic, ...]:

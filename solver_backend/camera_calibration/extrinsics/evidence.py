@@ -109,7 +109,7 @@ def in_world_of(clicks: Clicks, cameras: Cameras, *, with_scale: bool) -> Camera
     xy, known = _tables(cameras, clicks)
     if not np.isfinite(known).any():
         return cameras
-    located = intersected(cameras.R, cameras.t, undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model))
+    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
     both = np.isfinite(located).all(-1) & np.isfinite(known).all(-1)
     spread = np.linalg.svd(known[both] - known[both].mean(0))[1] if both.sum() >= LEAST_PLACES else np.zeros(2)
     if spread[1] < 0.02 * max(float(spread[0]), 1e-9):
@@ -142,7 +142,7 @@ def _points(
         sigma: (C, P) px.
         known: (P, 3) metres, NaN where unknown.
     """
-    located = intersected(cameras.R, cameras.t, undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model))
+    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
     if known is not None:
         located = np.where(np.isfinite(known), known, located)
     used = np.isfinite(located).all(-1)

@@ -153,7 +153,7 @@ def _cameras(names: Sequence[str], lenses: Sequence[Lens], poses: Sequence[Pose]
         np.stack([R for R, _ in poses]),
         np.stack([t for _, t in poses]),
         np.array([lens.image_size for lens in lenses]),
-        lenses[0].distortion_model,
+        tuple(lens.distortion_model for lens in lenses),
     )
 
 

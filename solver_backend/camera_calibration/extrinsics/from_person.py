@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
@@ -149,13 +149,13 @@ class _FlatViews:
         cameras = Cameras(
             tuple(names), np.stack([e.K for e in lenses]), np.stack([e.distortion for e in lenses]),
             np.tile(np.eye(3), (C, 1, 1)), np.zeros((C, 3)), np.array([e.image_size for e in lenses]),
-            lenses[0].distortion_model,
+            tuple(e.distortion_model for e in lenses),
         )  # fmt: skip
         return cls(cameras, xy.reshape(C, -1, 2), confidence.reshape(C, -1), frames, xy.shape[2])
 
     def normalised(self, cameras: Cameras | None = None) -> np.ndarray:
         c = cameras or self.lenses
-        return undistort(c.K, c.distortion, self.xy, c.distortion_model)
+        return undistort(c, self.xy)
 
     def scale(self, c: int) -> float:
         return 2.0 * START_SIGMA_PX / float(self.lenses.K[c, 0, 0])
@@ -218,10 +218,8 @@ class _FlatViews:
     ) -> tuple[Adjusted, np.ndarray]:  # fmt: skip
         """Return the bundle adjustment of these cameras, and which of the N points its bodies are."""
         base = (lenses or self.lenses.subset(which)).subset(list(range(len(which))))
-        cameras = Cameras(
-            base.names, base.K, base.distortion, poses[0], poses[1], base.image_size, base.distortion_model
-        )  # fmt: skip
-        X = intersected(cameras.R, cameras.t, undistort(base.K, base.distortion, self.xy[which], base.distortion_model))
+        cameras = replace(base, R=poses[0], t=poses[1])
+        X = intersected(cameras.R, cameras.t, undistort(base, self.xy[which]))
         seen = np.isfinite(self.xy[which]).all(-1) & np.isfinite(X).all(-1)
         used = seen.any(0)
         number = np.cumsum(used) - 1

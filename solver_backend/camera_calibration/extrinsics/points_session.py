@@ -98,12 +98,12 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     cameras = Cameras(
         names, np.stack([e.K for e in chosen]), np.stack([e.distortion for e in chosen]),
         np.stack([R for R, _ in poses]), np.stack([t for _, t in poses]), np.array([e.image_size for e in chosen]),
-        chosen[0].distortion_model,
+        tuple(e.distortion_model for e in chosen),
     )  # fmt: skip
     points = sorted({p for by_point in clicks.px.values() for p in by_point})
     xy = np.array([[clicks.px[c].get(p, (np.nan, np.nan)) for p in points] for c in names])
     known = np.array([clicks.places.get(p, (np.nan,) * 3) for p in points])
-    located = intersected(cameras.R, cameras.t, undistort(cameras.K, cameras.distortion, xy, cameras.distortion_model))
+    located = intersected(cameras.R, cameras.t, undistort(cameras, xy))
     start = np.where(np.isfinite(known), known, located)
     used = np.isfinite(start).all(-1)
     camera, point = np.nonzero(np.isfinite(xy).all(-1) & used)
@@ -126,7 +126,7 @@ def _pose(name: str, clicks: Clicks, lens: Lens, rng: np.random.Generator) -> tu
     seen = [p for p in clicks.px[name] if p in clicks.places]
     world = np.array([clicks.places[p] for p in seen]).reshape(-1, 3)
     px = np.array([clicks.px[name][p] for p in seen]).reshape(-1, 2)
-    xy = undistort(lens.K[None], lens.distortion[None], px[None], lens.distortion_model)[0]
+    xy = undistort(lens.as_camera(), px[None])[0]
     if not np.isfinite(xy).all():
         first = seen[int(np.argmin(np.isfinite(xy).all(-1)))]
         raise CalibrationInvalid(

@@ -4,8 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.geometry.quaternions import quat_from_matrix
 from solver_backend.types import Cameras
+
+LEAST_TERMS = 4
+"""Simpler models of COLMAP are not written: they have one focal length, or no tangential terms."""
 
 
 def colmap_texts(cameras: Cameras) -> dict[str, str]:
@@ -21,10 +26,7 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
     turns = np.asarray(quat_from_matrix(cameras.R))
     for c, name in enumerate(cameras.names):
         K, bent = cameras.K[c], cameras.distortion[c]
-        if cameras.distortion_model == "fisheye":
-            model, more = "OPENCV_FISHEYE", bent[:4]
-        else:
-            model, more = ("FULL_OPENCV", bent) if bent[4:].any() else ("OPENCV", bent[:4])
+        model, more = _lens(cameras.models[c], bent, name)
         numbers = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *more]
         width, height = cameras.image_size[c].tolist()
         lenses.append(f"{c + 1} {model} {width} {height} " + " ".join(repr(float(v)) for v in numbers))
@@ -35,3 +37,15 @@ def colmap_texts(cameras: Cameras) -> dict[str, str]:
         "images.txt": "\n".join([*images, ""]),
         "points3D.txt": "# no points\n",
     }
+
+
+def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
+    """Return COLMAP's name of a lens with two focal lengths and its terms.
+
+    Raises:
+        CalibrationInvalid: COLMAP has no such lens.
+    """
+    for name, focals, places in LENS_MODELS[model].colmap:
+        if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
+            return name, terms[list(places)]
+    raise CalibrationInvalid(f"COLMAP has no lens model '{model}'.", where=f"camera {camera}")

@@ -7,6 +7,7 @@ import re
 import numpy as np
 
 from solver_backend.camera_calibration.formats.toml_files import coefficients
+from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.types import Cameras
 
 
@@ -18,8 +19,8 @@ def opencv_yaml(cameras: Cameras) -> str:
         key = key if key[:1].isalpha() else f"cam_{key}"
         lines += [f"{key}:", f'   name: "{_plain(name)}"']
         lines += [f"   image_width: {cameras.image_size[c, 0]}", f"   image_height: {cameras.image_size[c, 1]}"]
-        if cameras.distortion_model == "fisheye":
-            lines.append('   distortion_model: "fisheye"')
+        if cameras.models[c] != DEFAULT_MODEL:
+            lines.append(f'   distortion_model: "{cameras.models[c]}"')
         lines += _matrix("camera_matrix", cameras.K[c])
         lines += _matrix("distortion_coefficients", coefficients(cameras, c)[:, None])
         lines += _matrix("R", cameras.R[c]) + _matrix("T", cameras.t[c][:, None])

@@ -5,6 +5,7 @@ from __future__ import annotations
 from xml.etree import ElementTree
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.io.calibration.qualisys import SUBPIXELS, TO_OPENCV_AXES
 from solver_backend.types import Cameras
 
@@ -19,7 +20,7 @@ def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
     group = ElementTree.SubElement(root, "cameras")
     for c, name in enumerate(cameras.names):
         bent = cameras.distortion[c]
-        if cameras.distortion_model == "fisheye" or bent[5:].any():
+        if cameras.models[c] != DEFAULT_MODEL or bent[5:].any():
             raise CalibrationInvalid(
                 "Qualisys' file holds the coefficients k1 k2 p1 p2 k3 alone; the lens has others.",
                 where=f"camera {name}",

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from solver_backend.exchange.lens import LENS_MODELS
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras
 
@@ -30,7 +31,8 @@ def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: floa
             f"distortions = {_list(coefficients(cameras, c))}\n"
             f"rotation = {_list(rotation)}\n"
             f"translation = {_list(scale * cameras.t[c])}\n"
-            f"fisheye = {str(cameras.distortion_model == 'fisheye').lower()}\n"
+            f"fisheye = {str(cameras.models[c] == 'fisheye').lower()}\n"
+            f"{_model(cameras.models[c])}"
         )
     error = "" if rmse_px is None else f"error = {rmse_px:.6g}\n"
     program = f"tool = {_text(tool)}\n" if tool else ""
@@ -41,7 +43,7 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
     """Return the text of caliscope's ``camera_array.toml``; cameras are numbered in their order."""
     parts = []
     for c in range(len(cameras)):
-        fisheye = "fisheye = true\n" if cameras.distortion_model == "fisheye" else ""
+        fisheye = "fisheye = true\n" if cameras.models[c] == "fisheye" else _model(cameras.models[c])
         parts.append(
             f"[cameras.{c}]\n"
             f"cam_id = {c}\n"
@@ -60,10 +62,12 @@ def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
 
 def coefficients(cameras: Cameras, index: int) -> np.ndarray:
     """Return as many coefficients as the lens needs: 4 of a fisheye, else 5, or 8 where the last are not zero."""
-    values = cameras.distortion[index]
-    if cameras.distortion_model == "fisheye":
-        return values[:4]
-    return values if values[5:].any() else values[:5]
+    return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
+
+
+def _model(name: str) -> str:
+    """Return the line that names a lens model which is neither OpenCV's nor the fisheye."""
+    return "" if name in ("opencv", "fisheye") else f"distortion_model = {_text(name)}\n"
 
 
 def _key(name: str) -> str:

@@ -21,7 +21,7 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
 
     Raises:
         CalibrationMissing, CalibrationMismatch: a camera is not in it.
-        CalibrationInvalid: lenses of different distortion models are mixed.
+        CalibrationInvalid: a lens holds NaN.
     """
     if path.is_file() and path.suffix.lower() == ".json" and FORMAT in read_text(path, LARGEST_TEXT)[:200]:
         library = read_lenses(path)
@@ -34,8 +34,6 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
                 f"The cameras are {', '.join(names)}; the file has {', '.join(cameras.names)}.", where=str(path)
             )
         found = {name: lens_of(cameras, i) for name, i in zip(names, order, strict=True)}
-    if len({lens.distortion_model for lens in found.values()}) > 1:
-        raise CalibrationInvalid("Fisheye and other lenses are mixed.", where=str(path))
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
         raise CalibrationInvalid("A lens holds NaN.", where=str(path))
     return found

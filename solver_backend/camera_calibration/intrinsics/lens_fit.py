@@ -111,7 +111,7 @@ def board_poses(board: Board, views: Sequence[BoardSighting], lens: Lens) -> tup
     """Return rotations (V, 3, 3) and translations (V, 3) board to camera, by homographies of undistorted points."""
     poses = []
     for view in views:
-        flat = undistort(lens.K[None], lens.distortion[None], view.px[None], lens.distortion_model)[0]
+        flat = undistort(lens.as_camera(), view.px[None])[0]
         good = np.isfinite(flat).all(-1)
         enough = good.sum() >= 4
         image = flat[good] if enough else (view.px - lens.K[:2, 2]) / lens.K[[0, 1], [0, 1]]

@@ -74,7 +74,7 @@ def _predicted(
 ) -> Predictions:
     """Return the predictions around (F, K, 3) points."""
     usable = (confidence > 0) & np.isfinite(xy).all(-1)
-    px, J, _ = project_with_jacobian(arrays.K, arrays.distortion, arrays.R, arrays.t, start, arrays.model)
+    px, J, _ = project_with_jacobian(arrays, start)
     usable &= np.isfinite(px[..., 0])
     J = np.where(usable[..., None, None], J, np.nan_to_num(J))
     scaled = np.swapaxes(J, -1, -2) / sigma_px[:, None, None] ** 2

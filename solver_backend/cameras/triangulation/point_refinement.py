@@ -6,11 +6,10 @@ import math
 from dataclasses import dataclass
 from itertools import combinations
 
-from solver_backend.cameras.projection import project_with_jacobian, undistort
-from solver_backend.geometry.arrays import Array, array_namespace, constant
+from solver_backend.cameras.projection import CameraArrays, project_with_jacobian, undistort
+from solver_backend.geometry.arrays import Array, array_namespace
 from solver_backend.geometry.short_axis import all_coordinates, any_coordinate, squared_length
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
-from solver_backend.types import Cameras
 
 MOST_VIEWS = 6
 """Subsets are made of this many views of a point, its most confident ones."""
@@ -126,30 +125,6 @@ _ROUGHLY_M, _SETTLED_M = 3e-4, 1e-6
 """A point that moves less is finished: to decide which views agree, and for good."""
 
 
-@dataclass(frozen=True)
-class CameraArrays:
-    """Cameras as arrays of the caller's kind."""
-
-    K: Array
-    """(C, 3, 3) px."""
-    distortion: Array
-    """(C, 8)."""
-    R: Array
-    """(C, 3, 3) world to camera."""
-    t: Array
-    """(C, 3) metres."""
-    model: str
-    """Distortion model."""
-    width: float
-    """Mean image width in px."""
-
-    @classmethod
-    def of(cls, cameras: Cameras, like: Array) -> CameraArrays:
-        """Return the cameras as arrays of the kind of ``like``."""
-        K, distortion, R, t = (constant(a, like) for a in (cameras.K, cameras.distortion, cameras.R, cameras.t))
-        return cls(K, distortion, R, t, cameras.distortion_model, float(cameras.image_size[:, 0].mean()))
-
-
 def fit_points(
     arrays: CameraArrays, px: Array, weight: Array, spread: Array, views: UndistortedViews | None = None
 ) -> tuple[Array, Array, Array]:
@@ -175,7 +150,7 @@ def fit_points(
 def undistorted_views(arrays: CameraArrays, px: Array, weight: Array) -> UndistortedViews:
     """Return (C, N, 2) detections as the linear triangulation takes them."""
     xp = array_namespace(px)
-    normalised = undistort(arrays.K, arrays.distortion, px, arrays.model)
+    normalised = undistort(arrays, px)
     usable = (weight > 0) & all_coordinates(xp.isfinite(normalised))
     normalised = xp.where(usable[..., None], normalised, xp.zeros_like(normalised))
     focal = xp.stack((arrays.K[:, 0, 0], arrays.K[:, 1, 1]), axis=-1)
@@ -231,7 +206,7 @@ def _bounded(step: Array) -> Array:
 def _errors(arrays: CameraArrays, px: Array, weight: Array, points: Array) -> tuple[Array, Array, Array]:
     """Return errors (C, N, 2) and Jacobians (C, N, 2, 3), zero where not seen, and where seen (C, N)."""
     xp = array_namespace(px)
-    projected, J, _ = project_with_jacobian(arrays.K, arrays.distortion, arrays.R, arrays.t, points, arrays.model)
+    projected, J, _ = project_with_jacobian(arrays, points)
     seen = (weight > 0) & xp.isfinite(projected[..., 0])
     error, unseen = projected - px, ~seen
     error[unseen], J[unseen] = 0.0, 0.0

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from solver_backend.cameras.projection import CameraArrays
 from solver_backend.fitters.hands.hand_view_term import HandViewTerm
 from solver_backend.fitters.hands.located_hands import HandNoise
 from solver_backend.fitters.measurements.hand_views import HandViews
@@ -40,9 +41,8 @@ def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"]
     seen = np.isfinite(xy).all(-1) & (confidence > 0)
     alone = seen.any(axis=-1).sum(axis=0) < 2
     confidence = np.where(alone[:, None], ALONE * confidence, confidence)
-    cameras = views.cameras
     points = ReprojectionTerm(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, cameras.distortion_model,
+        CameraArrays.of(views.cameras, sigma),
         np.where(seen[..., None], xy, 0.0), np.where(seen, confidence, 0.0) / sigma**2, np.where(seen, confidence, 0.0),
     )  # fmt: skip
     return HandViewTerm(points, noise.whole_px)

@@ -58,7 +58,7 @@ class HandViewTerm:
     def __call__(self, points: np.ndarray, scale: float) -> PointEvidence:
         """Return the evidence at (F, L, 3) world positions."""
         own = self.points
-        px, P, depth = project_with_jacobian(own.K, own.distortion, own.R, own.t, points, own.model)
+        px, P, depth = project_with_jacobian(own.cameras, points)
         usable = (own.weight > 0) & np.isfinite(px).all(-1) & (depth > 0)
         P, error = np.where(usable[..., None, None], P, 0.0), np.where(usable[..., None], px - own.xy, 0.0)
         offset, penalty, weight, stiff = self._offsets(error, np.where(usable, own.weight, 0.0), scale)

@@ -87,7 +87,7 @@ def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNo
     """
     cameras, used = views.cameras, np.asarray(found.inliers)
     points = np.asarray(found.points)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     error = (
         np.where(used[..., None], xy - px, 0.0)
         / np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]

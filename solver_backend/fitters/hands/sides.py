@@ -63,7 +63,7 @@ def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> Sort
 def _in_pictures(views: HandViews, points: np.ndarray) -> np.ndarray:
     """Return (C, F, 2, 2) px of (F, 2, 3) points."""
     cameras = views.cameras
-    return project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    return project(cameras, points)
 
 
 def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import DEFAULT_MODEL, FISHEYE, LENS_MODELS, LensModel, model_named
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration.entry import CameraEntry
@@ -82,9 +83,8 @@ _FOCAL = {"fx", "fy", "cx", "cy"}
 """The four numbers of an intrinsic matrix."""
 _FOCAL_AND_CENTRE = {"focal_length", "principal_point"}
 """The same as one or two focal lengths and two coordinates."""
-_TERMS = ("k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6")
-"""Distortion terms in OpenCV's order; fisheye lenses have the k alone."""
-_FISHEYE_MODELS = ("fisheye", "equidistant", "kannalabrandt", "kannalabrandt4", "equi")
+_TERMS = frozenset(term for model in LENS_MODELS.values() for term in model.terms)
+"""Names of distortion terms."""
 
 
 def plain(key: str) -> str:
@@ -160,21 +160,21 @@ def camera_entry(name: str, node: Mapping[str, Any], *, where: str) -> CameraEnt
         R, t = _pose(node, place)
         written = _find(node, "rotation")
         vector = None if written is None else numbers(written, place)
-    fisheye = _is_fisheye(node)
+    model = _lens_model(node)
     return CameraEntry(
         name=name,
         K=K,
-        distortion=_distortion(node, fisheye, place),
+        distortion=_distortion(node, LENS_MODELS[model], place),
         R=R,
         t=t,
         image_size=_size(node, place),
-        fisheye=fisheye,
+        model=model,
         rotation_vector=vector.reshape(3) if vector is not None and vector.size == 3 else None,
     )
 
 
-def _distortion(node: Mapping[str, Any], fisheye: bool, place: str) -> np.ndarray:
-    """Return the terms in OpenCV's order, listed or by their names; empty where there are none."""
+def _distortion(node: Mapping[str, Any], model: LensModel, place: str) -> np.ndarray:
+    """Return the terms in the model's order, listed or by their names; empty where there are none."""
     written = _find(node, "distortion")
     named = written if isinstance(written, Mapping) and "data" not in written else node if written is None else {}
     terms = {plain(str(key)): value for key, value in named.items() if plain(str(key)) in _TERMS}
@@ -183,8 +183,7 @@ def _distortion(node: Mapping[str, Any], fisheye: bool, place: str) -> np.ndarra
         terms.update({f"{letter}{i + 1}": value for i, value in enumerate(listed) if f"{letter}{i + 1}" in _TERMS})
     if not terms:
         return np.zeros(0) if written is None else numbers(written, place).reshape(-1)
-    order = sorted(term for term in terms if term.startswith("k")) if fisheye else _TERMS
-    return numbers([terms.get(term, 0.0) for term in order], place).reshape(-1)
+    return numbers([terms.get(term, 0.0) for term in model.terms], place).reshape(-1)
 
 
 def numbers(value: Any, place: str) -> np.ndarray:
@@ -314,8 +313,8 @@ def _size(node: Mapping[str, Any], place: str) -> tuple[int, int] | None:
     return round(float(values[0])), round(float(values[1]))
 
 
-def _is_fisheye(node: Mapping[str, Any]) -> bool:
+def _lens_model(node: Mapping[str, Any]) -> str:
     if bool(node.get("fisheye", False)):
-        return True
+        return FISHEYE.name
     model = _find(node, "model")
-    return isinstance(model, str) and plain(model) in _FISHEYE_MODELS
+    return model_named(model) if isinstance(model, str) else DEFAULT_MODEL

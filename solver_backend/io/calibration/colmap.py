@@ -7,21 +7,17 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged
+from solver_backend.exchange.lens import LENS_MODELS
+from solver_backend.exchange.lens_model import MOST_TERMS
 from solver_backend.geometry.quaternions import matrix_from_quat
 from solver_backend.io.calibration.entry import CameraEntry
 from solver_backend.io.files import read_text
 
 CAMERAS, IMAGES = "cameras.txt", "images.txt"
-_MODELS: dict[str, tuple[int, tuple[int, ...], bool]] = {
-    "SIMPLE_PINHOLE": (1, (), False),
-    "PINHOLE": (2, (), False),
-    "SIMPLE_RADIAL": (1, (0,), False),
-    "RADIAL": (1, (0, 1), False),
-    "OPENCV": (2, (0, 1, 2, 3), False),
-    "FULL_OPENCV": (2, tuple(range(8)), False),
-    "OPENCV_FISHEYE": (2, (0, 1, 2, 3), True),
+_MODELS = {
+    name: (model.name, focals, places) for model in LENS_MODELS.values() for name, focals, places in model.colmap
 }
-"""Focal lengths, which of our coefficients follow the centre, and whether it is a fisheye."""
+"""Our lens model, number of focal lengths, and places among our terms of those that follow the centre."""
 
 
 def is_colmap(folder: Path) -> bool:
@@ -38,7 +34,7 @@ def read_colmap(folder: Path) -> list[CameraEntry]:
 
     Reference: COLMAP, "Output Format" (text) and "Camera Models".
     """
-    lenses: dict[str, tuple[np.ndarray, np.ndarray, tuple[int, int], bool]] = {}
+    lenses: dict[str, tuple[np.ndarray, np.ndarray, tuple[int, int], str]] = {}
     for number, *fields in _rows(folder / CAMERAS):
         lenses[number] = _lens(fields, f"{folder / CAMERAS}, camera {number}")
     entries = []
@@ -49,21 +45,21 @@ def read_colmap(folder: Path) -> list[CameraEntry]:
         q, t = _numbers(row[1:5], place), _numbers(row[5:8], place)
         if row[8] not in lenses or not 0.5 < np.linalg.norm(q) < 2.0:
             raise CalibrationInvalid("The image has no camera or no rotation.", where=f"{place}, image {row[9]}")
-        K, bent, size, fisheye = lenses[row[8]]
+        K, bent, size, model = lenses[row[8]]
         R = np.asarray(matrix_from_quat(q / np.linalg.norm(q)))
-        entries.append(CameraEntry(Path(" ".join(row[9:])).stem, K, bent, R, t, size, fisheye))
+        entries.append(CameraEntry(Path(" ".join(row[9:])).stem, K, bent, R, t, size, model))
     return entries
 
 
-def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[int, int], bool]:
-    model = _MODELS.get(fields[0]) if fields else None
-    if model is None:
+def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[int, int], str]:
+    known = _MODELS.get(fields[0]) if fields else None
+    if known is None:
         raise CalibrationInvalid(
             f"The lens model {fields[0] if fields else ''} is not read.",
             where=place,
             hint=f"Read are {', '.join(_MODELS)}.",
         )
-    focals, which, fisheye = model
+    model, focals, which = known
     values = _numbers(fields[1:], place)
     if len(values) != 2 + focals + 2 + len(which):
         raise FileDamaged(f"{fields[0]} has {len(values) - 2} parameters; others are expected.", where=place)
@@ -71,14 +67,9 @@ def _lens(fields: list[str], place: str) -> tuple[np.ndarray, np.ndarray, tuple[
         raise FileDamaged("The lens has values that are not numbers.", where=place)
     size, values = (round(float(values[0])), round(float(values[1]))), values[2:]
     f, centre = values[[0, focals - 1]], values[focals : focals + 2] - 0.5
-    bent = np.zeros(8)
+    bent = np.zeros(MOST_TERMS)
     bent[list(which)] = values[focals + 2 :]
-    return (
-        np.array([[f[0], 0, centre[0]], [0, f[1], centre[1]], [0, 0, 1.0]]),
-        bent[:4] if fisheye else bent,
-        size,
-        fisheye,
-    )
+    return np.array([[f[0], 0, centre[0]], [0, f[1], centre[1]], [0, 0, 1.0]]), bent, size, model
 
 
 def _rows(path: Path, every: int = 1) -> list[list[str]]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, largest_finite
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.recognition.length_unit import metres_in
@@ -37,8 +38,8 @@ class CameraEntry:
     """(3,) in the file's unit."""
     image_size: tuple[int, int] | None = None
     """Width and height in pixels where the file states it."""
-    fisheye: bool = False
-    """The coefficients are those of the fisheye model."""
+    model: str = DEFAULT_MODEL
+    """Name of the lens model that the coefficients belong to."""
     rotation_vector: np.ndarray | None = None
     """(3,) the rotation as it is written, where it is written as a vector."""
 
@@ -79,15 +80,8 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
     """Return the cameras; an image size that is not stated is taken as twice the principal point.
 
     Raises:
-        CalibrationInvalid: a value is impossible, or pinhole and fisheye cameras are mixed.
+        CalibrationInvalid: a value is impossible.
     """
-    if len({entry.fisheye for entry in entries}) > 1:
-        fish = ", ".join(entry.name for entry in entries if entry.fisheye)
-        raise CalibrationInvalid(
-            f"Pinhole and fisheye cameras are mixed; fisheye are {fish}.",
-            where=where,
-            hint="Calibrate all with one model.",
-        )
     finished = [replace(e, R=_exact_rotation(e.R), distortion=_trimmed(e, where)) for e in entries]
     sizes = [_possible_size(e.image_size or _guessed_size(e.K), f"{where}, camera {e.name}") for e in finished]
     width = max(len(e.distortion) for e in finished)
@@ -99,7 +93,7 @@ def build_cameras(entries: Sequence[CameraEntry], *, where: str) -> Cameras:
         R=np.stack([e.R for e in finished]),
         t=np.stack([e.t for e in finished]),
         image_size=np.array(sizes),
-        distortion_model="fisheye" if finished[0].fisheye else "opencv",
+        models=tuple(e.model for e in finished),
     )
 
 
@@ -113,7 +107,7 @@ def _exact_rotation(R: np.ndarray) -> np.ndarray:
 
 def _trimmed(entry: CameraEntry, where: str) -> np.ndarray:
     coefficients = np.asarray(entry.distortion, dtype=np.float64).reshape(-1)
-    most = 4 if entry.fisheye else 8
+    most = len(LENS_MODELS[entry.model].terms)
     if len(coefficients) > most and np.any(coefficients[most:]):
         raise CalibrationInvalid(
             f"The camera has {len(coefficients)} distortion coefficients; {most} are read.",
@@ -207,7 +201,7 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
     if all(_in_shares(entry) for entry in entries):
         entries = [replace(e, K=np.diag([*_size(e), 1.0]) @ e.K) for e in entries]
         found.append(diagnostic("intrinsics_in_shares", cameras=names))
-    if all(e.image_size is not None and not e.fisheye and _is_short(e) for e in entries):
+    if all(e.image_size is not None and LENS_MODELS[e.model].is_straight and _is_short(e) for e in entries):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
         raise CalibrationInvalid(
             f"The focal lengths are {shortest:.3g} to {longest:.3g} px, which no lens has: they may be in mm.",

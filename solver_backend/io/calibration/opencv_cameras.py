@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.lens import LENS_MODELS, model_named
 from solver_backend.exchange.npz import array_names, read_npz
 from solver_backend.io.calibration.camera_fields import (
     DLT_NUMBERS,
@@ -101,11 +102,10 @@ def _node(tree: Mapping[str, Any], frame: Mapping[str, Any], name: str) -> dict[
             "The camera has no focal length.", where=place,
             hint="Write fl_x, or camera_angle_x with w, for each picture or for all.",
         )  # fmt: skip
-    fisheye = "FISHEYE" in str(frame.get("camera_model", tree.get("camera_model"))).upper()
-    terms = ("k1", "k2", "k3", "k4") if fisheye else ("k1", "k2", "p1", "p2")
-    node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "fisheye": fisheye,
+    model = model_named(str(frame.get("camera_model", tree.get("camera_model"))))
+    node = {"fx": focal, "fy": found["fl_y"] or focal, "width": width, "height": found["h"], "model": model,
             "cx": _middle(found["cx"], width), "cy": _middle(found["cy"], found["h"]),
-            "distortion": [found[key] or 0.0 for key in terms]}  # fmt: skip
+            "distortion": [found[key] or 0.0 for key in LENS_MODELS[model].terms[:4]]}  # fmt: skip
     if pose.shape == (4, 4) and np.isfinite(pose).all() and abs(np.linalg.det(pose)) > 0:
         node["extrinsics"] = np.linalg.inv(pose @ _TO_OPENCV)
     return {key: value for key, value in node.items() if value is not None}

@@ -13,6 +13,7 @@ from solver_backend.exchange.capture_file import FORMAT, VERSION, footage_path, 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, read_diagnostics, warnings_in
 from solver_backend.exchange.errors import CaptureInvalid, FileDamaged, MocapError, NonFiniteData
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.exchange.lens import DEFAULT_MODEL
 from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_IN_UNITS, FARTHEST_M, require_within
 from solver_backend.exchange.schema import Fields, read_fields
@@ -114,7 +115,7 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
         cameras = capture.cameras
         arrays |= {
             "camera_names": _strings(cameras.names), "K": cameras.K, "distortion": cameras.distortion,
-            "distortion_model": np.array(cameras.distortion_model), "R": cameras.R, "t": cameras.t,
+            "distortion_model": _models(cameras), "R": cameras.R, "t": cameras.t,
             "image_size": cameras.image_size,
         }  # fmt: skip
     if capture.footage:
@@ -269,8 +270,14 @@ def _cameras(fields: Fields) -> Cameras:
         R=fields.numbers("R", (count, 3, 3)),
         t=fields.numbers("t", (count, 3)),
         image_size=fields.numbers("image_size", (count, 2)),
-        distortion_model=fields.text("distortion_model", "opencv"),
+        models=fields.texts("distortion_model") or (DEFAULT_MODEL,),
     )
+
+
+def _models(cameras: Cameras) -> np.ndarray:
+    """Return the name of the cameras' lens model, or one name per camera where models differ."""
+    names = dict.fromkeys(cameras.models)
+    return np.array(next(iter(names))) if len(names) == 1 else np.array(cameras.models, np.str_)
 
 
 def _keypoints(fields: Fields) -> Keypoints2D:

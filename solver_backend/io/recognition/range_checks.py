@@ -136,13 +136,13 @@ def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
 
 def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
     """A distortion whose radius shrinks again further out maps two directions to one pixel."""
-    limits = np.asarray(largest_radius(cameras.distortion, cameras.distortion_model)).reshape(-1)
+    limits = np.asarray(largest_radius(cameras.distortion, cameras.models)).reshape(-1)
     for c, limit in enumerate(limits):
         K, size = cameras.K[c], cameras.image_size[c]
         middles = np.array([(0, K[1, 2]), (size[0] - 1, K[1, 2]), (K[0, 2], 0), (K[0, 2], size[1] - 1)])
         reach = (np.abs(middles - K[:2, 2]) / (K[0, 0], K[1, 1])).max()
         edge = np.array([[[min(limit, _WIDEST), 0.0]]])
-        fold = float(np.asarray(distort(edge, cameras.distortion[[c]], cameras.distortion_model))[0, 0, 0])
+        fold = float(np.asarray(distort(edge, cameras.distortion[[c]], cameras.models[c : c + 1]))[0, 0, 0])
         if np.isfinite(limit) and fold < reach:
             yield diagnostic("distortion_folds", cameras=[cameras.names[c]], size=fold * K[0, 0])
 

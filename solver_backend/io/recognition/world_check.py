@@ -175,7 +175,7 @@ def _biases(
         others = [i for i in everyone if i != c]
         points = np.asarray(triangulate(cameras.subset(others), xy[others], confidence[others], sigma_px).points)
         own = cameras.subset([c])
-        expected = project(own.K, own.distortion, own.R, own.t, points, own.distortion_model)[0]
+        expected = project(own, points)[0]
         shift = (xy[c] - expected)[np.isfinite(xy[c] - expected).all(-1)]
         if len(shift):
             yield cameras.names[c], float(np.linalg.norm(np.median(shift, axis=0)))

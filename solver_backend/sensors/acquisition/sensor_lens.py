@@ -6,6 +6,7 @@ from functools import lru_cache
 
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.cameras.projection import undistort
 from solver_backend.types import Cameras
 
@@ -25,7 +26,7 @@ class SensorLens:
         self.R, self.t = one.R[0], one.t[0]
         self.centre = one.centres[0]
         self.focal = np.array([one.K[0, 0, 0], one.K[0, 1, 1]])
-        self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.distortion_model)
+        self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
 
     def undistorted(self, px: np.ndarray) -> np.ndarray:
         """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table; NaN outside the picture."""
@@ -81,7 +82,7 @@ def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], mode
     """
     width, height = size
     u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
-    lens = np.frombuffer(K).reshape(1, 3, 3), np.frombuffer(distortion).reshape(1, 8)
-    table = undistort(*lens, np.stack([u, v], axis=-1)[None], model)[0]
+    lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
+    table = undistort(lens.as_camera(), np.stack([u, v], axis=-1)[None])[0]
     table.flags.writeable = False
     return table

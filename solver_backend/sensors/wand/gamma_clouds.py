@@ -70,7 +70,7 @@ def depth_clouds(
     known = np.isfinite(px).all(1) & (px >= 0).all(1) & (depth_m > 0)
     times, px, depth_m = times[known], px[known], depth_m[known]
     one = cameras.subset([camera])
-    flat = undistort(one.K, one.distortion, px[None], one.distortion_model)[0]
+    flat = undistort(one, px[None])[0]
     ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
     points = (ray * depth_m[:, None] - one.t[0]) @ one.R[0]
     starts = np.flatnonzero(np.r_[True, np.diff(times) != 0])[1:] if len(times) else []
@@ -90,7 +90,7 @@ def _meetings(cameras: Cameras, lights: dict[int, np.ndarray]) -> list[np.ndarra
 
 def _of_pair(pair: Cameras, px: np.ndarray) -> list[np.ndarray]:
     """Return the clouds of two cameras' pixels (2, F, 3, 2): every spot of one with every spot of the other."""
-    flat = undistort(pair.K, pair.distortion, px, pair.distortion_model)
+    flat = undistort(pair, px)
     i, j = (grid.ravel() for grid in np.meshgrid(range(3), range(3), indexing="ij"))
     both = np.stack([flat[0][:, i], flat[1][:, j]])
     at = intersected(pair.R, pair.t, both.reshape(2, -1, 2)).reshape(*both.shape[1:3], 3)

@@ -9,7 +9,6 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Adjusted
 from solver_backend.cameras.projection import undistort
-from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.wand.coverage import coverage_of
 from solver_backend.sensors.wand.depth_scale import depth_sigma
@@ -54,7 +53,6 @@ def calibrate_by_wand(
         WandNotSeen: a sensor, or all others together, never saw it with another one.
         WandAmbiguous: something else shone in most frames.
         WandInvalid: the wand is not the one that was given.
-        CalibrationInvalid: lenses of different models are mixed.
 
     Reference: thesis 5.3.2, "Spatial Alignment"; Gossard et al. 2024 (three lights without depth).
     """
@@ -105,11 +103,6 @@ def _require_seen(views: Sequence[WandView]) -> None:
                 f"The wand is seen in {int(seen.sum())} of {len(view)} frames.", where=f"sensor {view.name}",
                 hint="Check that its infrared is on, its exposure fixed, and the marker in sight.",
             )  # fmt: skip
-    if len({view.lens.distortion_model for view in views}) > 1:
-        raise CalibrationInvalid(
-            "Fisheye and other lenses are mixed.", where=", ".join(view.name for view in views),
-            hint="Calibrate all lenses with one model.",
-        )  # fmt: skip
     if len(views) < 2:
         raise WandNotSeen(f"{len(views)} sensors saw a wand; two are needed.", where=", ".join(v.name for v in views))
 
@@ -149,7 +142,7 @@ def _task(views: Sequence[WandView], moments: Moments, options: WandOptions, del
     names = tuple(view.name for view in views)
     rng = np.random.default_rng(0)
     still = cameras_at(views, [(np.eye(3), np.zeros(3))] * len(views))
-    flat = undistort(still.K, still.distortion, moments.px, still.distortion_model)
+    flat = undistort(still, moments.px)
     if options.wand is None:
         ray = np.concatenate([flat[:, :, 0], np.ones((*flat.shape[:2], 1))], axis=-1)
         depth = moments.depth_m[:, :, 0]

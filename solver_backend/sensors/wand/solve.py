@@ -44,7 +44,7 @@ def cameras_at(views: Sequence[WandView], poses: Sequence[tuple[np.ndarray, np.n
         tuple(view.name for view in views), np.stack([view.lens.K for view in views]),
         np.stack([view.lens.distortion for view in views]), np.stack([R for R, _ in poses]),
         np.stack([t for _, t in poses]), np.array([view.lens.image_size for view in views]),
-        views[0].lens.distortion_model,
+        tuple(view.lens.distortion_model for view in views),
     )  # fmt: skip
 
 
@@ -83,7 +83,7 @@ def adjusted(task: WandTask, moments: Moments) -> tuple[Adjusted, np.ndarray]:
 def triangulated(cameras: Cameras, moments: Moments, delays: np.ndarray) -> np.ndarray:
     """Return (M, K, 3) metres where the rays of what was seen meet, delays taken into account; NaN with one ray."""
     px = in_step_px(moments, delays)
-    flat = undistort(cameras.K, cameras.distortion, px, cameras.distortion_model)
+    flat = undistort(cameras, px)
     return intersected(cameras.R, cameras.t, flat.reshape(len(cameras), -1, 2)).reshape(*px.shape[1:3], 3)
 
 
@@ -96,7 +96,7 @@ def in_step_px(moments: Moments, delays: np.ndarray) -> np.ndarray:
 
 def reprojection_px(cameras: Cameras, moments: Moments, delays: np.ndarray, at: np.ndarray) -> np.ndarray:
     """Return (C, M, K) px between points (M, K, 3) and what was seen; NaN where it was not."""
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, at, cameras.distortion_model)
+    px = project(cameras, at)
     return np.linalg.norm(px - in_step_px(moments, delays), axis=-1)
 
 

@@ -38,8 +38,7 @@ MOST_MOMENTS = 900
 
 def flat_of(view: WandView) -> np.ndarray:
     """Return (F, K, 2) undistorted normalised coordinates of what a view saw."""
-    lens = view.lens
-    return undistort(lens.K[None], lens.distortion[None], view.px[None], lens.distortion_model)[0]
+    return undistort(view.lens.as_camera(), view.px[None])[0]
 
 
 def clocks_by_speed(views: Sequence[WandView], wand: Wand | None, reach_s: float) -> Clocks:

@@ -39,7 +39,7 @@ def demo_capture(
     )
     centre = posed.skeleton.joints[:, 0].mean(axis=0)
     cameras = tripods(np.array([centre[0], centre[1], 0.95]))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed.points, cameras.distortion_model)
+    px = project(cameras, posed.points)
     xy, confidence = detect(px, cameras.image_size, fps, faults, np.random.default_rng(seed))
     body_pose = np.zeros((num_frames, 3 * (NUM_JOINTS - 1)))
     body_pose[:, : motion.body_pose[0].size] = motion.body_pose.reshape(num_frames, -1)

@@ -36,4 +36,4 @@ def scaled(cameras: Cameras, by: float) -> Cameras:
     K[:, :2] *= ratio[:, :, None]
     # Pixel (0, 0) is the middle of the first one: edges lie half a pixel before it.
     K[:, :2, 2] += 0.5 * ratio - 0.5
-    return Cameras(cameras.names, K, cameras.distortion, cameras.R, cameras.t, size, cameras.distortion_model)
+    return Cameras(cameras.names, K, cameras.distortion, cameras.R, cameras.t, size, cameras.models)

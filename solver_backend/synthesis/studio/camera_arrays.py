@@ -52,9 +52,7 @@ class CameraRing:
         move = np.array([place[0], place[1], 0.0])
         cameras = self.cameras
         t = cameras.t - np.einsum("cij,j->ci", cameras.R, move)
-        return Cameras(
-            cameras.names, cameras.K, cameras.distortion, cameras.R, t, cameras.image_size, cameras.distortion_model
-        )
+        return Cameras(cameras.names, cameras.K, cameras.distortion, cameras.R, t, cameras.image_size, cameras.models)
 
 
 @cache

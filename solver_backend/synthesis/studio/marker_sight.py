@@ -33,7 +33,7 @@ def marker_sight(stage: Stage) -> np.ndarray:
     proxy = body_proxy(person.body, person.betas)
     bone, normal = _carried(person.body, stage.labels)
     counted = proxy.bone[:, None] != bone
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, stage.markers, cameras.distortion_model)
+    px = project(cameras, stage.markers)
     with np.errstate(invalid="ignore"):
         within = ((px >= -0.5) & (px < cameras.image_size[:, None, None] - 0.5)).all(axis=-1)
     for start in range(0, stage.num_frames, _CHUNK):

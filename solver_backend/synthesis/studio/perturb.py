@@ -62,7 +62,7 @@ def _of_views(spec: Spec, stage: Stage, truth: Truth, capture: Capture, rng: np.
     if faults.anatomy_mm:
         offsets = 1e-3 * faults.anatomy_mm * rng.normal(size=(chosen.num_keypoints, 3))
         meant = stage.person.landmarks(chosen, offsets).points
-        px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, meant, cameras.distortion_model)
+        px = project(cameras, meant)
     late = np.r_[0.0, faults.cameras.delay_frames * rng.random(len(cameras) - 1)]
     if faults.cameras.delay_frames and len(points) > 1:
         px = np.stack([delayed(track, delay) for track, delay in zip(px, late, strict=True)])

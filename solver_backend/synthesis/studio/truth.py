@@ -67,7 +67,7 @@ def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
     person, cameras = stage.person, stage.cameras
     every, columns = _keypoints(person.body)
     posed = pose_landmarks(person.body, every, person.betas, person.orient, person.local, person.transl).points
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, posed, cameras.distortion_model)
+    px = project(cameras, posed)
     with np.errstate(invalid="ignore"):
         within = ((px >= -0.5) & (px < cameras.image_size[:, None, None] - 0.5)).all(-1)
     visible = np.where(within, VISIBLE, OUTSIDE).astype(np.uint8)
@@ -82,7 +82,7 @@ def find_truth(stage: Stage, fps: float, *, sight: bool = True) -> Truth:
             seen[(seen == VISIBLE) & body.hidden(cameras.centres, lines, posed[chunk], proxy)] = SELF_HIDDEN
             seen[(seen > OUTSIDE) & hidden_by_boxes(cameras.centres, lines, stage.room.furniture)] = FURNITURE_HIDDEN
             boxes[:, chunk], inside[:, chunk] = _boxes(cameras, proxy.points, body.proxy.share)
-    marker_xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, stage.markers, cameras.distortion_model)
+    marker_xy = project(cameras, stage.markers)
     body25 = JointSet.BODY_25
     points = posed[:, columns[_SETS.index(body25)]]
     return Truth(
@@ -131,7 +131,7 @@ def _keypoints(body: Body) -> tuple[Landmarks, list[list[int]]]:
 
 def _boxes(cameras: Cameras, skin: np.ndarray, share: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Return (C, f, 4) boxes of (f, P, 3) points, cut off at the picture's edges, and (C, f) shares inside."""
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, skin, cameras.distortion_model)
+    px = project(cameras, skin)
     # Axis by axis: reductions over two neighbours are slow.
     x, y = (np.ascontiguousarray(px[..., i]) for i in (0, 1))
     wide, high = (cameras.image_size[:, i, None, None] - 0.5 for i in (0, 1))

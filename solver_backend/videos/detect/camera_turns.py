@@ -157,7 +157,7 @@ def _followed(
 
 def _rays(camera: Cameras, px: np.ndarray) -> np.ndarray:
     """Return (N, 3) unit directions of (N, 2) pixels."""
-    n = np.asarray(undistort(camera.K, camera.distortion, px[None].astype(float), camera.distortion_model))[0]
+    n = np.asarray(undistort(camera, px[None].astype(float)))[0]
     rays = np.concatenate([n, np.ones_like(n[:, :1])], axis=1)
     return rays / np.linalg.norm(rays, axis=1, keepdims=True)
 

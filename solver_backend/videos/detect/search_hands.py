@@ -96,7 +96,7 @@ def search_hands(
     """
     due = np.ones((len(cameras), len(SIDES)), bool) if due is None else due
     found = np.tile(np.array(UNSEEN_POINT), (len(cameras), 2, NUM_HAND_POINTS, 1))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, arms.places, cameras.distortion_model)
+    px = project(cameras, arms.places)
     for view, rgb in pictures.items():
         for side in np.flatnonzero(due[view]):
             earlier = None if before is None else before[view, side]
@@ -153,7 +153,7 @@ def _where_others_see_it(
     points = triangulate(cameras, xy, confidence, SIGMA * float(length)).points[0]
     if np.isfinite(points).all(-1).mean() < 0.5:
         return
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     for view in missing:
         rgb, there = pictures[view], px[view]
         there = np.where(np.isfinite(there), there, np.nanmean(there, axis=0))

@@ -122,7 +122,7 @@ def _head(session: ViewsSession, source: str) -> dict[str, object]:
     cameras = session.cameras
     return {
         "format": _FORMAT, "version": _VERSION, "body": session.fit.subject.body.id, "source": source,
-        "joint_set": session.joint_set.value, "names": cameras.names, "distortion_model": cameras.distortion_model,
+        "joint_set": session.joint_set.value, "names": cameras.names, "distortion_models": cameras.models,
         **{key: getattr(cameras, key).tolist() for key in ("K", "distortion", "R", "t", "image_size")},
     }  # fmt: skip
 
@@ -137,7 +137,7 @@ def _read_head(head: bytes, recording: Path) -> tuple[Cameras, JointSet, str]:
         found = json.loads(head)
         if found["format"] == _FORMAT and found["version"] == _VERSION and found["body"] == load_body().id:
             arrays = {key: np.array(found[key]) for key in ("K", "distortion", "R", "t", "image_size")}
-            cameras = Cameras(names=tuple(found["names"]), distortion_model=found["distortion_model"], **arrays)
+            cameras = Cameras(names=tuple(found["names"]), models=tuple(found["distortion_models"]), **arrays)
             return cameras, JointSet(found["joint_set"]), str(found["source"])
     except (ValueError, KeyError, TypeError, MocapError):
         pass

@@ -117,10 +117,7 @@ def _disagreement_px(filmed: FilmedTracks, clocks: Clocks) -> float:
     xy = _limbs_at(filmed, clocks, wanted, feet=False)
     xy = xy[:, _lively(xy, 2 * LAG_FRAMES)]
     located = triangulate(filmed.cameras, xy, np.isfinite(xy[..., 0]).astype(float))
-    px = project(
-        filmed.cameras.K, filmed.cameras.distortion, filmed.cameras.R, filmed.cameras.t, np.asarray(located.points),
-        filmed.cameras.distortion_model,
-    )  # fmt: skip
+    px = project(filmed.cameras, np.asarray(located.points))  # fmt: skip
     error = np.linalg.norm(xy - px, axis=-1)
     known = np.isfinite(xy[..., 0])
     # What no point explains counts as far off: agreeing on little is no agreement.
@@ -203,10 +200,7 @@ def _step(cameras: Cameras, xy: np.ndarray, usual: float) -> DelayStep:
     seen = np.isfinite(xy[..., 0]).astype(float)
     located = triangulate(cameras, xy, seen)
     points = np.asarray(located.points)
-    px, path = (
-        project(cameras.K, cameras.distortion, cameras.R, cameras.t, at, cameras.distortion_model)
-        for at in (points, _smooth_path(points))
-    )
+    px, path = (project(cameras, at) for at in (points, _smooth_path(points)))
     velocity = np.full_like(xy, np.nan)
     velocity[:, 1:-1] = 0.5 * (path[:, 2:] - path[:, :-2])
     error, m = xy - px, WHITENED_FRAMES

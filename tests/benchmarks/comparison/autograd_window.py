@@ -88,7 +88,7 @@ class AutogradWindow:
         else:
             body, regressor = self.mesh
             points = regressor @ pose_mesh(body, known.betas, frames.root, frames.local, frames.transl)
-        px = project(term.K, term.distortion, term.R, term.t, points, term.model)
+        px = project(term.cameras, points)
         seen = term.weight > 0
         error = xp.where(seen[..., None], px - term.xy, xp.zeros_like(px))
         per_sigma = term.weight / xp.where(seen, term.confidence, xp.ones_like(term.confidence))

@@ -29,9 +29,7 @@ def shares_of(cameras: Cameras, hands: np.ndarray) -> dict[str, float]:
     xy, confidence = hands[..., :2], np.nan_to_num(hands[..., 2])
     found = triangulate(cameras, xy, confidence)
     inliers = np.asarray(found.inliers)
-    px = project(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, np.asarray(found.points), cameras.distortion_model
-    )
+    px = project(cameras, np.asarray(found.points))
     left = 1.0 - 3.0 / (2.0 * np.maximum(inliers.sum(axis=0), 2))
     error = np.where(inliers[..., None], xy - px, np.nan) / np.sqrt(left)[None, ..., None]
     reach = np.linalg.norm(xy - xy[:, :, :1], axis=-1)

@@ -60,7 +60,7 @@ def solved_take(capture: Capture, motion: Motion) -> SolvedTake:
         angles.append(skeletons[side].angles_of(by_finger(turns[:, columns])))
     both = np.stack(angles, axis=1)
     points = points_of_hands(person, skeletons, both)
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     inside = ((px >= 0) & (px < cameras.image_size[:, None, None, None])).all(axis=(-1, -2))
     hidden = hidden_points(person, cameras, points).mean(axis=-1)
     return SolvedTake(both, px, inside & (hidden <= 1.0 - SEEN_SHARE))

@@ -139,7 +139,7 @@ def sides_right(take: HandTake, motion: Motion) -> tuple[int, int]:
     assert views is not None
     columns = [[SMPL_HANDS.joints.index(f"{side}_{part}") for side in SIDES] for part in ("wrist", "elbow")]
     kept = sort_hands(views, *(motion.joints[:, part].astype(float) for part in columns)).views
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    px = project(cameras, take.hands.points)
     seen = kept.confidence > 0
     far = np.linalg.norm(kept.xy[:, :, :, None] - px[:, :, None], axis=-1)
     far = np.where(seen[:, :, :, None], far, 0.0).sum(-1) / np.maximum(seen.sum(-1), 1)[..., None]

@@ -52,7 +52,7 @@ def sighting(frames: PosedFrames, rest: np.ndarray, seed: int) -> Sighting:
     K = np.array([[FOCAL_PX, 0.0, 959.5], [0.0, FOCAL_PX, 539.5], [0.0, 0.0, 1.0]])
     cameras = Cameras(("front",), K[None], np.zeros((1, 5)), R[None], -(R @ centre)[None], np.array([[1920, 1080]]))
     points = pose(_person(betas), frames).points
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    xy = project(cameras, points)
     xy = xy + NOISE_PX * rng.standard_normal(xy.shape)
     keypoints = Keypoints2D(xy, np.ones(xy.shape[:3]), JOINTS, 30.0)
     count = len(frames.transl)

@@ -70,7 +70,7 @@ def _seen(betas: np.ndarray, frames: PosedFrames) -> Capture:
     assert cameras is not None
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     points = pose(Subject(body, landmarks, betas, np.zeros((len(landmarks), 3))), frames).points
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     xy, confidence = detect(px, cameras.image_size, 60.0, _NOISE, np.random.default_rng(1))
     return Capture("end", cameras=cameras, keypoints=Keypoints2D(xy, confidence, JointSet.BODY_25, _FPS))
 

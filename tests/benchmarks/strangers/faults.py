@@ -239,7 +239,7 @@ def _beside(take: Take, path_m: np.ndarray) -> Take:
 def _seen(take: Take, world: np.ndarray, confidence: float) -> np.ndarray:
     """Return (C, F, K, 3) detections of points (F, K, 3) that err by 3 px; zeros outside the pictures."""
     cameras = take.cameras
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, world, cameras.distortion_model)
+    xy = project(cameras, world)
     xy = xy + np.random.default_rng(6).normal(0, 3, xy.shape)
     inside = ((xy >= 0) & (xy < cameras.image_size[:, None, None])).all(-1, keepdims=True)
     return np.where(inside, np.concatenate([xy, np.full((*xy.shape[:-1], 1), confidence)], -1), 0.0)

@@ -27,11 +27,12 @@ def test_undistort_inverts_distort_and_distort_is_the_solvers(model: str, coeffi
     back = undistort(bent, k, model)
     assert np.isnan(back[7]).all()
     np.testing.assert_allclose(np.delete(back, 7, 0), np.delete(points, 7, 0), atol=1e-9)
-    from solver_backend.cameras.projection import project
+    from solver_backend.cameras.projection import CameraArrays, project
 
     K = np.array([[1000.0, 0, 950.5], [0, 1010.0, 540.25], [0, 0, 1]])
     world = np.concatenate([points, np.ones((300, 1))], axis=-1)
-    expected = project(K[None], k[None], np.eye(3)[None], np.zeros((1, 3)), world, model)[0]
+    camera = CameraArrays(K[None], k[None], np.eye(3)[None], np.zeros((1, 3)), (model,))
+    expected = project(camera, world)[0]
     np.testing.assert_allclose(pixels(distort(points, k, model), K), expected, atol=1e-9)
 
 

@@ -67,7 +67,7 @@ def test_corners_of_a_board_reproject_to_a_tenth_of_a_pixel(tmp_path: Path) -> N
     off, space = [], []
     for frame, (R, t) in enumerate(poses):
         corners = board_points(COLUMNS, ROWS, SQUARE_M) @ R.T + t
-        true = project(cameras.K, cameras.distortion, cameras.R, cameras.t, corners)
+        true = project(cameras, corners)
         found = []
         for view in range(2):
             grey = cv2.cvtColor(read_png(folder / "rgb" / cameras.names[view] / f"{frame:06d}.png"), cv2.COLOR_RGB2GRAY)

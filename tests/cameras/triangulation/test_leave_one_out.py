@@ -19,7 +19,7 @@ def test_it_is_the_projection_of_the_others_triangulation(count):
         others = [i for i in range(count) if i != c]
         points = triangulate(cameras.subset(others), xy[others], confidence[others], 2.0).points
         own = cameras.subset([c])
-        expected = project(own.K, own.distortion, own.R, own.t, points, own.distortion_model)[0]
+        expected = project(own, points)[0]
         apart = np.linalg.norm(found.px[c] - expected, axis=-1)
         assert np.nanmedian(apart) < 0.15 and np.nanquantile(apart, 0.9) < 1.5
 

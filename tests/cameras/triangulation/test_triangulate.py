@@ -127,7 +127,7 @@ def test_rays_that_do_not_cross_give_no_point():
     middle = np.tile([0.0, 0.0, 1.0], (1, 1, 1))
     R = np.array([[[1.0, 0, 0], [0, 0, -1], [0, 1, 0]], [[-1.0, 0, 0], [0, 0, -1], [0, -1, 0]]])
     facing = Cameras(("a", "b"), one.K, one.distortion, R, np.tile([0.0, 1.0, 4.0], (2, 1)), one.image_size)
-    xy = project(facing.K, facing.distortion, facing.R, facing.t, middle)
+    xy = project(facing, middle)
     assert np.isnan(triangulate(facing, xy, np.ones((2, 1, 1)), 2.0).points).all()
 
 
@@ -135,7 +135,7 @@ def test_a_point_behind_the_cameras_is_not_invented():
     """Rays that diverge meet behind the cameras; that is no point."""
     cameras = ring(2, arc=np.pi / 4)
     xy = np.tile(cameras.image_size[:, None, None] / 2.0, (1, 1, 1, 1)).astype(float)
-    right = project(cameras.K, cameras.distortion, cameras.R, cameras.t, np.array([[[0, 0, 1.0]]]))
+    right = project(cameras, np.array([[[0, 0, 1.0]]]))
     for shift in ([900.0, -900.0], [-900.0, 900.0]):
         apart = right + np.array(shift)[:, None, None, None] * [1.0, 0.0]
         found = triangulate(cameras, apart, np.ones(xy.shape[:-1]), 5.0)

@@ -23,7 +23,7 @@ def test_slopes_are_those_of_central_differences(model: str) -> None:
     compared = compared_points(CAMERAS, KEYPOINTS)
     assert compared is not None
     cameras, xy = compared
-    cameras, xy = replace(cameras, distortion_model=model, distortion=cameras.distortion * 0.3), xy[:, ::6]
+    cameras, xy = replace(cameras, models=(model,), distortion=cameras.distortion * 0.3), xy[:, ::6]
     x = np.random.default_rng(0).normal(0.0, 0.01, 1 + 3 * len(cameras))
     J = np.zeros((len(off_at(cameras, xy, x)), len(x)))
     row = 0

@@ -25,9 +25,7 @@ def capture() -> Capture:
 def late(capture: Capture, frames: np.ndarray, seed: int = 3) -> Capture:
     """Return the capture filmed by cameras that run late by so many frames."""
     cameras = capture.cameras
-    px = project(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"], cameras.distortion_model
-    )
+    px = project(cameras, capture.truth["keypoints3d"])
     px = np.stack([delayed(track, delay) for track, delay in zip(px, frames, strict=True)])
     xy, confidence = detect(px, cameras.image_size, 60.0, DEMO_DETECTOR, np.random.default_rng(seed))
     return replace(capture, keypoints=replace(capture.keypoints, xy=xy, confidence=confidence))
@@ -71,7 +69,7 @@ def test_two_views_tell_their_delay(capture):
 
 def test_a_camera_of_another_rate(capture):
     cameras = capture.cameras
-    true = project(cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"])
+    true = project(cameras, capture.truth["keypoints3d"])
     faster = np.arange(300) * 295.0 / 300.0
     low = np.floor(faster).astype(int)
     share = (faster - low)[:, None, None]
@@ -100,7 +98,7 @@ def test_moved_detections_are_those_in_step(capture):
 def test_views_in_several_parts_give_the_same_step(monkeypatch: pytest.MonkeyPatch, drifting: bool) -> None:
     rng, cameras = np.random.default_rng(2), ring(7)
     points = rng.uniform([-0.8, -0.8, 0.0], [0.8, 0.8, 1.8], (40, 13, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     xy, velocity = px + rng.normal(0.0, 3.0, px.shape), rng.normal(0.0, 5.0, px.shape)
     xy[rng.uniform(size=xy.shape[:3]) < 0.1] = np.nan
     given = (cameras, xy, velocity, points, np.linspace(-1.0, 1.0, 40), np.full(13, 3.0))

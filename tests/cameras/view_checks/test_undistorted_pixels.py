@@ -28,8 +28,8 @@ def bent(k1: float) -> tuple[Cameras, Keypoints2D, Keypoints2D]:
     """Return cameras with another lens, detections as they record, and those of undistorted pictures."""
     distortion = np.zeros_like(CAMERAS.distortion)
     distortion[:, 0] = k1
-    n = undistort(CAMERAS.K, CAMERAS.distortion, KEYPOINTS.xy.astype(float), CAMERAS.distortion_model)
-    return replace(CAMERAS, distortion=distortion), pixels(distort(n, distortion, "opencv")), pixels(n)
+    n = undistort(CAMERAS, KEYPOINTS.xy.astype(float))
+    return replace(CAMERAS, distortion=distortion), pixels(distort(n, distortion, ("opencv",))), pixels(n)
 
 
 @pytest.mark.parametrize("k1", [-0.3, -0.2, 0.2])

@@ -10,7 +10,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.hand_on_body import hand_of_shape
 from solver_backend.body.hands import with_fingers
-from solver_backend.cameras.projection import project
+from solver_backend.cameras.projection import CameraArrays, project
 from solver_backend.fitters.hands.hand_size import hand_size, likely_size
 from solver_backend.fitters.hands.hand_view_term import HandViewTerm
 from solver_backend.fitters.hands.located_hands import locate_hands
@@ -26,13 +26,10 @@ OWN, WHOLE = 3.0, 6.0
 
 def term_of(points: np.ndarray, noise: float, seed: int = 0) -> HandViewTerm:
     rng = np.random.default_rng(seed)
-    px = project(CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t, points, CAMERAS.distortion_model)
+    px = project(CAMERAS, points)
     confidence = np.where(rng.random(px.shape[:-1]) < 0.15, 0.0, rng.uniform(0.5, 1.0, px.shape[:-1]))
     xy = px + noise * (OWN * rng.normal(size=px.shape) + WHOLE * rng.normal(size=(*px.shape[:2], 1, 2)))
-    own = ReprojectionTerm(
-        CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t, CAMERAS.distortion_model, xy, confidence / OWN**2,
-        confidence,
-    )  # fmt: skip
+    own = ReprojectionTerm(CameraArrays.of(CAMERAS, xy), xy, confidence / OWN**2, confidence)
     return HandViewTerm(own, np.full(4, WHOLE))
 
 

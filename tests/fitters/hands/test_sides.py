@@ -17,7 +17,7 @@ ELBOWS = WRISTS + [0.0, 0.0, 0.25]
 
 
 def hands_at(places: np.ndarray) -> HandViews:
-    px = project(CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t, places, CAMERAS.distortion_model)
+    px = project(CAMERAS, places)
     xy = px[:, :, :, None] + np.arange(21)[:, None] * [1.0, 0.5]
     return HandViews(CAMERAS, xy, np.ones(xy.shape[:-1]))
 

@@ -50,7 +50,7 @@ def test_residual_rotations_reach_poses_off_the_manifold():
         scene.truth.z, scene.truth.quat, scene.truth.transl, 0.15 * rng.normal(size=(21, 3)) * np.ones((7, 1, 1))
     )
     scene.points = pose(scene.subject, scene.poses(bent)).points
-    px = project(*(getattr(scene.cameras, n) for n in ("K", "distortion", "R", "t")), scene.points)
+    px = project(scene.cameras, scene.points)
     keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(scene.cameras, keypoints, np.full(24, NOISE_PX), px)
     errors, keys = [], scene.start
@@ -131,7 +131,7 @@ def test_windows_of_other_curves_slide_to_the_points(free: int, screw: bool):
     start = truth.retract(0.03 * (np.arange(layout.num_keys) > 0)[:, None] * steps[1], ON_MANIFOLD)
     true = pose(scene.subject, replace(scene.model(), screw=screw).poses(truth, layout)).points
     cameras = scene.cameras
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, true, cameras.distortion_model)
+    px = project(cameras, true)
     keypoints = Keypoints2D(px, np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     scene.term = ReprojectionTerm.of(cameras, keypoints, np.full(24, NOISE_PX), np.zeros(1))
     model, rows, step = replace(scene.model(), screw=screw), layout.rows(), 1e-6

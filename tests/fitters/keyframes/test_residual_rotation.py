@@ -78,7 +78,7 @@ def test_toes_that_bend_far_are_followed():
     assert cameras is not None
     landmarks = keypoint_landmarks(body, JointSet.BODY_25)
     points = pose(Subject(body, landmarks, truth["betas"], np.zeros((len(landmarks), 3))), frames).points
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     noise = replace(DEMO_DETECTOR, drift_mm=6.25, missing=0.02, outliers=0.0)
     xy, confidence = detect(px, cameras.image_size, 60.0, noise, np.random.default_rng(1))
     capture = Capture("toes", cameras=cameras, keypoints=Keypoints2D(xy, confidence, JointSet.BODY_25, 60.0))

@@ -162,7 +162,7 @@ def test_somebody_else_in_one_view_is_left_out(capture):
     """For half a second the view shows another person, a metre and a half away and in another pose."""
     cameras, keypoints = capture.require_multiview()
     other = capture.truth["keypoints3d"][::-1] + [1.2, 0.9, 0.0]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, other, cameras.distortion_model)
+    px = project(cameras, other)
     xy = keypoints.xy.copy()
     xy[VIEW, 40:70] = px[VIEW, 40:70]
     confidence = keypoints.confidence.copy()

@@ -42,9 +42,7 @@ def seen_as(walked: Capture, body: Body, joint_set: JointSet) -> Capture:
     local = exp_so3(truth["body_pose"].reshape(FRAMES, -1, 3))[:, :21]
     landmarks = keypoint_landmarks(body, joint_set)
     posed = pose_landmarks(body, landmarks, truth["betas"], exp_so3(truth["global_orient"]), local, truth["transl"])
-    xy = project(
-        cameras.K, cameras.distortion, cameras.R, cameras.t, np.asarray(posed.points), cameras.distortion_model
-    )
+    xy = project(cameras, np.asarray(posed.points))
     return replace(walked, keypoints=Keypoints2D(xy, np.ones(xy.shape[:3]), joint_set, 30.0))
 
 

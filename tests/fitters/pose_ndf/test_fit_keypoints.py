@@ -39,7 +39,7 @@ def frames(seed: int, spread: float, count: int = 2) -> PosedFrames:
 def term(truth: PosedFrames, betas: np.ndarray, views: int, like=np.zeros(1)) -> ReprojectionTerm:
     cameras = ring_of_cameras(views, distortion=0.0)
     points = pose(subject(betas), truth).points
-    xy = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points)
+    xy = project(cameras, points)
     keypoints = Keypoints2D(xy, np.ones(xy.shape[:3]), JointSet.BODY_25, 30.0)
     return ReprojectionTerm.of(cameras, keypoints, np.full(COUNT, 3.0), like)
 

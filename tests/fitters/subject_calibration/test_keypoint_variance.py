@@ -63,8 +63,7 @@ def recorded() -> Recorded:
         exp_so3(0.2 * rng.normal(size=(FRAMES, 21, 3))),
         np.array([0, 0, 0.95]) + 0.2 * rng.normal(size=(FRAMES, 3)),
     )
-    arguments = CAMERAS.K, CAMERAS.distortion, CAMERAS.R, CAMERAS.t
-    px, J, _ = project_with_jacobian(*arguments, pose(subject, frames).points)
+    px, J, _ = project_with_jacobian(CAMERAS, pose(subject, frames).points)
     return Recorded(subject, frames, px, J)
 
 

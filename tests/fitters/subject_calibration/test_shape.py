@@ -36,7 +36,7 @@ def scene():
     states = FrameStates(spherical_normalisation(rng.normal(size=(FRAMES, 32))), root, transl)
     points = pose(truth, posed(prior, states)).points
     cameras = tripods(np.array([0.0, 0.0, 0.95]))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     keypoints = Keypoints2D(px + rng.normal(size=px.shape), np.ones(px.shape[:-1]), JointSet.SMPL_24, 60.0)
     term = ReprojectionTerm.of(cameras, keypoints, np.full(24, 1.0), points)
     start = FrameStates(states.z, states.root, states.transl + 0.01 * rng.normal(size=(FRAMES, 3)))

@@ -98,7 +98,7 @@ def _clicks(folder: Path) -> None:
     """Write points with known places as they were clicked in each camera's picture, its lenses, and a take."""
     cameras, _ = short_views().require_multiview()
     points = np.random.default_rng(0).uniform([-1.0, -1.0, 0.0], [1.0, 1.0, 1.8], (9, 3))
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points[None], cameras.distortion_model)[:, 0]
+    px = project(cameras, points[None])[:, 0]
     rows = [f"p{k},{name},{x:.2f},{y:.2f}" for c, name in enumerate(cameras.names) for k, (x, y) in enumerate(px[c])]
     rows += [f"p{k},world,{x:.4f},{y:.4f},{z:.4f}" for k, (x, y, z) in enumerate(points)]
     (folder / "clicks.csv").write_text("\n".join(["point,camera,x,y,z", *rows]) + "\n")

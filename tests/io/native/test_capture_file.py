@@ -28,7 +28,7 @@ def assert_same(a: Capture, b: Capture) -> None:
         assert getattr(a, key) == getattr(b, key)
     assert (a.cameras is None) == (b.cameras is None)
     if a.cameras is not None and b.cameras is not None:
-        assert (a.cameras.names, a.cameras.distortion_model) == (b.cameras.names, b.cameras.distortion_model)
+        assert (a.cameras.names, a.cameras.models) == (b.cameras.names, b.cameras.models)
         for key in ("K", "distortion", "R", "t", "image_size"):
             np.testing.assert_array_equal(getattr(a.cameras, key), getattr(b.cameras, key))
     assert (a.keypoints is None) == (b.keypoints is None)

@@ -24,7 +24,7 @@ def seen(joint_set: JointSet) -> np.ndarray:
     upright = np.stack([rest[:, 0], -rest[:, 2], rest[:, 1]], axis=-1)
     places = demo.truth["joints"][:, :1] + upright - upright.mean(0)
     cameras = demo.cameras
-    pixels = project(cameras.K, cameras.distortion, cameras.R, cameras.t, places.reshape(-1, 3))
+    pixels = project(cameras, places.reshape(-1, 3))
     pixels = pixels.reshape(-1, len(joint_set.keypoints), 2)
     return pixels + np.random.default_rng(0).normal(0, 4, pixels.shape)
 

@@ -24,7 +24,7 @@ def capture() -> Capture:
 def _seen(capture: Capture, cameras: Cameras) -> np.ndarray:
     """Median distance of the detections of each view and frame to where the cameras see the true keypoints."""
     points = capture.truth["keypoints3d"]
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     assert capture.keypoints is not None
     distance = np.linalg.norm(capture.keypoints.xy - px, axis=-1)
     return np.array([[np.median(d[np.isfinite(d)]) if np.isfinite(d).any() else np.nan for d in v] for v in distance])

@@ -34,8 +34,7 @@ def test_the_truth_is_the_body_posed_by_its_parameters() -> None:
 def test_a_detector_without_errors_sees_the_truth_but_for_the_anatomy() -> None:
     capture = benchmark_capture(walk(), BenchmarkSettings(detector=EXACT, calibration_mm=0.0))
     cameras, keypoints = capture.require_multiview()
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, capture.truth["keypoints3d"],
-                 cameras.distortion_model)  # fmt: skip
+    px = project(cameras, capture.truth["keypoints3d"])  # fmt: skip
     assert (keypoints.confidence > 0).mean() > 0.98
     assert 1.0 < np.nanmedian(np.linalg.norm(px - keypoints.xy, axis=-1)) < 8.0
 
@@ -91,7 +90,7 @@ def test_a_bad_calibration_misplaces_points_but_not_the_room() -> None:
     cameras, shifts = around(path, 4), []
     for seed in range(40):
         given = miscalibrated(cameras, path[0], 10.0, np.random.default_rng(seed))
-        px = [project(c.K, c.distortion, c.R, c.t, path, c.distortion_model)[:, 0] for c in (given, cameras)]
+        px = [project(c, path)[:, 0] for c in (given, cameras)]
         turned = (px[0] - px[1]) / np.diagonal(cameras.K, axis1=1, axis2=2)[:, :2]
         shifts.append(turned * np.linalg.norm(cameras.centres - path, axis=1)[:, None])
     assert np.std(shifts) == pytest.approx(0.010 * np.sqrt(5 / 8), rel=0.1)

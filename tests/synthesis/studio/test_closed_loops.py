@@ -45,7 +45,7 @@ def matched(
 ) -> dict[int, int]:
     """Return the blob of each marker that is wholly seen and has no other marker near it."""
     cameras = stage.cameras
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, stage.markers[frame])[view]
+    px = project(cameras, stage.markers[frame])[view]
     apart = np.linalg.norm(px[:, None] - px[None], axis=-1) + 1e6 * np.eye(len(px))
     found = {}
     for marker in np.flatnonzero((seen > 0.999) & (apart.min(axis=1) > alone_px)).tolist():

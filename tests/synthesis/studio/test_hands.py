@@ -55,7 +55,7 @@ def test_the_body_hides_some_points_but_no_hand_hides_itself(take: HandedTake) -
 
 
 def test_errors_are_shares_of_the_palm(take: HandedTake, cameras: Cameras) -> None:
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    px = project(cameras, take.hands.points)
     nothing = np.zeros_like(take.hidden)
     rng = np.random.default_rng(0)
     one, two = (
@@ -74,6 +74,6 @@ def test_hands_that_are_mostly_hidden_are_not_found_and_exchanged_ones_are(take:
     swapped = detect_hands(
         cameras, take.hands.points, np.zeros_like(take.hidden), 30.0, HandFaults(exchanged=0.999, missing=0.0), rng
     )
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    px = project(cameras, take.hands.points)
     near = np.linalg.norm(swapped[:, :, 0, 0, :2] - px[:, :, 1, 0], axis=-1)
     assert np.nanmedian(near) < 6

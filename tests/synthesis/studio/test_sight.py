@@ -70,7 +70,7 @@ def test_boxes_and_shares_are_those_of_the_whole_skin() -> None:
         stage = set_up(spec, shot)
         truth, frames = find_truth(stage, spec.fps), np.arange(0, stage.num_frames, 6)
         c = stage.cameras
-        px = project(c.K, c.distortion, c.R, c.t, stage.person.skin(frames), c.distortion_model)
+        px = project(c, stage.person.skin(frames))
         within = ((px >= -0.5) & (px < c.image_size[:, None, None] - 0.5)).all(axis=-1)
         whole = within.all(axis=2)
         exact = np.concatenate([px.min(axis=2), px.max(axis=2)], axis=-1)

@@ -100,7 +100,7 @@ def scene(monkeypatch: pytest.MonkeyPatch) -> Scene:
     take = handed_take(4, seed=1)
     assert take.capture.cameras is not None
     cameras, frame = take.capture.cameras, 2
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    px = project(cameras, take.hands.points)
     pictures = {view: np.full((1080, 1920, 3), 10 * view, np.uint8) for view in range(len(cameras))}
     cut = HandCrop.cut
 
@@ -141,10 +141,7 @@ def test_a_view_whose_own_wrist_is_elsewhere_is_looked_at_there(scene: Scene) ->
 def test_a_view_that_misses_a_hand_finds_it_where_two_others_have_it(scene: Scene) -> None:
     every = np.ones((4, 2), bool)
     arms = replace(scene.arms, places=scene.arms.places + [0.0, 0.0, 0.06])
-    px = project(
-        scene.cameras.K, scene.cameras.distortion, scene.cameras.R, scene.cameras.t, arms.places,
-        scene.cameras.distortion_model,
-    )  # fmt: skip
+    px = project(scene.cameras, arms.places)  # fmt: skip
     astray = replace(arms, detected=np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1))
     own, well = scene.look(every, [], 0.9), scene.look(every, [], 0.4)
 

@@ -43,7 +43,7 @@ def test_hands_of_half_size_footage_are_in_the_calibrations_pixels(monkeypatch: 
 
     def search(pictures: dict[int, int], filmed: Cameras, arms: Arms, look: Callable, *_: Any) -> np.ndarray:
         frame = pictures[0]
-        px = project(filmed.K, filmed.distortion, filmed.R, filmed.t, take.hands.points, filmed.distortion_model)
+        px = project(filmed, take.hands.points)
         own = whole.detected[:, frame, ..., :2]
         np.testing.assert_allclose(arms.detected[0, ..., :2], (own[0] + 0.5) * by - 0.5)
         np.testing.assert_array_equal(arms.detected[1:, ..., :2], own[1:])
@@ -55,7 +55,7 @@ def test_hands_of_half_size_footage_are_in_the_calibrations_pixels(monkeypatch: 
     monkeypatch.setattr(find_hands_module, "probe", lambda path: SimpleNamespace(size=sizes[path.name]))
     seen = replace(take.capture, footage=(Path("half"), Path("whole"), None, None))
     found = find_hands(seen, DetectorChoice.__new__(DetectorChoice)).keypoints
-    truth = project(cameras.K, cameras.distortion, cameras.R, cameras.t, take.hands.points, cameras.distortion_model)
+    truth = project(cameras, take.hands.points)
     assert found is not None and found.hands is not None
     np.testing.assert_allclose(found.hands[..., :2], truth, atol=1e-6)
 

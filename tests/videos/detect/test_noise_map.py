@@ -24,7 +24,7 @@ def capture(views: int = 5, frames: int = 250, scatter: float = 1.0) -> Capture:
     cameras = around(np.array([[0.0, 0.0, 1.0]] * 2), views)
     drift = np.cumsum(rng.normal(0, 0.01, (frames, 1, 3)), axis=0)
     points = rng.uniform([-0.4, -0.4, 0.1], [0.4, 0.4, 1.7], (17, 3)) + drift
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     confidence = rng.uniform(0.2, 1.0, px.shape[:-1])
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     sigma_px = true_mm(confidence) / (1000.0 * depth / cameras.K[:, 0, 0, None, None])

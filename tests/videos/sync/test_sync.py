@@ -52,7 +52,7 @@ def filmed(
         on_video = np.arange(int(seconds * FPS)) / FPS
         points = moving_person(true.from_video(c, on_video))
         one = cameras.subset([c])
-        px = project(one.K, one.distortion, one.R, one.t, points, one.distortion_model)[0]
+        px = project(one, points)[0]
         px = px + noise_px * rng.normal(size=px.shape)
         px[rng.random(px.shape[:-1]) < 0.03] = np.nan
         tracks.append(px)

@@ -123,7 +123,7 @@ def _look(
     faults: Faults, rng: np.random.Generator,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """Return (C, F, K, 2) detections and (C, F, K) confidences of a detector that looks often at some poses."""
-    px = project(true.K, true.distortion, true.R, true.t, points, true.distortion_model)
+    px = project(true, points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= 0) & (px < true.image_size[:, None, None])).all(-1)
     way = np.einsum("fij,cfi->cfj", person.orient, true.centres[:, None] - points[None, :, 0])

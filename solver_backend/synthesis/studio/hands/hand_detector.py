@@ -69,7 +69,7 @@ def detect_hands(
     hidden = hidden | faults.gloved
     if faults.held:
         hidden = hidden | BEYOND
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, points, cameras.distortion_model)
+    px = project(cameras, points)
     palm = np.linalg.norm(px[..., _KNUCKLE, :] - px[..., _WRIST, :], axis=-1)
     # Seen end on a palm is short; the detector looks at the hand, not at the palm.
     size = np.fmax(palm, np.nanmax(np.linalg.norm(px - px[..., :1, :], axis=-1), axis=-1) / 2)

@@ -45,7 +45,7 @@ def with_true_hands(capture: Capture, cameras: Cameras, hands: MovingHands, hidd
         hidden: (C, F, 2, 21), see ``hidden_of``.
     """
     assert capture.keypoints is not None
-    px = project(cameras.K, cameras.distortion, cameras.R, cameras.t, hands.points, cameras.distortion_model)
+    px = project(cameras, hands.points)
     with np.errstate(invalid="ignore"):
         inside = ((px >= -0.5) & (px < cameras.image_size[:, None, None, None] - 0.5)).all(-1)
     found = np.concatenate([px, np.ones((*px.shape[:-1], 1))], axis=-1)

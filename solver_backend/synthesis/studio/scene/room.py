@@ -70,7 +70,7 @@ def pixel_rays(cameras: Cameras, view: int) -> np.ndarray:
     width, height = cameras.image_size[view].tolist()
     u, v = np.meshgrid(np.arange(width, dtype=np.float64), np.arange(height, dtype=np.float64))
     bent = normalised(np.stack([u, v], axis=-1), cameras.K[view])
-    straight = undistort(bent, cameras.distortion[view], cameras.distortion_model)
+    straight = undistort(bent, cameras.distortion[view], cameras.models[view])
     return np.concatenate([np.nan_to_num(straight, nan=10.0), np.ones((height, width, 1))], axis=-1)
 
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.exchange.lens import distort, pixels
+from solver_backend.exchange.lens import distort, is_pinhole, pixels
 from solver_backend.types import Cameras
 
 NEAR_M = 0.02
@@ -42,9 +42,9 @@ def in_camera(cameras: Cameras, view: int, points: np.ndarray) -> tuple[np.ndarr
     with np.errstate(divide="ignore", invalid="ignore"):
         flat = camera[:, :2] / np.where(z > NEAR_M, z, np.nan)[:, None]
     lens = cameras.distortion[view]
-    if lens.any() or cameras.distortion_model != "opencv":
+    if not is_pinhole(lens, cameras.models[view]):
         flat = np.where((flat**2).sum(-1, keepdims=True) < _WIDEST**2, flat, np.nan)
-        flat = distort(flat, lens, cameras.distortion_model)
+        flat = distort(flat, lens, cameras.models[view])
     return camera, pixels(flat, cameras.K[view])
 
 

@@ -68,7 +68,7 @@ def calibration_text(cameras: Cameras) -> str:
         fields = {
             "name": name, "size": cameras.image_size[view].astype(float).tolist(), "matrix": cameras.K[view].tolist(),
             "distortions": lens[:count].tolist(), "rotation": log_so3(cameras.R[view]).tolist(),
-            "translation": cameras.t[view].tolist(), "fisheye": cameras.distortion_model == "fisheye",
+            "translation": cameras.t[view].tolist(), "fisheye": cameras.models[view] == "fisheye",
         }  # fmt: skip
         lines.append(f'["{name}"]')
         lines += [f"{key} = {json.dumps(value)}" for key, value in fields.items()]
