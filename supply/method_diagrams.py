@@ -8,8 +8,8 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.body_layout import SMPL
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.interpolation import sider_n
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from solver_backend.exchange.errors import FileDamaged, FileMissing, JobInvalid
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.job import Job
 from solver_backend.types import JointSet
 

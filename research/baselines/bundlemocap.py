@@ -19,9 +19,8 @@ from research.descent.manifolds import Product
 from research.descent.riemannian import MinimiseSettings, gradient_descent, lbfgs
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.single_frame.fit import fit_frames
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture

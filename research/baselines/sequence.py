@@ -17,11 +17,9 @@ from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
 from solver_backend.fitters.model.codes import d_pose_d_state, decoded, decoder_jacobian
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, frame_equations
-from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame.fit import bridged_states, posed
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations
+from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE, load_vae

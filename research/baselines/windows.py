@@ -13,10 +13,9 @@ import numpy as np
 
 from research.descent.manifolds import SO3, CodeSphere, Euclidean, Product
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.fitters.model.interpolant import Interpolant
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve, by_turns
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.keyframe_layout import Interpolant
+from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.interpolation import KeyWeights, sider_weights
 from solver_backend.geometry.rotations import quat_from_matrix

@@ -15,8 +15,7 @@ from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.verb_results import CalibratedPerson, LabelsSummary, MarkerGaps
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
-from solver_backend.fitters.partial_body.informed_parts import parts_without
-from solver_backend.fitters.partial_body.rest_parts import listed
+from solver_backend.fitters.partial_body.rest_parts import listed, parts_without
 from solver_backend.geometry.marker_jumps import frozen, leaving, neighbours_of
 from solver_backend.io.markers.source import gaps_of
 from solver_backend.io.motions.motion_checks import odd_shape

@@ -75,8 +75,8 @@ def label(args: argparse.Namespace, progress: Progress) -> Outcome:
             check_output(path, overwrite=overwrite)
     from solver_backend.cli.reading import loaded
     from solver_backend.exchange.errors import NoDetections
+    from solver_backend.fitters.label_after import labelled_as_person
     from solver_backend.fitters.label_first import labelled_capture, named_in, named_points
-    from solver_backend.fitters.label_of_person import labelled_as_person
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.io.native.user_labels_file import read_user_labels
     from solver_backend.report.labelling import labelling_html
@@ -108,7 +108,7 @@ def _label_like(args: argparse.Namespace, capture: Capture, progress: Progress) 
     """Name the points of a take after another take, and write them."""
     if args.labels is not None or args.report is not None or args.subject is not None:
         raise CommandLineInvalid("--like cannot be combined with --labels, --report or --subject.", where="--like")
-    from solver_backend.fitters.label_like import labelled_like
+    from solver_backend.fitters.label_after import labelled_like
     from solver_backend.io.load import load_capture
 
     labelled, _ = labelled_like(capture, load_capture(args.like), progress)

@@ -31,7 +31,7 @@ from solver_backend.job import READING, Job, Resolve
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
-    from solver_backend.fitters.keyframes.chunked import Stretches
+    from solver_backend.fitters.keyframes.optimise import Stretches
 
 
 def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -51,7 +51,7 @@ def solve(args: argparse.Namespace, progress: Progress) -> Outcome:
 @contextmanager
 def _stretches(scheduler: str | None, tls: Path | None) -> Iterator[Stretches]:
     """Yield what solves the stretches of a long take: this process, or a cluster."""
-    from solver_backend.fitters.keyframes.chunked import in_turn
+    from solver_backend.fitters.keyframes.optimise import in_turn
 
     if scheduler is None:
         yield in_turn
@@ -125,7 +125,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     if job.resolve is None:
         person = None if job.subject is None else read_subject(job.subject)
         if person is not None and take is not None:
-            from solver_backend.fitters.label_of_person import labelled_as_person
+            from solver_backend.fitters.label_after import labelled_as_person
 
             kept = {*given.values(), *(named_points(own).values() if own is not None else ())}
             capture = labelled_as_person(capture, person, job.settings, progress, kept=kept)

@@ -12,7 +12,7 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.studio_results import BenchmarkResult, BenchmarkRow, DataSetPlan
 
 if TYPE_CHECKING:
-    from solver_backend.fitters.settings import SolveSettings
+    from solver_backend.exchange.solve_settings import SolveSettings
 
 
 def studio_arguments(verb: argparse.ArgumentParser) -> None:
@@ -98,7 +98,7 @@ def studio(args: argparse.Namespace, progress: Progress) -> Outcome:
 def studio_benchmark(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Solve a data set by some methods, compare with its truth, and write a page."""
     from solver_backend.exchange.outputs import write_text
-    from solver_backend.fitters.settings import SolveSettings
+    from solver_backend.exchange.solve_settings import SolveSettings
     from solver_backend.synthesis.studio.benchmark.page import page_html, table
     from solver_backend.synthesis.studio.benchmark.place_errors import place_errors, places_text
     from solver_backend.synthesis.studio.benchmark.solve_and_compare import solve_and_compare

@@ -38,8 +38,8 @@ def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [load(path, reading(args), progress) for path in args.captures]
+    from solver_backend.fitters.label_after import person_of_nameless
     from solver_backend.fitters.label_first import labelled_capture
-    from solver_backend.fitters.label_of_person import person_of_nameless
     from solver_backend.fitters.pipeline import calibrate_person
     from solver_backend.io.native.motion_file import write_subject
 

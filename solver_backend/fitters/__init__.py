@@ -1,24 +1,28 @@
-"""From measurements to a motion; the public door: ``solve``, ``resolve_range``, their settings and what they return."""
+"""Measurements to motion. The public names are ``solve``, ``resolve_range``, their settings and what they return."""
 
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    from solver_backend.exchange.solve_settings import SolveSettings
     from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
     from solver_backend.fitters.pipeline import resolve_range, solve, solve_problem
     from solver_backend.fitters.problem import Problem
-    from solver_backend.fitters.settings import SolveSettings
     from solver_backend.fitters.solution import Solution
 
 __all__ = ["FrameRange", "Pin", "Problem", "Solution", "SolveSettings", "resolve_range", "solve", "solve_problem"]
 _HOMES = {
-    "FrameRange": "keyframes.frame_range", "Pin": "keyframes.frame_range", "Problem": "problem", "Solution": "solution",
-    "SolveSettings": "settings", "resolve_range": "pipeline", "solve": "pipeline", "solve_problem": "pipeline",
-}  # fmt: skip
-"""Where each name lives; imported when it is asked for, so that a command line that reads settings starts at once."""
+    "exchange.solve_settings": ("SolveSettings",),
+    "fitters.keyframes.frame_range": ("FrameRange", "Pin"),
+    "fitters.pipeline": ("resolve_range", "solve", "solve_problem"),
+    "fitters.problem": ("Problem",),
+    "fitters.solution": ("Solution",),
+}
+"""Names by module, which is imported on first use: a command line that only reads settings starts quickly."""
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOMES:
-        raise AttributeError(f"{__name__} has no {name}; it has {', '.join(__all__)}.")
-    return getattr(import_module(f"{__name__}.{_HOMES[name]}"), name)
+    for home, names in _HOMES.items():
+        if name in names:
+            return getattr(import_module(f"solver_backend.{home}"), name)
+    raise AttributeError(f"{__name__} has no {name}; it has {', '.join(__all__)}.")

@@ -6,22 +6,55 @@ from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.chunked import Stretches
+from solver_backend.exchange.solve_settings import SCREW, SolveSettings
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.initial_keys import initial_keys
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretches, solve_sliding
+from solver_backend.fitters.model.codes import state_layout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.known_person import solve_known_person
+from solver_backend.fitters.recipes.bundle import ON_THE_MANIFOLD
 from solver_backend.fitters.recipes.noise_aware import pose_prior, solve_noise_aware
-from solver_backend.fitters.recipes.one_view import solve_one_view
-from solver_backend.fitters.recipes.single_frames import solve_single_frames
-from solver_backend.fitters.recipes.sliding_windows import solve_sliding_windows
-from solver_backend.fitters.recipes.views import solve_views
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solution import MethodResult
+from solver_backend.fitters.recipes.whole_take import solve_known_person, solve_one_view, solve_views
+from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
+from solver_backend.fitters.solution import Convergence, MethodResult, SolvedFrames
 from solver_backend.priors.base import AutoencodingPrior
+from solver_backend.residuals.robust import graduated_scales
+from solver_backend.solver.levenberg_marquardt import LMSettings
 from solver_backend.types import Capture
+
+
+def solve_single_frames(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Fit every seen frame on its own; unseen frames are bridged between their neighbours."""
+    seen = np.flatnonzero(problem.measurements.seen)
+    states = fit_to_points(problem, subject, seen)
+    scales = graduated_scales(settings.robust_scale, 4 * settings.robust_scale, 3)
+    objective, steps = problem.objective.select(seen), LMSettings(settings.iterations)
+    found = fit_frames(subject, problem.prior, objective, states, scales, steps, progress)
+    frames = posed(problem.prior, bridged_states(found.state, seen, problem.num_frames))
+    return SolvedFrames(subject, frames), Convergence.of(found)
+
+
+def solve_sliding_windows(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Slide a window of n free keys over the take: the published scheme, with Gauss-Newton steps; n = 2 is its own."""
+    layout = KeyframeLayout.even(problem.num_frames, settings.window, free=settings.interpolation)
+    keys = initial_keys(problem, subject, layout)
+    scales = graduated_scales(settings.robust_scale, 3 * settings.robust_scale, 2)
+    free = state_layout(problem.prior).only(ON_THE_MANIFOLD)
+    model = BundleModel(subject, problem.prior, BundleObjective(problem.objective), free, settings.root_curve == SCREW)
+    found = solve_sliding(model, layout, keys, Schedule(scales, settings.iterations), progress)
+    frames = model.poses(found.keys, layout)
+    return SolvedFrames(subject, frames, layout.key_times), found.convergence
 
 
 class Recipe(Protocol):

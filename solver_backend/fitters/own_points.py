@@ -16,16 +16,16 @@ from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.own_views import OwnViews
 from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
-from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import points_of
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.start import sample_frames
+from solver_backend.fitters.single_frame import sample_frames
 from solver_backend.fitters.solution import MethodResult, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy

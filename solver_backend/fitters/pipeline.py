@@ -15,21 +15,25 @@ from solver_backend.body.files.choices import load_chosen_body, resolve_body
 from solver_backend.body.label_places import places_given
 from solver_backend.exchange.errors import BackendMissing, NoDetections, TakeTooShort
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.hands.wide_motion import with_hands, without_fingers
-from solver_backend.fitters.keyframes.chunked import Stretches, in_turn
 from solver_backend.fitters.keyframes.frame_range import FrameRange
+from solver_backend.fitters.keyframes.optimise import Stretches, in_turn
 from solver_backend.fitters.marker_calibration.label_faults import named_alike
 from solver_backend.fitters.marker_calibration.marker_problem import calibrated, marker_problem
 from solver_backend.fitters.marker_calibration.subject_record import person_of
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.hand_clouds import split_hands
-from solver_backend.fitters.measurements.loose_markers import loose_markers
-from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
-from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
-from solver_backend.fitters.measurements.motion import measure_motion
-from solver_backend.fitters.measurements.network_landmarks import measure_directly
+from solver_backend.fitters.measurements.markers import (
+    known_markers_of,
+    loose_markers,
+    measure_directly,
+    measure_markers,
+    measure_motion,
+)
+from solver_backend.fitters.measurements.views import with_meant_confidence
 from solver_backend.fitters.methods import (
     METHODS,
     diagnose_settings,
@@ -44,9 +48,8 @@ from solver_backend.fitters.own_points import solve_with_points, without_points
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.props.solve_props import solve_props
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.recipes.frame_range import solve_again
 from solver_backend.fitters.solution import MethodResult, Solution
-from solver_backend.fitters.solve_again import solve_again
 from solver_backend.fitters.subject_calibration.shape import learn_subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -241,8 +244,7 @@ def prepare(
     seen = without_views(meant, settings.leave_out)
     if seen.is_one_view:
         return Problem.of(body, prior, _one_view(seen, body, prior, like, settings, progress))
-    from solver_backend.fitters.measurements.earlier_motion import begin_at
-    from solver_backend.fitters.measurements.multiview import measure_views
+    from solver_backend.fitters.measurements.views import begin_at, measure_views
 
     views = measure_views(seen, body, like, progress, estimate_sync=settings.estimate_sync, sync=settings.sync)
     if start is not None:

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.subject import FrameObjective
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array
 from solver_backend.solver.levenberg_marquardt import LMResult

@@ -7,7 +7,7 @@ from typing import Protocol
 import numpy as np
 
 from solver_backend.exchange.live_lines import FrameLine
-from solver_backend.fitters.recipes.live_follow import PersonFollower
+from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.live.pose_lines import millimetres
 
 

@@ -8,7 +8,7 @@ import time
 import numpy as np
 
 from solver_backend.exchange.live_lines import EventLine, FrameDelays, PoseValues, event_line
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.geometry.rotations import log_so3
 
 NEVER = 1.0 / 120.0

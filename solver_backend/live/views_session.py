@@ -14,7 +14,7 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.live_lines import EventLine, FrameDelays, FrameLine, LiveLine
 from solver_backend.exchange.world_settings import WorldSettings
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.recipes.live_views import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from solver_backend.fitters.one_view.open_depth import LIMB_ENDS
+from solver_backend.fitters.one_view.depth import LIMB_ENDS
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.report.diagnose import recorded_diagnostics
 from solver_backend.report.markup import section, text

@@ -20,7 +20,7 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.metrics import angle_mae_deg, pck_percent
 from solver_backend.priors.base import AutoencodingPrior

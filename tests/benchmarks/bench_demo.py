@@ -9,8 +9,8 @@ from __future__ import annotations
 import time
 
 from solver_backend.evaluation.evaluate import evaluate
+from solver_backend.exchange.solve_settings import METHOD_NAMES, SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import METHODS, SolveSettings
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.metric import Metric
 
@@ -19,7 +19,7 @@ def run() -> list[Metric]:
     """Solve and compare."""
     capture = demo_capture()
     metrics = []
-    for method in METHODS:
+    for method in METHOD_NAMES:
         start = time.perf_counter()
         motion = solve(capture, SolveSettings(method=method)).motion
         seconds = time.perf_counter() - start

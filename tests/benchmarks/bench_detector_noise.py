@@ -12,8 +12,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.types import Capture
 from solver_backend.videos.detect.measure_noise_map import measure_noise_map

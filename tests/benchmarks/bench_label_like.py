@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.fitters.label_like import labelled_like, worn
+from solver_backend.fitters.label_after import labelled_like, worn
 from solver_backend.io.markers.read import read_markers
 from solver_backend.types import Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import cmu, folder, ui_prmd

@@ -20,10 +20,10 @@ import numpy as np
 from research.baselines.marker_fits import AdaptiveRobust, MoSh
 from research.simulation.marker_noise import DataNoise
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS as WITH_JOINTS
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.label_first import labelled_capture
 from solver_backend.fitters.pipeline import solve, solve_problem
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.metrics import angle_mae_deg, pck_percent, rmse_mm

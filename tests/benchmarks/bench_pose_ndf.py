@@ -24,7 +24,7 @@ from solver_backend.body.joint_limits import excess_deg
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.body.mesh import pose_mesh
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf.complete import (
     ALONG,

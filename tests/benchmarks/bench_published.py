@@ -19,10 +19,10 @@ from research.baselines.person import Prepared, prepare
 from research.baselines.windows import SPHERICAL, KeyState, Window
 from research.descent.riemannian import MinimiseSettings, gradient_descent
 from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.types import Capture
 from tests.benchmarks.comparison.autograd_window import AutogradWindow, keypoint_regressor, resident

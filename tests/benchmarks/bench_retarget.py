@@ -22,8 +22,8 @@ from blender_addon.body.body_file import default_body_path, read_body
 from blender_addon.conventions.timing import TakeTiming
 from blender_addon.retarget.motion.figures import actor_of_motion
 from blender_addon.retarget.retarget import retarget
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.native.motion_file import write_motion
 from tests.benchmarks.comparison.captures import filmed
 from tests.benchmarks.metric import Metric

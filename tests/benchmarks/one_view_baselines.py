@@ -10,14 +10,13 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.exchange.progress import silent
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.base import Measurements, RoughMotion
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.pipeline import first_subject, prepare
 from solver_backend.fitters.pose_ndf.fit_keypoints import fit_keypoints
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import fit_frames, posed
+from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.metrics.positions import pa_mpjpe_mm
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
 from solver_backend.solver.levenberg_marquardt import LMSettings

@@ -13,8 +13,8 @@ from dataclasses import replace
 import numpy as np
 
 from solver_backend.cameras.projection import project
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.report.time_plausibility import CHANGE, motion_rate
 from solver_backend.types import Capture, JointSet, Keypoints2D
 from tests.support.foreign_clips import cmu_limbs

@@ -13,7 +13,7 @@ from solver_backend.cli.arguments import parse
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import Cancelled, NoDetections
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.io.motions.motion_checks import check_motion
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion

@@ -18,8 +18,7 @@ from solver_backend.cli import spread
 from solver_backend.cli.main import main
 from solver_backend.cli.spread import ClusterStretches
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.fitters.keyframes.chunked import in_turn, solve_long
-from solver_backend.fitters.keyframes.optimise import Schedule
+from solver_backend.fitters.keyframes.optimise import Schedule, in_turn, solve_long
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import pose
 from tests.support.finer_keys import resampled

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.embedded.demo import demo_capture

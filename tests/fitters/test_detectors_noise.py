@@ -13,9 +13,9 @@ from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing, JobInvalid
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.measurements.meant_confidence import with_meant_confidence
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.measurements.views import with_meant_confidence
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.job import Job

@@ -1,10 +1,11 @@
 """The table of methods: every name that settings allow has a row, and each row what the pipeline asks of it."""
 
-from solver_backend.fitters import methods, settings
+from solver_backend.exchange.solve_settings import METHOD_NAMES
+from solver_backend.fitters import methods
 
 
 def test_settings_allow_the_methods_of_the_table_in_its_order() -> None:
-    assert tuple(methods.METHODS) == settings.METHODS
+    assert tuple(methods.METHODS) == METHOD_NAMES
     assert all(method.name == name for name, method in methods.METHODS.items())
 
 

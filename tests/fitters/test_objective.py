@@ -7,15 +7,12 @@ import numpy as np
 import pytest
 
 from solver_backend.body.state_layout import TRANSL, StateLayout
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, MotionPrior
 from solver_backend.fitters.keyframes.normal_equations import KeyframeNormalEquations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.subject import frame_equations, pose
-from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame.fit import fit_frames, posed
+from solver_backend.fitters.model.states import FrameStates, Keyframes
+from solver_backend.fitters.model.subject import FrameObjective, frame_equations, pose
+from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3, matrix_from_quat
 from solver_backend.residuals.point_term import PointEvidence
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import pipeline
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.synthesis.embedded.marker_demo import DEMO_TAKE

@@ -11,8 +11,8 @@ import pytest
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import Diagnostic, read_diagnostics, sentence
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import Capture, Motion
 from tests.support.own_points import PLACES, own_capture, write_own_points

@@ -8,8 +8,8 @@ import pytest
 from solver_backend.evaluation.evaluate import evaluate
 from solver_backend.exchange.diagnostics import read_diagnostics, sentence
 from solver_backend.exchange.errors import JobInvalid, NoDetections, TakeTooShort, TooFewViews
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import FLAG_UNSEEN, Capture, Keypoints2D

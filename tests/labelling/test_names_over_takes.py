@@ -10,8 +10,8 @@ import pytest
 
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import calibrate_person
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.labelling.names_over_takes import exchange_gains, names_over_takes, shape_of
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers

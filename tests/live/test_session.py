@@ -241,7 +241,7 @@ def test_no_frame_of_a_start_takes_many_steps_and_a_bad_one_is_given_time(sessio
         counted[-1] += 1
         return frame_equations(*given)
 
-    monkeypatch.setattr("solver_backend.fitters.recipes.live_follow.frame_equations", counting)
+    monkeypatch.setattr("solver_backend.fitters.recipes.live.frame_equations", counting)
     for i in range(12):
         session.network.markers = walk[i]
         counted.append(0)

@@ -6,10 +6,10 @@ import numpy as np
 
 from solver_backend.body.hand_markers import PLACES, HandMarkers, hand_markers
 from solver_backend.body.hand_skeleton import HandSkeleton
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.hand_problem import WristPath
 from solver_backend.fitters.hands.marker_hand import MarkerHand, calibrated_hand, marker_size
-from solver_backend.fitters.hands.start import nearest_rotations
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.hands.solve_hand import nearest_rotations
 from solver_backend.types.shapes import Float
 
 LAYOUTS: dict[str, tuple[str, ...]] = {

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.types import Capture
 
 QUICK = SolveSettings(iterations=4)

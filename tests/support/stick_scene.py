@@ -4,16 +4,13 @@ import numpy as np
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm
+from solver_backend.fitters.keyframes.bundle_objective import BundleObjective, KeyTerm, ResidualRotationTerm
 from solver_backend.fitters.keyframes.normal_equations import FrameData
 from solver_backend.fitters.keyframes.optimise import BundleModel
-from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.geometry.arrays import constant
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm

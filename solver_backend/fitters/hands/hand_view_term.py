@@ -7,11 +7,16 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.cameras.projection import project_with_jacobian
+from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian
+from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.exchange.hand_points import NUM_HAND_POINTS
+from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.residuals.robust import geman_mcclure
-from solver_backend.types.shapes import Float
+from solver_backend.types.shapes import Bool, Float
 
 ROUNDS = 3
 """Reweighted means by which a view's offset is found; a fourth moves it by less than a tenth of a pixel."""
@@ -103,3 +108,216 @@ class HandViewTerm:
             robust, stiff = weight * factor, stiff0 * hold
             penalty = confidence * own, trust * far
         return offset, penalty, robust, stiff
+
+
+NOISE_FRAMES = 20
+"""Frames on which the detector's noise is measured, and twice as many at most."""
+EVERY = 2
+"""Frames from one located frame to the next: the start of a solve needs no more."""
+LEAST_POINTS = 8
+"""Points of a hand that a view must share with others for its offset to be one."""
+ALIKE_FRAMES = 20.0
+"""How many frames' worth of evidence there is that views have whole hands off alike."""
+LEAST_WHOLE = 0.2
+"""Least offsets of whole hands, as a share of the points' own noise: few frames show none."""
+RANGE = (0.25, 4.0)
+"""Least and largest variance of a point, as a share of the hand's median."""
+_MEDIAN = 2.0 * float(np.log(2.0))
+"""Median of a squared length in two dimensions, in variances per axis."""
+
+
+@dataclass(frozen=True)
+class HandNoise:
+    """Standard deviations per axis of a detector of hands in a take, pixels."""
+
+    own_px: Float[np.ndarray, " points"]
+    """(21,) of each point about its hand."""
+    whole_px: Float[np.ndarray, " views"]
+    """(C,) of the whole hand in each view, with what is constant there, such as a camera's own error."""
+
+
+@dataclass(frozen=True)
+class LocatedHand:
+    """One hand as the views alone have it."""
+
+    points: Float[np.ndarray, "frames 21 3"]
+    """(F, 21, 3) metres, NaN where no two views agree or nobody looked."""
+    spread_m2: Float[np.ndarray, "frames 21"]
+    """(F, 21) trace of the covariance by which points scatter about their hand."""
+    noise: HandNoise
+    """Of the detector."""
+
+
+def locate_hands(views: HandViews) -> dict[int, LocatedHand]:
+    """Return the hands that any view shows, by side, located in every other frame, which is enough to begin with."""
+    both = views.xy.shape[2] * NUM_HAND_POINTS
+    xy = views.xy.reshape(*views.xy.shape[:2], both, 2).astype(np.float64)
+    confidence = views.confidence.reshape(*views.confidence.shape[:2], both).astype(np.float64)
+    shown = np.flatnonzero(((views.confidence > 0).any(axis=-1).sum(axis=0) >= 2).any(axis=-1))
+    sample = shown[:: max(1, len(shown) // NOISE_FRAMES)]
+    rough = triangulate(views.cameras, xy[:, sample], confidence[:, sample])
+    sigma_px = np.asarray(rough.sigma_px)
+    used = shown[::EVERY]
+    found = triangulate(views.cameras, xy[:, used], confidence[:, used], sigma_px)
+    traces = np.trace(np.asarray(found.covariance), axis1=-2, axis2=-1)
+    hands: dict[int, LocatedHand] = {}
+    for side in np.flatnonzero((views.confidence > 0).any(axis=(0, 1, 3))):
+        own = np.arange(side * NUM_HAND_POINTS, (side + 1) * NUM_HAND_POINTS)
+        noise = hand_noise(views, xy[:, sample][:, :, own], rough.of_keypoints(own))
+        points = np.full((xy.shape[1], NUM_HAND_POINTS, 3), np.nan)
+        spread_m2 = np.full(points.shape[:2], np.nan)
+        points[used], spread_m2[used] = found.points[:, own], traces[:, own] * (noise.own_px / sigma_px[own]) ** 2
+        hands[int(side)] = LocatedHand(points, spread_m2, noise)
+    return hands
+
+
+def hand_noise(views: HandViews, xy: np.ndarray, found: Triangulation) -> HandNoise:
+    """Return the noise of one hand's detections.
+
+    Residuals of triangulated points split into their mean over a view's hand and what is left. A point of V views takes
+    3 of their 2 V errors over, so that both variances are ``2 V / (2 V - 3)`` times as large as they look. Medians of
+    squares leave outliers out.
+
+    Args:
+        views: whose cameras they are.
+        xy: (C, n, 21, 2) px detected.
+        found: triangulated from these.
+    """
+    cameras, used = views.cameras, np.asarray(found.inliers)
+    points = np.asarray(found.points)
+    px = project(cameras, points)
+    error = (
+        np.where(used[..., None], xy - px, 0.0)
+        / np.sqrt(1.0 - 3.0 / (2.0 * np.maximum(used.sum(axis=0), 2.0)))[None, ..., None]
+    )
+    count = used.sum(-1)
+    enough = count >= LEAST_POINTS
+    if enough.sum() < LEAST_POINTS:
+        sigma_px = np.asarray(found.sigma_px)
+        return HandNoise(sigma_px, np.full(len(xy), LEAST_WHOLE * float(np.median(sigma_px))))
+    mean = error.sum(2) / np.maximum(count, 1)[..., None]
+    square = ((error - mean[:, :, None]) ** 2).sum(-1) * (count / np.maximum(count - 1.0, 1.0))[..., None]
+    usable = used & enough[..., None]
+    own = np.array([_variance(square[..., k], usable[..., k], np.nan) for k in range(square.shape[-1])])
+    usual = float(np.nanmedian(own))
+    own = np.clip(np.nan_to_num(own, nan=usual), RANGE[0] * usual, RANGE[1] * usual)
+    offset, shown = (mean**2).sum(-1), enough.sum(axis=1)
+    alike = _variance(offset, enough, usual)
+    each = np.array([_variance(offset[view], enough[view], alike) for view in range(len(xy))])
+    variance = (shown * each + ALIKE_FRAMES * alike) / (shown + ALIKE_FRAMES) - usual / NUM_HAND_POINTS
+    return HandNoise(np.sqrt(own), np.sqrt(np.maximum(variance, LEAST_WHOLE**2 * usual)))
+
+
+def _variance(square: np.ndarray, used: Bool[np.ndarray, "*any"], otherwise: float) -> float:
+    """Return the variance per axis of squared lengths in two dimensions, by their median."""
+    known = square[used]
+    return float(np.median(known)) / _MEDIAN if len(known) >= LEAST_POINTS else otherwise
+
+
+SMALL_PX = 15.0
+"""A palm of fewer pixels is no hand to a detector: its points are guesses about as large as it is."""
+PALM_M = 0.09
+"""From the wrist to the middle finger's knuckle."""
+MODEL_ERROR_M = 0.004
+"""Standard deviation per axis by which fingers of another build miss a detector's points; a sixth of a bone."""
+
+ALONE = 0.04
+"""What a hand counts that one view alone shows: nothing separates a palm from its mirror image in depth there, and a
+wrist that follows the wrong one turns by half a circle."""
+
+
+def hand_term(views: HandViews, side: int, wrists: Float[np.ndarray, "frames 3"], noise: HandNoise) -> HandViewTerm:
+    """Return the data term of one hand.
+
+    ``σ² = (σ_l max(1, (15 / s)²))² + (f m / z)²`` px² with a palm of s = f 0.09 m / z px at the depth z of the wrist.
+
+    Args:
+        views: detected points.
+        side: 0 left, 1 right.
+        wrists: (F, 3) metres.
+        noise: of the detector.
+    """
+    px_per_m = pixels_per_metre(views, wrists)[..., None]
+    small = np.maximum(1.0, (SMALL_PX / (PALM_M * px_per_m)) ** 2)
+    sigma = np.hypot(noise.own_px * small, MODEL_ERROR_M * px_per_m)
+    xy, confidence = views.xy[:, :, side], views.confidence[:, :, side]
+    seen = np.isfinite(xy).all(-1) & (confidence > 0)
+    alone = seen.any(axis=-1).sum(axis=0) < 2
+    confidence = np.where(alone[:, None], ALONE * confidence, confidence)
+    points = ReprojectionTerm(
+        CameraArrays.of(views.cameras, sigma),
+        np.where(seen[..., None], xy, 0.0), np.where(seen, confidence, 0.0) / sigma**2, np.where(seen, confidence, 0.0),
+    )  # fmt: skip
+    return HandViewTerm(points, noise.whole_px)
+
+
+def pixels_per_metre(views: HandViews, wrists: np.ndarray) -> Float[np.ndarray, "views frames"]:
+    """Return (C, F) how large a metre is in each picture at (F, 3) places."""
+    cameras = views.cameras
+    depth = np.einsum("cj,fj->cf", cameras.R[:, 2], wrists) + cameras.t[:, 2, None]
+    return np.sqrt(cameras.K[:, 0, 0] * cameras.K[:, 1, 1])[:, None] / np.maximum(depth, 0.1)
+
+
+NEAR = 0.8
+"""A hand's wrist lies this near the body's at most, in lengths of the forearm in the picture: the detector's errors and
+the body's together are a third of that."""
+CLEARLY = 0.5
+"""Hands are exchanged where they lie nearer to each other's wrists by this many forearms."""
+LEAST_FRAMES = 3
+"""Shorter stretches are corrected without a word."""
+
+
+@dataclass(frozen=True)
+class SortedHands:
+    """Hands by side, and what was found of them."""
+
+    views: HandViews
+    """The detections of each side at that side's wrist."""
+    diagnostics: tuple[Diagnostic, ...]
+    """What was exchanged, and what was left out."""
+
+
+def sort_hands(views: HandViews, wrists: np.ndarray, elbows: np.ndarray) -> SortedHands:
+    """Return detections by the wrists they lie at; hands that lie at no wrist are left out.
+
+    A frame's two hands in one view are exchanged where both lie nearer to each other's wrist; one alone where it does.
+
+    Args:
+        views: as detected.
+        wrists: (F, 2, 3) metres, of the solved body, left first.
+        elbows: (F, 2, 3).
+    """
+    at, up = (_in_pictures(views, points) for points in (wrists, elbows))
+    forearm = np.maximum(np.linalg.norm(at - up, axis=-1).max(axis=-1), 1.0)[..., None, None]
+    seen = views.confidence[..., 0] > 0
+    there = np.where(seen[..., None], views.xy[:, :, :, 0], np.nan)
+    # (C, F, detected side, side of the body)
+    distance = np.linalg.norm(there[:, :, :, None] - at[:, :, None], axis=-1) / forearm
+    far = np.nan_to_num(distance, nan=0.0)
+    gain = (far[..., 0, 0] + far[..., 1, 1]) - (far[..., 0, 1] + far[..., 1, 0])
+    exchanged = gain > CLEARLY
+    order = np.where(exchanged[..., None], [1, 0], [0, 1])
+    xy = np.take_along_axis(views.xy, order[..., None, None], axis=2)
+    confidence = np.take_along_axis(views.confidence, order[..., None], axis=2)
+    own = np.take_along_axis(distance, order[..., None], axis=2)[..., [0, 1], [0, 1]]
+    elsewhere = np.nan_to_num(own, nan=0.0) > NEAR
+    confidence = np.where(elsewhere[..., None], 0.0, confidence)
+    found = [*_named(views, "hands_exchanged", exchanged, Remedy.REPAIRED)]
+    found += _named(views, "hand_elsewhere", elsewhere.any(axis=-1), Remedy.EXCLUDED)
+    return SortedHands(HandViews(views.cameras, xy, confidence), tuple(found))
+
+
+def _in_pictures(views: HandViews, points: np.ndarray) -> np.ndarray:
+    """Return (C, F, 2, 2) px of (F, 2, 3) points."""
+    cameras = views.cameras
+    return project(cameras, points)
+
+
+def _named(views: HandViews, code: str, found: np.ndarray, remedy: Remedy) -> list[Diagnostic]:
+    """Return a diagnostic for each view with (C, F) findings that last."""
+    named = []
+    for view in np.flatnonzero(found.any(axis=1)):
+        runs = [run for run in true_runs(found[view]) if run[1] - run[0] + 1 >= LEAST_FRAMES]
+        if runs:
+            named.append(diagnostic(code, cameras=[views.cameras.names[view]], frames=runs, remedy=remedy))
+    return named

@@ -7,14 +7,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from solver_backend.body.hand_markers import HandMarkers, hand_markers
-from solver_backend.body.hand_skeleton import HandSkeleton, site_frames
-from solver_backend.fitters.hands.hand_keys import DOF, FINGERS
-from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, WristPath
-from solver_backend.fitters.hands.hand_size import SIZES
-from solver_backend.fitters.hands.solve_hand import hand_window
-from solver_backend.fitters.hands.solve_keys import frame_states, solve_keys
+from solver_backend.body.hand_skeleton import HandSites, HandSkeleton, site_frames
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.hand_points import SIDES
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SIZES, HandProblem, KeyModel, WristPath
+from solver_backend.fitters.hands.solve_hand import frame_states, hand_window, solve_keys
+from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.residuals.positions import PositionTerm
@@ -114,3 +114,120 @@ def marker_size(skeleton: HandSkeleton, labels: tuple[str, ...], positions: np.n
     ratios = found / np.linalg.norm(sites.offset[one[rigid]] - sites.offset[other[rigid]], axis=-1)
     known = ratios[np.isfinite(ratios)]
     return float(np.clip(np.median(known), *SIZES)) if len(known) else 1.0
+
+
+LEAST_FRAMES = 8
+"""Frames in which a marker must be seen."""
+SPREAD_M = 0.008
+"""Median distance from its place on a segment, above which it moves with none: fingers of a first solve are off by some
+millimetres."""
+AS_GOOD, AS_GOOD_M = 1.5, 0.002
+"""Spread by the smallest one, and metres added, up to which a segment is as good: then the nearest has the marker."""
+REACH_M = 0.035
+"""Distance from a segment's bone beyond which a marker is not on it: a thick finger, a base, and a stalk."""
+_SEGMENTS = HandSites(
+    np.array([0, *np.repeat(np.arange(5), 3)]), np.array([0, *np.tile(np.arange(1, 4), 5)]), np.zeros((16, 3))
+)
+"""The palm and three bones of each finger, at their joints."""
+
+
+@dataclass(frozen=True)
+class Extra:
+    """Where the markers are."""
+
+    sites: HandSites
+    """Of those that are on the hand."""
+    columns: tuple[int, ...]
+    """Their columns."""
+
+
+def attach_markers(
+    problem: HandProblem, states: Float[np.ndarray, "frames d"], positions: Float[np.ndarray, "frames n 3"]
+) -> Extra:
+    """Return the segments that markers move with: ``o_s = median_f G_sᵀ (x - p_s)``, the constant one of the nearest.
+
+    Args:
+        problem: of the hand.
+        states: (F, D) its poses.
+        positions: (F, N, 3) metres, NaN where missing.
+    """
+    posed = problem.skeleton.pose(states[:, FINGERS])
+    R = exp_so3(states[:, :3]) @ problem.wrist.rotations
+    G = R[:, None] @ site_frames(posed, _SEGMENTS)
+    joints = problem.at(_SEGMENTS).points(states)
+    found: list[tuple[int, int, np.ndarray]] = []
+    for column in range(positions.shape[1]):
+        seen = np.isfinite(positions[:, column]).all(-1)
+        if seen.sum() < LEAST_FRAMES:
+            continue
+        away = positions[seen, column, None] - joints[seen]
+        local = (np.swapaxes(G[seen], -1, -2) @ away[..., None])[..., 0]
+        offset = np.median(local, axis=0)
+        spread = np.median(np.linalg.norm(local - offset, axis=-1), axis=0)
+        far = _from_bones(problem, offset)
+        spread = np.where(far > REACH_M, np.inf, spread)
+        if spread.min() > SPREAD_M:
+            continue
+        good = np.flatnonzero(spread <= AS_GOOD * spread.min() + AS_GOOD_M)
+        found.append((column, int(good[far[good].argmin()]), offset))
+    rows = [segment for _, segment, _ in found]
+    offsets = np.array([offset[segment] for _, segment, offset in found]).reshape(-1, 3)
+    sites = HandSites(_SEGMENTS.finger[rows], _SEGMENTS.segment[rows], offsets)
+    return Extra(sites, tuple(column for column, *_ in found))
+
+
+def with_extra(markers: HandMarkers, labels: tuple[str, ...], extra: Extra) -> HandMarkers:
+    """Return markers of a hand with those that were attached behind them.
+
+    Args:
+        markers: of known places.
+        labels: N of the others.
+        extra: from ``attach_markers``.
+    """
+    both = (
+        np.concatenate([getattr(markers.sites, part), getattr(extra.sites, part)])
+        for part in ("finger", "segment", "offset")
+    )  # fmt: skip
+    return HandMarkers((*markers.labels, *(labels[c] for c in extra.columns)), HandSites(*both))
+
+
+def worn_hand(
+    measured: HandClouds, side: int, skeleton: HandSkeleton, path: WristPath, fps: float, settings: SolveSettings
+) -> tuple[HandProblem, tuple[Diagnostic, ...]]:
+    """Return a hand of a body from its markers, those without a place attached and measured too, and what is doubtful.
+
+    Args:
+        measured: markers of both hands.
+        side: 0 left, 1 right.
+        skeleton: of the hand, of its size.
+        path: where the body has the wrist.
+        fps: frames per second.
+        settings: robust scale and iterations.
+    """
+    markers, cloud = hand_markers(skeleton, measured.labels[side]), measured.positions[side]
+    hand = calibrated_hand(cloud, markers, skeleton, path, fps, settings)
+    if side not in measured.extra:
+        return hand.problem, ()
+    labels, positions = measured.extra_labels[side], measured.extra[side]
+    extra = attach_markers(hand.problem, hand.states, positions)
+    left = [label for column, label in enumerate(labels) if column not in extra.columns]
+    doubts = (diagnostic("hand_markers_left_out", markers=left, side=SIDES[side]),) if left else ()
+    if not extra.columns:
+        return hand.problem, doubts
+    cloud = np.concatenate([cloud, positions[:, list(extra.columns)]], axis=1)
+    both = with_extra(markers, labels, extra)
+    return calibrated_hand(cloud, both, skeleton, path, fps, settings).problem, doubts
+
+
+def _from_bones(problem: HandProblem, offset: Float[np.ndarray, "16 3"]) -> Float[np.ndarray, " 16"]:
+    """Return (16,) metres of places on segments from their bones; of the palm from the nearest metacarpal."""
+    skeleton = problem.skeleton
+    ends = skeleton.bones.reshape(15, 3)
+    on_palm = min(_from_line(offset[0], root) for root in skeleton.roots)
+    return np.array([on_palm, *(_from_line(place, end) for place, end in zip(offset[1:], ends, strict=True))])
+
+
+def _from_line(place: np.ndarray, end: np.ndarray) -> float:
+    """Return how far a place is from the line from the origin to an end."""
+    share = float(np.clip(place @ end / max(float(end @ end), 1e-12), 0.0, 1.0))
+    return float(np.linalg.norm(place - share * end))

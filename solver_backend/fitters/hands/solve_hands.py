@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import partial
 
@@ -10,19 +10,109 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.finger_overlap import finger_overlap
+from solver_backend.body.hand_on_body import by_finger
 from solver_backend.body.hand_skeleton import HandSkeleton
 from solver_backend.body.hands import with_fingers
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import BodyInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.hands.arms import follow_hand
-from solver_backend.fitters.hands.solve_hand import THROUGH_M, SolvedHand, solve_hand
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SHIFT, TURN, KeyModel
+from solver_backend.fitters.hands.measured_hands import MeasuredHand, measure_hands
+from solver_backend.fitters.hands.solve_hand import (
+    THROUGH_M,
+    SolvedHand,
+    hand_window,
+    initial_keys,
+    solve_from,
+    solve_hand,
+    with_learned_noise,
+)
+from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
+from solver_backend.fitters.keyframes.splice_range import range_layout
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
+from solver_backend.geometry.quaternions import quat_from_matrix
+from solver_backend.geometry.rotations import exp_so3, skew
 from solver_backend.geometry.runs import true_runs
+from solver_backend.types import Motion
+from solver_backend.types.shapes import Float, Int
+
+STEPS = 6
+"""Gauss-Newton steps; shifts are a few centimetres at most, and three do where the arm is bent."""
+COLLAR = 0.1
+"""How readily the collar turns, by shoulder and elbow: a stretched arm reaches further by it alone. Chosen by hand; in
+Pose2Sim's balancing trial the left wrist, 10 mm out of reach (52 in one frame of ten), is met with 11 degrees."""
+PRONATION = 0.5
+"""Share of a hand's twist about the forearm that the elbow takes, as in the recordings that the pose prior knows."""
+LOADING_M2 = 1e-4
+"""Of the normal matrix: beyond what arm and collar reach no turn helps."""
+
+
+def follow_hand(
+    body: Body, betas: np.ndarray, frames: PosedFrames, side: int,
+    turn: Float[np.ndarray, "frames 3"], shift: Float[np.ndarray, "frames 3"],
+) -> PosedFrames:  # fmt: skip
+    """Return the poses with a wrist turned and moved; whatever does not hang on that arm stays bit for bit.
+
+    ``ω = W Jᵀ (J W Jᵀ + λ)⁻¹ (p + δ - p(ω))``, the least turns of collar, shoulder and elbow (Whitney 1969, damped).
+
+    Args:
+        body: the body model.
+        betas: (10,) shape.
+        frames: F poses.
+        side: 0 left, 1 right.
+        turn: (F, 3) rotation vectors of the wrist in the world.
+        shift: (F, 3) metres.
+    """
+    names = body.layout.joints
+    chain = [names.index(f"{SIDES[side]}_{part}") for part in ("collar", "shoulder", "elbow")]
+    elbow, wrist, ease = chain[-1], names.index(f"{SIDES[side]}_wrist"), np.repeat([COLLAR, 1.0, 1.0], 3)
+    local = to_numpy(frames.local).copy()
+    root, transl = to_numpy(frames.root), to_numpy(frames.transl)
+    posed = forward_kinematics(body, betas, root, local, transl)
+    wanted, hand = posed.joints[:, wrist] + shift, exp_so3(turn) @ posed.G[:, wrist]
+    moved = np.linalg.norm(shift, axis=1) > 0
+    for _ in range(STEPS):
+        G, joints = posed.G, posed.joints
+        J = np.concatenate([-skew(joints[:, wrist] - joints[:, j]) for j in chain], axis=2)
+        eased_T = ease[:, None] * np.swapaxes(J, 1, 2)
+        left = np.where(moved[:, None], wanted - joints[:, wrist], 0.0)
+        step = eased_T @ np.linalg.solve(J @ eased_T + LOADING_M2 * np.eye(3), left[..., None])
+        turn_so_far, parent = np.eye(3), G[:, body.parents[chain[0]]]
+        for joint, own in zip(chain, np.moveaxis(exp_so3(step[..., 0].reshape(-1, 3, 3)), 1, 0), strict=True):
+            turn_so_far = own @ turn_so_far
+            here = turn_so_far @ G[:, joint]
+            local[:, joint - 1] = np.where(moved[:, None, None], _since(parent, here), local[:, joint - 1])
+            parent = here
+        posed = forward_kinematics(body, betas, root, local, transl)
+    still = ~moved & (np.linalg.norm(turn, axis=1) == 0)
+    turned = _since(posed.G[:, elbow], hand)
+    rest = body.rest_joints(betas)
+    twist = exp_so3(PRONATION * _twist(turned, rest[wrist] - rest[elbow]))
+    for joint, R in ((elbow, local[:, elbow - 1] @ twist), (wrist, np.swapaxes(twist, 1, 2) @ turned)):
+        local[:, joint - 1] = np.where(still[:, None, None], local[:, joint - 1], R)
+    return replace(frames, local=local)
+
+
+def _twist(R: np.ndarray, axis: np.ndarray) -> np.ndarray:
+    """Return (F, 3) the rotation vectors about an axis nearest to rotations: ``2 atan2(q·a, w)`` of a quaternion."""
+    axis = axis / np.linalg.norm(axis)
+    q = quat_from_matrix(R)
+    angle = 2.0 * np.arctan2(q[:, 1:] @ axis, q[:, 0])
+    return ((angle + np.pi) % (2.0 * np.pi) - np.pi)[:, None] * axis
+
+
+def _since(parent: np.ndarray, G: np.ndarray) -> np.ndarray:
+    """Return the (F, 3, 3) rotations G in the frames of their parents."""
+    return np.swapaxes(parent, 1, 2) @ G
+
 
 STAGE = "Hands"
 THROUGH_FRAMES = 3
@@ -128,3 +218,108 @@ def statistics(hands: SolvedHands) -> dict[str, object]:
 
 def _states(hand: SolvedHand) -> np.ndarray:
     return np.concatenate([hand.turn, hand.shift, hand.angles], axis=1)
+
+
+@dataclass(frozen=True)
+class HandRange:
+    """One hand in the frames of a range, and a window on either side of it."""
+
+    frames: Int[np.ndarray, " n"]
+    """(n,) numbers of the frames."""
+    hand: SolvedHand
+    """In these frames."""
+
+
+def solve_hands_again(
+    measurements: Measurements, solved: SolvedFrames, earlier: Motion, frame_range: FrameRange,
+    settings: SolveSettings, progress: Progress,
+) -> tuple[SolvedFrames, dict[int, HandRange]]:  # fmt: skip
+    """Return poses whose arms agree with the hands in a range, and these hands by side.
+
+    The hands keep the size that the earlier solve found. Without fingers in the earlier motion, or without anything
+    measured of them, poses stay as they are and there are no hands.
+
+    Args:
+        measurements: what the body was solved from.
+        solved: the body's poses in the whole take, the range's among them.
+        earlier: the motion before, with its fingers.
+        frame_range: what is solved again.
+        settings: as of the body.
+        progress: called as the sides advance.
+    """
+    measured = measurements.hands
+    if measured is None or not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
+        return solved, {}
+    try:
+        body = with_fingers(solved.subject.body)
+    except BodyInvalid:
+        return solved, {}
+    progress(STAGE, 0, 1)
+    size = float(earlier.provenance.get("hands", {}).get("size", 1.0))
+    found = measure_hands(measured, body, solved, measurements.fps, settings, size)
+    hands = dict[int, HandRange]()
+    for number, (side, hand) in enumerate(found.hands.items()):
+        still = _still_angles(found.skeletons[side], side, earlier, frame_range.pins)
+        alive = partial(progress, STAGE, number, len(found.hands))
+        hands[side] = solve_hand_range(hand, still, frame_range, settings, alive)
+        again = hands[side].hand
+        solved = with_arm(solved, side, hands[side].frames, again.turn, again.shift)
+    progress(STAGE, len(hands), len(hands))
+    return solved, hands
+
+
+def solve_hand_range(
+    measured: MeasuredHand, still: Float[np.ndarray, "frames a"], frame_range: FrameRange, settings: SolveSettings,
+    alive: Callable[[], None] = lambda: None,
+) -> HandRange:  # fmt: skip
+    """Return one hand of a frame range solved again, from where it was or from its located points.
+
+    Args:
+        measured: the hand over the whole take, its wrist where the body has it now.
+        still: (F, A) radians of the earlier solve, in pinned frames those of the pins.
+        frame_range: what is solved again.
+        settings: robust scale, iterations, and whether noise is learned.
+        alive: called before each linearisation.
+    """
+    problem = measured.problem
+    layout, moving = range_layout(frame_range, problem.num_frames, hand_window(problem.fps))
+    frames, states = layout.frames, np.zeros((problem.num_frames, DOF))
+    states[:, FINGERS] = still
+    if settings.learn_noise:
+        problem = with_learned_noise(problem, states, settings.robust_scale)
+    part, own = problem.select(frames), KeyframeLayout(layout.bounds - layout.bounds[0])
+    # Where the earlier motion stays, its arms have followed the hands: these leave the wrists by nothing.
+    early, late = np.floor(layout.key_times).astype(int), np.ceil(layout.key_times).astype(int)
+    kept = 0.5 * (states[early] + states[late])
+    anew = initial_keys(part.skeleton, part.wrist, measured.located[frames], own, part.prior)
+    anew = np.where(moving[:, None], anew, kept)
+    hand = solve_from(KeyModel(part, own, moving), (kept, anew), replace(settings, learn_noise=False), alive)
+    stays = layout.key_times[~moving]
+    return HandRange(frames, _through(hand, states[frames], stays[stays == np.round(stays)] - frames[0]))
+
+
+def _through(hand: SolvedHand, states: np.ndarray, stays: np.ndarray) -> SolvedHand:
+    """Return a hand whose spline passes through the (n, D) states in the frames that stay exactly."""
+    found = np.concatenate([hand.turn, hand.shift, hand.angles], axis=1)
+    at = stays.astype(int)
+    if len(at):
+        left, every = states[at] - found[at], np.arange(len(found))
+        found = found + np.stack([np.interp(every, at, column) for column in left.T], axis=1)
+        inside = np.ones(len(found), bool)
+        inside[at] = False
+        found = np.where(inside[:, None], found, states)
+    points = hand.problem.at(hand.problem.skeleton.keypoints()).points(found)
+    return replace(hand, turn=found[:, TURN], shift=found[:, SHIFT], angles=found[:, FINGERS], points=points)
+
+
+def _still_angles(
+    skeleton: HandSkeleton, side: int, earlier: Motion, pins: tuple[Pin, ...]
+) -> Float[np.ndarray, "frames a"]:
+    """Return (F, A) radians of one hand of a motion, in pinned frames those of the pins that have fingers."""
+    layout = earlier.body_layout
+    columns = np.array(layout.group(f"{SIDES[side]}_hand")) - 1
+    turns = earlier.body_pose.reshape(earlier.num_frames, -1, 3)[:, columns].copy()
+    for pin in pins:
+        if len(pin.body_pose) == 3 * (layout.num_joints - 1):
+            turns[pin.frame] = pin.body_pose.reshape(-1, 3)[columns]
+    return skeleton.angles_of(by_finger(exp_so3(turns)))

@@ -21,8 +21,7 @@ from solver_backend.priors.hand_prior import load_hand_prior
 from solver_backend.types import FLAG_RESTING, Motion
 
 if TYPE_CHECKING:
-    from solver_backend.fitters.hands.hand_range import HandRange
-    from solver_backend.fitters.hands.solve_hands import SolvedHands
+    from solver_backend.fitters.hands.solve_hands import HandRange, SolvedHands
 
 _UNSEEN_M = 0.04
 """Standard deviation per axis of the joints of a hand that nobody sees, metres."""

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import itertools
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import CODE, StateLayout
 from solver_backend.exchange.progress import Progress, silent
@@ -20,11 +20,10 @@ from solver_backend.fitters.keyframes.normal_equations import (
 )
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, WindowRows
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.solution import Convergence
-from solver_backend.geometry.arrays import Array
+from solver_backend.geometry.arrays import Array, array_namespace, index
 from solver_backend.priors.base import PosePrior
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.solver.normal_equations import LazyNormalEquations
@@ -202,3 +201,141 @@ def solve_keys(
         solution = KeySolution(keys, float(xp.sum(result.cost)), Convergence.of(result))
     assert solution is not None
     return solution
+
+
+CHUNK_WINDOWS = 100
+"""Windows solved at a time: what bounds memory, chosen by hand."""
+OVERLAP_WINDOWS = 8
+"""Windows on both sides of a chunk that are solved along with it: what lies beyond does not affect what is kept
+(``tests/fitters/keyframes/test_chunked.py``)."""
+SINGLE_TO_M = 100.0
+"""Nearer to the origin than this single precision resolves places to 8 µm (2⁻²⁴ · 128 m)."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """Some windows of a take."""
+
+    kept: slice
+    """Windows whose solution is kept."""
+    solved: slice
+    """Windows that are looked at for it."""
+
+    @property
+    def keys(self) -> slice:
+        """The keys of the windows that are looked at."""
+        return slice(2 * self.solved.start, 2 * self.solved.stop + 1)
+
+
+def chunks_of(num_windows: int, before: int, windows: int, overlap: int) -> list[Chunk]:
+    """Cut N windows into chunks of about ``windows``, each looked at with some windows before and after it."""
+    count = max(1, round(num_windows / windows))
+    bounds = np.round(np.linspace(0, num_windows, count + 1)).astype(int).tolist()
+    return [
+        Chunk(slice(a, b), slice(max(0, a - before), min(num_windows, b + overlap)))
+        for a, b in itertools.pairwise(bounds)
+    ]
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """A chunk as a problem of its own: all that is needed to solve it, wherever that is."""
+
+    model: BundleModel
+    """Of its frames and keys alone, or of all frames."""
+    layout: KeyframeLayout
+    """Its windows, by the model's frame numbers."""
+    keys: Keyframes
+    """Start."""
+    schedule: Schedule
+    """Robust scales and iterations."""
+    fixed: np.ndarray
+    """(2N + 1,) bool, the keys that stay."""
+
+    def solve(self, alive: Callable[[], None] = lambda: None) -> KeySolution:
+        """Return the solution; ``alive`` is called before each linearisation."""
+        return solve_keys(self.model, self.layout, self.keys, self.schedule, self.fixed, alive)
+
+    def alone(self) -> Stretch:
+        """Return the same stretch with the measurements of its own frames alone, to be sent away."""
+        frames = self.layout.frames
+        objective = replace(self.model.objective, frames=self.model.objective.frames.select(index(frames, self.keys.z)))
+        bounds = self.layout.bounds - self.layout.bounds[0]
+        return replace(self, model=replace(self.model, objective=objective), layout=KeyframeLayout(bounds))
+
+
+class Stretches(Protocol):
+    """Solves stretches that do not depend on each other."""
+
+    def __call__(self, stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
+        """Return the solution of each; ``alive`` may raise to end the work."""
+        ...
+
+
+def in_turn(stretches: Sequence[Stretch], alive: Callable[[], None]) -> list[KeySolution]:
+    """Solve stretches here, one after the other."""
+    return [stretch.solve(alive) for stretch in stretches]
+
+
+def solve_long(
+    model: BundleModel,
+    layout: KeyframeLayout,
+    start: Keyframes,
+    schedule: Schedule,
+    alive: Callable[[], None] = lambda: None,
+    windows: int = CHUNK_WINDOWS,
+    overlap: int = OVERLAP_WINDOWS,
+    each: Stretches = in_turn,
+) -> KeySolution:
+    """Solve all keys, chunk by chunk: every other one with windows beyond it, then those between, whose ends are fixed.
+
+    The chunks between begin and end at keys of their neighbours, whose outermost windows stay, so that curves and their
+    bends are joined exactly. Chunks of one round do not depend on each other: wherever each of them is solved, and in
+    what order, the keys are the same (the red-black order of Gauss and Seidel; Young 1971).
+
+    Args:
+        model: what evaluates the keys.
+        layout: windows of the take.
+        start: 2N + 1 keys.
+        schedule: robust scales and iterations.
+        alive: called before each linearisation; it may raise to end the solve.
+        windows: how many are solved at a time.
+        overlap: how many beyond them, on both sides, are solved along in the first round.
+        each: solves the chunks of a round.
+    """
+    keys, found = hemisphere_aligned(start), []
+    for first, beyond in ((0, overlap), (1, 1)):
+        chunks = chunks_of(layout.num_windows, beyond, windows, beyond)[first::2]
+        stretches = [_stretch(model, layout, keys, schedule, chunk, ends_fixed=first == 1) for chunk in chunks]
+        for chunk, solved in zip(chunks, each(stretches, alive), strict=True):
+            lead = 2 * (chunk.kept.start - chunk.solved.start)
+            kept = slice(2 * chunk.kept.start, 2 * chunk.kept.stop + 1)
+            keys = keys.replaced(kept, solved.keys.select(slice(lead, lead + kept.stop - kept.start)))
+            found.append(solved)
+        keys = hemisphere_aligned(keys)
+    return joined_solution(keys, found)
+
+
+def solve_in_single(
+    model: BundleModel, layout: KeyframeLayout, start: Keyframes, schedule: Schedule, alive: Callable[[], None],
+    each: Stretches,
+) -> KeySolution:  # fmt: skip
+    """Solve all keys as ``solve_long`` does, in single precision where they stand near enough to the origin for it."""
+    xp = array_namespace(start.transl)
+    if float(xp.max(abs(start.transl))) >= SINGLE_TO_M:
+        return solve_long(model, layout, start, schedule, alive, each=each)
+    single = model.astype(xp.float32), layout, start.astype(xp.float32)
+    found = solve_long(*single, schedule, alive, each=each)
+    return replace(found, keys=found.keys.astype(start.z.dtype))
+
+
+def _stretch(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, schedule: Schedule, chunk: Chunk, *, ends_fixed: bool
+) -> Stretch:
+    """Return a chunk's problem; with ``ends_fixed`` the windows beyond it stay as they are."""
+    part = layout.part(chunk.solved)
+    number, fixed = np.arange(part.num_keys), np.zeros(part.num_keys, dtype=bool)
+    if ends_fixed:
+        fixed |= (number < 3) & (chunk.solved.start < chunk.kept.start)
+        fixed |= (number >= part.num_keys - 3) & (chunk.solved.stop > chunk.kept.stop)
+    return Stretch(model.part(chunk.keys), part, keys.select(chunk.keys), schedule, fixed)

@@ -2,21 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.keypoints import joint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
-from solver_backend.fitters.keyframes.optimise import BundleModel
+from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, OVERLAP_WINDOWS, BundleModel, chunks_of
 from solver_backend.fitters.model.codes import d_pose_d_key
-from solver_backend.fitters.model.interpolant import lagrange
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
-from solver_backend.geometry.arrays import Array, constant, identity, index
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, lagrange
+from solver_backend.fitters.model.states import BLOCK_POSES, Keyframes, PosedFrames
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, index
 from solver_backend.geometry.parallel import block_size, map_blocks
+from solver_backend.geometry.symmetric import packed
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
@@ -94,6 +94,40 @@ def joint_covariance(
 
     found = xp.concat(map_blocks(block, rows.blocks(block_size(BLOCK_FRAMES, keys.z)), keys.z))
     return found if stride == 1 else _between(found, rows.frames[rows.weight > 0], layout.frames)
+
+
+def covariance_of_joints(
+    model: BundleModel, layout: KeyframeLayout, keys: Keyframes, frames: PosedFrames, scale: float, inflation: float,
+    constant_m: np.ndarray, chunk_windows: int = CHUNK_WINDOWS, overlap: int = OVERLAP_WINDOWS, stride: int = 1,
+    done: Callable[[int, int], None] = lambda number, total: None,
+) -> Array:  # fmt: skip
+    """Return (F, 24, 6) covariances of the joints, see ``joint_covariance`` and ``packed``, chunk after chunk.
+
+    Args:
+        model: what evaluated the keys.
+        layout: windows of the take.
+        keys: the solution.
+        frames: F poses.
+        scale: of Geman-McClure's penalty.
+        inflation: see ``joint_covariance``.
+        constant_m: see ``joint_covariance``.
+        chunk_windows: windows at a time.
+        overlap: windows on both sides of them whose frames are looked at too.
+        stride: see ``joint_covariance``.
+        done: called with the number of chunks that are done and of all.
+    """
+    first, found = layout.bounds[0], []
+    chunks = chunks_of(layout.num_windows, overlap, chunk_windows, overlap)
+    for chunk in chunks:
+        windows, some = layout.part(chunk.solved), keys.select(chunk.keys)
+        part = model.part(chunk.keys)
+        system = part.information(windows, some, scale).block_tridiagonal()
+        poses = frames.select(index(windows.frames - first, keys.z))
+        spread = packed(joint_covariance(model, windows, some, poses, system, inflation, constant_m, stride))
+        low, high = layout.bounds[chunk.kept.start] + (chunk.kept.start > 0), layout.bounds[chunk.kept.stop]
+        found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
+        done(len(found), len(chunks))
+    return array_namespace(keys.z).concat(found)
 
 
 def keypoint_constant_m(layout: BodyLayout) -> np.ndarray:

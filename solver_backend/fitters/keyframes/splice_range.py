@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -9,9 +10,8 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.pin_doubts import express_pin_doubts
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.output.build_motion import build_motion
 from solver_backend.fitters.partial_body.rest_parts import rest_parts
@@ -19,7 +19,47 @@ from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts, find_contacts
 from solver_backend.geometry.arrays import Array, to_numpy
-from solver_backend.types import Motion
+from solver_backend.geometry.symmetric import mean_sigma
+from solver_backend.types import FLAG_UNSURE, Motion
+
+MOVED_M = 0.02
+"""A joint that a pin moved by more than this, against the views, is doubtful beside the pinned frame; chosen
+by hand."""
+DOUBTFUL_M = 0.046
+"""Standard deviation that such a joint has at least: confidence 0.3, that of an unsure frame."""
+_DIAGONAL = [0, 3, 5]
+"""Of six packed numbers (see ``packed``): xx, yy, zz."""
+
+
+def express_pin_doubts(again: Motion, before: Motion, frame_range: FrameRange, frames: np.ndarray) -> Motion:
+    """Return a motion whose doubts about pins are those of single joints instead of flags of whole frames.
+
+    A pose that a person pinned disagrees with the measurements, which flags its frame and those beside it as unsure.
+
+    Args:
+        again: the motion with some frames solved again.
+        before: the motion before.
+        frame_range: with the pins.
+        frames: numbers of the frames that were solved again.
+    """
+    pinned = np.array(sorted({pin.frame for pin in frame_range.pins}), dtype=int)
+    if not len(pinned) or again.flags is None or again.joints is None or before.joints is None:
+        return again
+    flags, known = again.flags.copy(), np.zeros_like(again.flags) if before.flags is None else before.flags
+    new = np.zeros(len(flags), bool)
+    new[frames] = (flags[frames] & FLAG_UNSURE > 0) & (known[frames] & FLAG_UNSURE == 0)
+    new[pinned] = False
+    moved = np.linalg.norm(again.joints - before.joints, axis=-1) > MOVED_M
+    moved[~new] = False
+    flags[moved.any(axis=1)] &= ~np.uint8(FLAG_UNSURE)
+    flags[pinned] = 0
+    covariance, sigma = again.joint_covariance, again.joint_sigma
+    if covariance is not None and sigma is not None:
+        missing = np.where(moved, np.maximum(DOUBTFUL_M**2 - np.square(sigma), 0.0), 0.0)
+        covariance = covariance.copy()
+        covariance[..., _DIAGONAL] += missing[..., None]
+        sigma = np.where(moved, mean_sigma(covariance), sigma)
+    return replace(again, flags=flags, joint_covariance=covariance, joint_sigma=sigma)
 
 
 @dataclass(frozen=True)
@@ -134,3 +174,25 @@ def _require_alike(name: str, old: np.ndarray, new: np.ndarray) -> None:
 
 def _copied(values: Array) -> Array:
     return values.copy() if isinstance(values, np.ndarray) else values.clone()
+
+
+def range_layout(frame_range: FrameRange, num_frames: int, window: int) -> tuple[KeyframeLayout, np.ndarray]:
+    """Return windows from one before the range to one after it, and the (K,) keys that move.
+
+    Keys stand at the range's ends and at the pins, and evenly between. Those at pins stay, and so do those at the
+    ends and beyond, except at the ends of the take.
+
+    Args:
+        frame_range: what is solved again.
+        num_frames: F of the take.
+        window: frames of a window.
+    """
+    stops = sorted({frame_range.first, frame_range.last, *(pin.frame for pin in frame_range.pins)})
+    parts = [KeyframeLayout.even(b - a + 1, window, a).bounds for a, b in itertools.pairwise(stops)]
+    low, high = max(0, frame_range.first - window), min(num_frames - 1, frame_range.last + window)
+    bounds = np.unique(np.concatenate([[low], *parts, [high]]))
+    layout = KeyframeLayout(bounds)
+    times = layout.key_times
+    free = (times > frame_range.first) & (times < frame_range.last)
+    free |= (times == 0) & (frame_range.first == 0) | (times == num_frames - 1) & (frame_range.last == num_frames - 1)
+    return layout, free & ~np.isin(times, [pin.frame for pin in frame_range.pins])

@@ -5,28 +5,23 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.markers import ON_BONE, placement_precision
 from solver_backend.body.state_layout import StateLayout
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.markers import SIGMA_M
 from solver_backend.fitters.model.codes import d_pose_d_key, decoded, state_layout
-from solver_backend.fitters.model.frame_states import FrameStates
 from solver_backend.fitters.model.keyframe_curve import turns_of
-from solver_backend.fitters.model.keyframes import rotations_of
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.partial_body.informed_parts import uninformed_parts
+from solver_backend.fitters.model.states import FrameStates, PosedFrames, rotations_of
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.partial_body.rest_parts import uninformed_parts
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import fit_frames
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points
 from solver_backend.fitters.subject_calibration.shape import moved
-from solver_backend.geometry.arrays import Array, constant, identity, to_numpy, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, to_numpy, zeros
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.symmetric import inverse_symmetric_3x3
 from solver_backend.priors.base import AutoencodingPrior, PosePrior

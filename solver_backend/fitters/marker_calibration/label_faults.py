@@ -18,8 +18,7 @@ from solver_backend.fitters.marker_calibration.calibrate import varied_frames
 from solver_backend.fitters.marker_calibration.person_doubts import over_takes
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.fit import posed
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.single_frame import fit_to_points, posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.marker_jumps import neighbours_of
 from solver_backend.geometry.quantiles import quantile

@@ -16,6 +16,7 @@ from solver_backend.body.marker_names import LEAST_MARKERS, is_unnamed, least_ma
 from solver_backend.body.side_by_place import places_by_side
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.calibrate import SIGMA_RANGE_M, SubjectCalibration, calibrate
 from solver_backend.fitters.marker_calibration.label_faults import (
     check_sides,
@@ -43,8 +44,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import Attachment
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import posed
+from solver_backend.fitters.single_frame import posed
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.marker_jumps import frozen, jumping, neighbours_of
 from solver_backend.priors.base import AutoencodingPrior

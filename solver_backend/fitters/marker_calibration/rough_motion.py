@@ -3,15 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.fitters.measurements.base import RoughMotion
-from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.fit import bridged_states, fit_frames, posed
-from solver_backend.fitters.single_frame.start import fit_to_points
-from solver_backend.geometry.arrays import astype, constant, index, to_numpy
+from solver_backend.fitters.single_frame import bridged_states, fit_frames, fit_to_points, posed
+from solver_backend.geometry.arrays import array_namespace, astype, constant, index, to_numpy
 from solver_backend.geometry.parallel import block_size, map_blocks
 from solver_backend.solver.levenberg_marquardt import LMSettings
 

@@ -11,7 +11,7 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.fitters.measurements.hand_clouds import HandClouds
 from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.own_views import OwnViews
-from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.residuals.point_term import DataTerm, PointTerm
 from solver_backend.types import JointSet, MarkerCloud

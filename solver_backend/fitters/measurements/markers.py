@@ -2,22 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 import numpy as np
 
 from solver_backend.body.body import Body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.label_places import places_given
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, least_markers, name_markers
+from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, is_unnamed, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.exchange.errors import MarkersUnknown, NoDetections
+from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettings
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.residuals.positions import PositionTerm
-from solver_backend.types import MarkerCloud
+from solver_backend.types import Capture, JointSet, MarkerCloud, MarkerSubject, Motion
 
 SIGMA_M = 0.01
 """Standard deviation of a marker against the body, per axis: skin that slides, and placement while it is learned."""
@@ -159,3 +166,144 @@ def _places(cloud: MarkerCloud, own: Mapping[str, str]) -> tuple[str, ...]:
 def _listed(labels: tuple[str, ...], most: int = 12) -> str:
     more = f" and {len(labels) - most} others" if len(labels) > most else ""
     return (", ".join(labels[:most]) or "none") + more
+
+
+def loose_markers(cloud: MarkerCloud, worn: Sequence[str], layout: str = "") -> MarkerCloud | None:
+    """Return the markers that a person does not wear and no program computed; None where there are none.
+
+    Args:
+        cloud: all markers.
+        worn: labels of the person's.
+        layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
+    """
+    labels = cloud.labels or ()
+    names = name_markers([label for label in labels if not is_unnamed(label)], places_given(layout))
+    used = {*worn, *names.virtual, *names.doubled}
+    kept = [i for i, label in enumerate(labels) if label not in used]
+    return cloud.columns(kept, tuple(labels[i] for i in kept)) if kept else None
+
+
+def measure_landmarks(
+    landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
+) -> Measurements:
+    """Return what landmarks at known places of the body measure.
+
+    Args:
+        landmarks: the L points on the body.
+        points: (F, L, 3) world metres, NaN where a landmark was not located.
+        fps: frames per second.
+        like: array that sets kind, type and device.
+        sigma_m: standard deviation of a landmark, per axis.
+
+    Raises:
+        NoDetections: in no frame enough landmarks are there to place a body.
+    """
+    points = np.asarray(points, dtype=np.float64)
+    located = np.isfinite(points).all(-1)
+    points = np.where(located[..., None], points, np.nan)
+    if not seen_frames(points).any():
+        raise NoDetections("In no frame are there enough landmarks to place a body.", hint="Choose another recording.")
+    term = PositionTerm(
+        constant(np.where(located[..., None], points, 0.0), like), constant(located * sigma_m**-2, like)
+    )
+    return Measurements(
+        landmarks=landmarks,
+        points=points,
+        covariance=np.zeros((*points.shape, 3)),
+        term=term,
+        fps=fps,
+        report=MarkerResiduals(points),
+        marker_labels=landmarks.names,
+        provenance={"landmarks": list(landmarks.names), "sigma_mm": round(1000 * sigma_m, 3)},
+    )
+
+
+MOTION_SIGMA_M = 0.02
+"""How far a pose may stray from the motion's: a hand-set pose beside it counts for more."""
+YIELDING_S = 0.25
+"""So long before and after a pinned pose nothing is measured: there the earlier motion was wrong."""
+_LANDMARKS = JointSet.HALPE_26
+
+
+def measure_motion(body: Body, motion: Motion, pinned: Sequence[int], like: Array) -> Measurements:
+    """Return the motion's own body points as measurements, but for the frames about a pinned one.
+
+    Args:
+        body: the body the motion is of.
+        motion: F frames.
+        pinned: frames whose poses somebody set.
+        like: array that sets kind, type and device.
+
+    Raises:
+        MotionInvalid: the motion is of another body or layout.
+    """
+    motion.require_body(body.id, body.layout.recorded, where="resolve")
+    landmarks = keypoint_landmarks(body, _LANDMARKS)
+    poses = PosedFrames.of_motion(motion, motion.transl)
+    points = pose_landmarks(body, landmarks, motion.betas, poses.root, poses.local, poses.transl).points
+    frames, reach = np.arange(motion.num_frames), YIELDING_S * motion.fps
+    doubted = (np.abs(frames[:, None] - np.array(pinned, dtype=int)[None]) < reach).any(axis=1)
+    measured = measure_landmarks(
+        landmarks, np.where(doubted[:, None, None], np.nan, points), motion.fps, like, MOTION_SIGMA_M
+    )
+    subject = Subject.average(body, landmarks, like)
+    return replace(measured, subject=replace(subject, betas=constant(motion.betas, subject.betas)))
+
+
+def measure_network_landmarks(
+    cloud: MarkerCloud, body: Body, like: Array, *, joints: bool, progress: Progress = silent
+) -> Measurements:
+    """Return what the network has for each frame of a cloud, labelled or not (l_est of thesis 5.2.2).
+
+    Args:
+        cloud: F frames of points in any order.
+        body: whose landmarks they are.
+        like: array that sets kind, type and device.
+        joints: its 24 joints too, beside its 53 markers.
+        progress: called as frames are read.
+
+    Raises:
+        NoDetections, CaptureInvalid: too few points for a person, or too many to compare.
+    """
+    # Its tables are read as these are imported: other methods do without.
+    from solver_backend.labelling.frame_landmarks import frame_landmarks
+    from solver_backend.labelling.outputs import MARKERS
+    from solver_backend.labelling.point_network import load_network
+
+    network, markers = load_network(), marker_landmarks(body, MARKERS)
+    landmarks = Landmarks.joined((markers, keypoint_landmarks(body, JointSet.SMPL_24))) if joints else markers
+    points = frame_landmarks(cloud.positions, network, progress)[:, : len(landmarks)]
+    measured = measure_landmarks(landmarks, points, cloud.fps, like)
+    return replace(measured, provenance={**measured.provenance, "landmark_network": network.sha256})
+
+
+def measure_directly(
+    capture: Capture, body: Body, like: Array, settings: SolveSettings, person: MarkerSubject | None, progress: Progress
+) -> Measurements:
+    """Return what the network has for the frames of a recording of markers.
+
+    Args:
+        capture: with markers.
+        body: whose landmarks they are.
+        like: array that sets kind, type and device.
+        settings: name which of them.
+        person: who is known, if anybody.
+        progress: called as frames are read.
+
+    Raises:
+        JobInvalid: the recording is none of markers.
+        SubjectInvalid: a person is known, by markers that have labels.
+        NoDetections, CaptureInvalid: as of ``measure_network_landmarks``.
+    """
+    if capture.markers is None or capture.keypoints is not None:
+        raise JobInvalid(
+            f"The landmarks '{settings.landmarks}' are read from a recording of markers, which this is not.",
+            where=capture.name, hint="Leave --landmarks out.",
+        )  # fmt: skip
+    if person is not None:
+        raise SubjectInvalid(
+            "A calibrated person cannot be combined with a network's landmarks.",
+            where=capture.name, hint="Give the shape by --betas, or leave --landmarks out.",
+        )  # fmt: skip
+    joints = settings.landmarks == LANDMARKS_JOINTS
+    return measure_network_landmarks(capture.markers, body, like, joints=joints, progress=progress)

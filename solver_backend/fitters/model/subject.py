@@ -14,13 +14,39 @@ from solver_backend.body.body import Body
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.state_layout import PoseLayout
-from solver_backend.fitters.model.posed_frames import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
 from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, empty, index
 from solver_backend.geometry.parallel import map_blocks
 from solver_backend.geometry.short_axis import sum_of_rows
+from solver_backend.residuals.point_term import PointEvidence, PointTerm
 from solver_backend.residuals.pose_term import PoseTerm
 from solver_backend.residuals.relative_positions import without_shift
+
+
+@dataclass(frozen=True)
+class FrameObjective:
+    """The terms of F frames."""
+
+    points: tuple[PointTerm, ...]
+    """On landmark positions; at least one."""
+    poses: tuple[PoseTerm, ...] = ()
+    """On the joints' rotations."""
+    relative: tuple[PointTerm, ...] = ()
+    """On landmark positions but for a shift that all of them share."""
+
+    def select(self, frames: Any) -> FrameObjective:
+        """Return the terms of the frames at these indices (or of this slice)."""
+        points, relative = (tuple(term.select(frames) for term in terms) for terms in (self.points, self.relative))
+        return FrameObjective(points, tuple(term.select(frames) for term in self.poses), relative)
+
+    def astype(self, precision: Any) -> FrameObjective:
+        """Return the terms in a precision."""
+        points, relative = (tuple(term.astype(precision) for term in terms) for terms in (self.points, self.relative))
+        return FrameObjective(points, tuple(term.astype(precision) for term in self.poses), relative)
+
+    def of_points(self, points: Array, scale: float) -> PointEvidence:
+        """Return the sum of the point terms at (F, L, 3) positions; ``scale`` is the robust scale."""
+        return reduce(add, [term(points, scale) for term in self.points])
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from solver_backend.exchange.errors import JobInvalid, MotionInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.version import VERSION
 from solver_backend.fitters.hands.wide_motion import without_fingers
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.output.finger_turns import finger_turns_of, with_finger_turns
 from solver_backend.fitters.pose_ndf.complete import (

@@ -5,12 +5,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.exchange.joint_sets import NUM_BETAS
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF

@@ -6,13 +6,12 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import PoseLayout
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.priors.pose_ndf.pose_distance import TURN_METRIC
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal

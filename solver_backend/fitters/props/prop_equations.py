@@ -2,14 +2,53 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from solver_backend.fitters.props.prop_state import SIZE, PropState, turns
-from solver_backend.geometry.rotations import cross, left_jacobian_inverse_so3, skew
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.quaternions import quat_from_matrix
+from solver_backend.geometry.rotations import cross, exp_so3, left_jacobian_inverse_so3, log_so3, matrix_from_quat, skew
 from solver_backend.residuals.robust import geman_mcclure
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
+
+SIZE = 12
+"""Unknowns of a frame: small turn θ (rad, ``R ← exp(θ) R``), shift (m), angular velocity (rad/s), velocity (m/s), all
+of them along the world's axes."""
+
+
+@dataclass(frozen=True)
+class PropState:
+    """F frames of a rigid body, ``x_world = R x + t``."""
+
+    R: np.ndarray
+    """(F, 3, 3)."""
+    t: np.ndarray
+    """(F, 3) metres."""
+    spin: np.ndarray
+    """(F, 3) angular velocity, rad/s."""
+    velocity: np.ndarray
+    """(F, 3) m/s."""
+
+    @classmethod
+    def of_poses(cls, R: np.ndarray, t: np.ndarray, dt: float) -> PropState:
+        """Return the state with the velocities of differences over two frames."""
+        before, after = np.maximum(np.arange(len(t)) - 1, 0), np.minimum(np.arange(len(t)) + 1, len(t) - 1)
+        step = dt * np.maximum(after - before, 1)[:, None]
+        return cls(R, t, turns(R[before], R[after]) / step, (t[after] - t[before]) / step)
+
+    def retract(self, step: np.ndarray) -> PropState:
+        """Return the state moved by a (1, 12 F) tangent step."""
+        turn, shift, spin, velocity = np.split(step.reshape(-1, SIZE), 4, axis=1)
+        R = exp_so3(turn) @ self.R
+        return replace(self, R=R, t=self.t + shift, spin=self.spin + spin, velocity=self.velocity + velocity)
+
+
+def turns(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Return (..., 3) rotation vectors φ with ``exp(φ) before = after``."""
+    return log_so3(after @ np.swapaxes(before, -1, -2))
+
 
 RELAXES_S = 0.5
 """Time in which a velocity that nothing measures dies away; a hand's strokes last 0.2 to 1 s."""
@@ -114,3 +153,140 @@ class PropEquations:
         weight[:, half, half + SIZE // 2] = weight[:, half + SIZE // 2, half] = -6.0 / dt**2 * share
         weight[:, half + SIZE // 2, half + SIZE // 2] = 4.0 / dt * share
         return weight
+
+
+PASSES = 4
+"""Times that poses and shape follow from one another."""
+ON_A_LINE_M = 0.01
+"""Markers that are nearer than so to one line, root mean square, leave the turn about it open."""
+LEAST_SIGMA_M, MOST_SIGMA_M = 3e-4, 5e-3
+"""Of a marker per axis: optical systems have 0.1 to 1 mm; where they have more, markers are loose."""
+
+
+@dataclass(frozen=True)
+class PropStart:
+    """A prop before its solve."""
+
+    rest: np.ndarray
+    """(M, 3) markers about their centre, metres."""
+    R: np.ndarray
+    """(F, 3, 3)."""
+    t: np.ndarray
+    """(F, 3) metres."""
+    posed: np.ndarray
+    """(F,) bool: the frame shows three markers or more; the others lie on the way between such."""
+    sigma_m: float
+    """Standard deviation of a marker per axis."""
+
+
+def start_prop(points: np.ndarray) -> PropStart:
+    """Return shape and poses of markers that move as one.
+
+    The frame that shows most of them is the first shape; then poses follow from the shape (``umeyama``) and the shape
+    from the poses, the median over frames, until both agree.
+
+    Args:
+        points: (F, M, 3) metres, NaN where missing; three or more markers.
+    """
+    seen = np.isfinite(points).all(-1)
+    best = int(seen.sum(axis=1).argmax())
+    rest = points[best] - points[best][seen[best]].mean(axis=0)
+    for _ in range(PASSES):
+        R, t, posed = _poses(points, rest)
+        own = (points - t[:, None]) @ R
+        rest = quantile(np.where(posed[:, None, None], own, np.nan), 0.5, axis=0)
+    rest -= rest.mean(axis=0)
+    R, t, posed = _poses(points, rest)
+    if _on_a_line(rest):
+        R = _least_turned(rest, R)
+    error = (points - (rest @ np.swapaxes(R, -1, -2) + t[:, None]))[posed]
+    sigma = 1.4826 / np.sqrt(_freedom(seen[posed])) * float(quantile(np.abs(error), 0.5, axis=(0, 1, 2)))
+    return PropStart(rest, *_between(R, t, posed), posed, min(max(sigma, LEAST_SIGMA_M), MOST_SIGMA_M))
+
+
+def _poses(points: np.ndarray, rest: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return R (F, 3, 3), t (F, 3) and which frames (F,) show three markers of known place."""
+    usable = np.isfinite(points).all(-1) & np.isfinite(rest).all(-1)
+    posed = usable.sum(axis=1) >= 3
+    R, t = np.tile(np.eye(3), (len(points), 1, 1)), np.zeros((len(points), 3))
+    shape = np.broadcast_to(rest, points.shape)
+    _, R[posed], t[posed] = umeyama(shape[posed], points[posed], usable[posed].astype(np.float64))
+    return R, t, posed
+
+
+def _on_a_line(rest: np.ndarray) -> bool:
+    return bool(np.linalg.svd(rest, compute_uv=False)[1] < ON_A_LINE_M * np.sqrt(len(rest)))
+
+
+def _least_turned(rest: np.ndarray, R: np.ndarray) -> np.ndarray:
+    """Return the shortest rotations that lay the markers' line where these lay it."""
+    axis = np.linalg.svd(rest)[2][0]
+    to = R @ axis
+    across, along = np.cross(axis, to), to @ axis
+    sine = np.linalg.norm(across, axis=-1)
+    angle = np.arctan2(sine, along)
+    other = np.linalg.svd(rest)[2][1]
+    unit = np.where(sine[:, None] > 1e-9, across / np.maximum(sine, 1e-9)[:, None], other)
+    return exp_so3(angle[:, None] * unit)
+
+
+def _freedom(seen: np.ndarray) -> float:
+    """Return the share of the measured numbers that the poses leave free, usually."""
+    numbers = 3.0 * float(np.median(seen.sum(axis=1)))
+    return (numbers - 6.0) / numbers if numbers > 6.0 else 1.0
+
+
+def _between(R: np.ndarray, t: np.ndarray, posed: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the poses with those of frames in between: straight lines, of unit quaternions of one sign too."""
+    at, frames = np.flatnonzero(posed), np.arange(len(t))
+    quat = quat_from_matrix(R[at])
+    flip = np.cumprod(np.where((quat[1:] * quat[:-1]).sum(-1) < 0, -1.0, 1.0))
+    quat[1:] *= flip[:, None]
+    full = np.stack([np.interp(frames, at, quat[:, k]) for k in range(4)], axis=1)
+    full /= np.linalg.norm(full, axis=1, keepdims=True)
+    return matrix_from_quat(full), np.stack([np.interp(frames, at, t[at, k]) for k in range(3)], axis=1)
+
+
+LAG_S = 0.1
+"""Over so long are accelerations measured: gaps are about as long, and markers' noise hardly counts."""
+AROUND_S = 1.0
+"""Over so long is unrest averaged."""
+USUAL_S = 0.1
+"""Seconds of the take's average that are counted with what is measured near by; in a gap they are all there is."""
+LEAST_SHARE, LEAST_M, LEAST_RAD = 0.02, 2e-4, 2e-3
+"""Of the take's unrest that every stretch has at least; and what a prop at rest strays by in ``LAG_S``."""
+
+
+def unrest_of(start: PropStart, fps: float) -> np.ndarray:
+    """Return (F - 1, 2) power densities of the angular acceleration (rad²/s³) and of the acceleration (m²/s³).
+
+    The change of displacement over two spans of length h has the variance ``⅔ q h³`` per axis where acceleration is
+    white noise of density q.
+
+    Args:
+        start: poses of frames.
+        fps: frames per second.
+    """
+    frames = len(start.t)
+    lag = max(1, min(round(LAG_S * fps), (frames - 1) // 2))
+    span, middle = lag / fps, slice(lag, frames - lag)
+    known = start.posed[: frames - 2 * lag] & start.posed[middle] & start.posed[2 * lag :]
+    R, t = start.R, start.t
+    second = turns(R[middle], R[2 * lag :]) - turns(R[: frames - 2 * lag], R[middle])
+    bend = t[2 * lag :] - 2 * t[middle] + t[: frames - 2 * lag]
+    square = np.stack([(second**2).mean(-1), (bend**2).mean(-1)], axis=1)
+    usual = square[known].mean(axis=0) if known.any() else np.zeros(2)
+    width = max(1, round(AROUND_S * fps))
+    count, total = _around(known, width), np.stack([_around(square[:, k] * known, width) for k in range(2)], axis=1)
+    prior = max(1.0, USUAL_S * fps)
+    local = (total + prior * usual) / (count + prior)[:, None]
+    least = np.maximum(LEAST_SHARE * usual, np.square([LEAST_RAD, LEAST_M]))
+    density = np.maximum(local, least) * 1.5 / span**3
+    return density[np.clip(np.arange(frames - 1) - lag, 0, len(density) - 1)]
+
+
+def _around(values: np.ndarray, width: int) -> np.ndarray:
+    """Return the sums of the values around each, a whole width of them; fewer at the ends."""
+    sums = np.concatenate([[0.0], np.cumsum(values, dtype=np.float64)])
+    at = np.arange(len(values))
+    return sums[np.minimum(at + width // 2 + 1, len(values))] - sums[np.maximum(at - width // 2, 0)]

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,15 +11,139 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.props import Prop
-from solver_backend.fitters.marker_calibration.unknown_markers import FRAMES, BonePoses, LooseGroup, loose_groups
+from solver_backend.fitters.marker_calibration.unknown_markers import (
+    FRAMES,
+    LEAST_MARKERS,
+    BonePoses,
+    LooseGroup,
+    loose_groups,
+)
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.props.solve_prop import solve_prop
+from solver_backend.fitters.props.prop_equations import (
+    LEAST_SIGMA_M,
+    MOST_SIGMA_M,
+    PropEquations,
+    PropState,
+    start_prop,
+    unrest_of,
+)
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.alignment import nearest_rotation
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.symmetric import mean_sigma, packed
+from solver_backend.residuals.robust import graduated_scales
+from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt
 from solver_backend.types import MarkerCloud
+
+FIRST_SCALE, SCALE, SCALES = 1000.0, 4.0, 5
+"""Standard deviations from which on markers are doubted, first and last, and how many steps lead there: frames of one
+or two markers begin decimetres off."""
+WRONG_M = 0.018
+"""A distance is wrong from so far off its median on: three times what distances of a rigid body stray by; of smaller
+errors the solve's robust penalty takes care."""
+STEPS = LMSettings(6, 1e-5)
+"""Gauss-Newton steps at most, and the relative change of the cost at which they end; chosen by hand."""
+LEAST_FRAMES = 4
+"""Frames in which a prop is located at least; chosen by hand."""
+
+
+def solve_prop(name: str, labels: Sequence[str], points: np.ndarray, fps: float) -> Prop | None:
+    """Return the prop that markers show; None where hardly a frame shows three of them.
+
+    Args:
+        name: what it is called.
+        labels: M labels.
+        points: (F, M, 3) world metres, NaN where missing.
+        fps: frames per second.
+    """
+    if (np.isfinite(points).all(-1).sum(axis=1) >= LEAST_MARKERS).sum() < LEAST_FRAMES:
+        return None
+    points = _without_wrong_points(points)
+    start = start_prop(points)
+    known = np.flatnonzero(np.isfinite(start.rest).all(-1))
+    if len(known) < len(labels):
+        return solve_prop(name, [labels[int(m)] for m in known], points[:, known], fps)
+    equations = PropEquations(points, start.rest, start.sigma_m, unrest_of(start, fps), 1.0 / fps, FIRST_SCALE)
+    state = PropState.of_poses(start.R, start.t, 1.0 / fps)
+    for scale in graduated_scales(SCALE, FIRST_SCALE, SCALES):
+        equations = replace(equations, scale=scale)
+        state = _minimised(equations, state)
+    equations = _learned(equations, state)
+    state = _minimised(equations, state)
+    return _prop(name, labels, equations, state)
+
+
+def _minimised(equations: PropEquations, state: PropState) -> PropState:
+    return levenberg_marquardt(state, equations.linearise, PropState.retract, STEPS).state
+
+
+def _learned(equations: PropEquations, state: PropState) -> PropEquations:
+    """Return the equations with the shape that the poses show, and the markers' spread about it."""
+    error, _ = equations.residuals(state)
+    _, weight = equations.weights(error)
+    own = (np.nan_to_num(equations.points - state.t[:, None])) @ state.R
+    total = weight.sum(axis=0)[:, None]
+    mean = (weight[..., None] * own).sum(axis=0) / np.maximum(total, 1e-9)
+    return replace(equations, rest=np.where(total > 0, mean, equations.rest))
+
+
+def _of_true_spread(equations: PropEquations, state: PropState) -> PropEquations:
+    """Return the equations with the markers' own variance: ``Σ w |r|² / (3 Σ w - tr H_markers C)``.
+
+    The trace is how many of the measured numbers the poses take up, C their covariance.
+
+    Reference: Hodges and Sargent 2001, "Counting degrees of freedom in hierarchical and other richly-parameterised
+    models".
+    """
+    error, _ = equations.residuals(state)
+    _, weight = equations.weights(error)
+    taken = float((equations.of_markers(state)[1] * _covariance(equations, state)).sum())
+    free = 3.0 * float(weight.sum()) - taken
+    if free <= 0.0:
+        return equations
+    sigma = float(np.sqrt((weight * (error**2).sum(-1)).sum() / free))
+    return replace(equations, sigma_m=min(max(sigma, LEAST_SIGMA_M), MOST_SIGMA_M))
+
+
+def _covariance(equations: PropEquations, state: PropState) -> np.ndarray:
+    """Return the (F, 12, 12) covariances of the frames' unknowns: the diagonal blocks of H⁻¹."""
+    return equations.linearise(state)[1].marginals()[0]
+
+
+def _prop(name: str, labels: Sequence[str], equations: PropEquations, state: PropState) -> Prop:
+    """Return the prop with the standard deviations of its poses, the inverse of the Hessian's blocks."""
+    equations = _of_true_spread(equations, state)
+    blocks = _covariance(equations, state)
+    turn, place = blocks[:, :3, :3], blocks[:, 3:6, 3:6]
+    widest = np.sqrt(np.maximum(np.linalg.eigvalsh(turn)[:, -1], 0.0))
+    sigma = np.stack([mean_sigma(packed(place[:, None]))[:, 0], np.minimum(widest, np.pi / np.sqrt(3.0))], axis=1)
+    seen = np.isfinite(equations.points).all(-1).sum(axis=1)
+    return Prop(name, tuple(labels), equations.rest, log_so3(state.R), state.t, sigma, seen.astype(np.uint8))
+
+
+def _without_wrong_points(points: np.ndarray) -> np.ndarray:
+    """Return the points without those that contradict the largest group of a frame's markers that agree.
+
+    Where there are several such groups, two labels are exchanged perhaps, and all that contradict any are left out.
+
+    Args:
+        points: (F, M, 3) metres, NaN where missing.
+    """
+    away = np.linalg.norm(points[:, :, None] - points[:, None], axis=-1)
+    off = np.abs(away - quantile(away, 0.5, axis=0))
+    seen, others = np.isfinite(points).all(-1), ~np.eye(points.shape[1], dtype=bool)
+    compared = seen[:, :, None] & seen[:, None] & others & np.isfinite(off)
+    votes = (compared & (np.nan_to_num(off) < WRONG_M)).sum(axis=-1)
+    contradicted = votes < compared.sum(axis=-1)
+    most = np.where(seen, votes, 0).max(axis=1, keepdims=True)
+    largest = seen & (votes == most)
+    one_group = largest.sum(axis=1, keepdims=True) == most + 1
+    wrong = contradicted & ~(largest & one_group)
+    return np.where(wrong[..., None], np.nan, points)
+
 
 STAGE = "Solving the props"
 MOST = 12

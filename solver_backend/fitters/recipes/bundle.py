@@ -2,25 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Protocol
 
 import numpy as np
 
 from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, UNCOVERED, StateLayout
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.bundle_objective import OFF_MANIFOLD, BundleObjective, bundle_objective
-from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule
-from solver_backend.fitters.keyframes.restart import Start
+from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
+from solver_backend.fitters.keyframes.lost_limbs import Start
+from solver_backend.fitters.keyframes.optimise import BundleModel, KeySolution, Schedule, Stretches, solve_in_single
 from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import Keyframes, PosedFrames
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.fitters.subject_calibration.foot_contacts import Contacts
 from solver_backend.geometry.arrays import Array
 from solver_backend.priors.base import PosePrior
@@ -148,3 +149,72 @@ class Bundle:
         )  # fmt: skip
         layout = state_layout(self.problem.prior).only(free)
         return replace(self, objective=objective, free=layout, posed=replace(self.posed, residuals=bool(layout.turned)))
+
+
+Step = Callable[[Bundle], Bundle]
+"""Learns something again from the poses that there are; ``steps`` has them."""
+
+
+@dataclass(frozen=True)
+class Pass:
+    """One minimisation over the keys."""
+
+    schedule: Schedule
+    """Robust scales and iterations."""
+    free: tuple[str, ...]
+    """Blocks of the state that are unknowns."""
+    before: tuple[Step, ...] = ()
+    """What is learned again before it, in this order."""
+    looseness: float = OFF_MANIFOLD
+    """How far joints may leave the manifold, in the prior's own deviations."""
+
+    def run(self, bundle: Bundle, alive: Callable[[], None]) -> Bundle:
+        """Return the bundle with the keys that this pass finds; ``alive`` is called before each linearisation."""
+        for step in self.before:
+            bundle = step(bundle)
+        bundle = bundle.with_objective(self.free, self.looseness)
+        found = bundle.solve(bundle.model, bundle.posed.layout, bundle.posed.keys, self.schedule, alive=alive)
+        return replace(bundle.move(found.keys), schedule=self.schedule, solution=found)
+
+
+def run_passes(
+    bundle: Bundle, passes: Sequence[Pass], progress: Progress, stage: str, after: Sequence[Step] = ()
+) -> Bundle:
+    """Return the bundle after all passes, and the steps that follow the last.
+
+    Args:
+        bundle: where to start.
+        passes: one after the other.
+        progress: called with the number of the pass before each linearisation.
+        stage: its name.
+        after: what is done with the keys of the last pass.
+    """
+    for number, one in enumerate(passes):
+        bundle = one.run(bundle, partial(progress, stage, number, len(passes)))
+    for step in after:
+        bundle = step(bundle)
+    progress(stage, len(passes), len(passes))
+    return bundle
+
+
+def start_take(
+    problem: Problem, subject: Subject, settings: SolveSettings, schedule: Schedule, each: Stretches,
+    progress: Progress,
+) -> Bundle:  # fmt: skip
+    """Return the bundle before its first pass.
+
+    Args:
+        problem: the take.
+        subject: what does not change over it.
+        settings: of the solve.
+        schedule: of the first pass.
+        each: how stretches of a long take are solved.
+        progress: called as frames are fitted.
+    """
+    window = problem.frames_of(settings.refine_window)
+    layout = KeyframeLayout.even(problem.num_frames, window)
+    keys = initial_keys(problem, subject, layout, progress)
+    return Bundle.start(
+        problem, subject, settings, layout, window, keys, schedule, partial(solve_in_single, each=each),
+        keys_of_frames(problem, subject, layout, keys),
+    )  # fmt: skip

@@ -9,23 +9,26 @@ import numpy as np
 
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.hands.wide_motion import with_fingers_of, without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames
-from solver_backend.fitters.keyframes.key_density import window_of
+from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames, window_of
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.keyframes.posterior import joint_covariance, noise_inflation
-from solver_backend.fitters.keyframes.range_layout import range_layout
-from solver_backend.fitters.keyframes.splice_range import SolvedRange, contacts_in_place, frames_in_place
+from solver_backend.fitters.keyframes.splice_range import (
+    SolvedRange,
+    contacts_in_place,
+    frames_in_place,
+    range_layout,
+    spliced,
+)
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphere_aligned
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
-from solver_backend.fitters.recipes.passes import Pass
-from solver_backend.fitters.recipes.result import constant_m_of
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.solution import SolvedFrames
+from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle, Pass
+from solver_backend.fitters.recipes.steps import constant_m_of
+from solver_backend.fitters.solution import Solution, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise
 from solver_backend.geometry.arrays import Array, constant, to_numpy
@@ -154,3 +157,30 @@ def _mixed(free: np.ndarray, anew: Keyframes, fixed: Keyframes) -> Keyframes:
     order = np.where(free, np.arange(len(free)), len(free) + np.arange(len(free)))
     joined = anew.replaced(slice(len(free), len(free)), fixed)
     return joined.select(order)
+
+
+def solve_again(
+    problem: Problem, subject: Subject, motion: Motion, frame_range: FrameRange, settings: SolveSettings,
+    progress: Progress,
+) -> Solution:  # fmt: skip
+    """Return the motion with a frame range solved again; all other frames stay as they are, bit for bit.
+
+    Args:
+        problem: the measurements made ready.
+        subject: the person; shape and bias are taken from the motion.
+        motion: the earlier solve, with or without fingers.
+        frame_range: what to solve again, and the pins.
+        settings: as of the earlier solve.
+        progress: called as stages advance.
+
+    Raises:
+        JobInvalid: the take does not have the frame range.
+        MotionInvalid: the motion belongs to another take or body.
+    """
+    from solver_backend.fitters.hands.solve_hands import solve_hands_again
+
+    body = without_fingers(motion)
+    solved, frames = solve_range(problem, subject, body, frame_range, settings, progress)
+    frames, hands = solve_hands_again(problem.measurements, frames, motion, frame_range, settings, progress)
+    again = spliced(problem, body, solved, frames, settings.robust_scale)
+    return Solution(with_fingers_of(again, motion, solved, hands, problem.body), solved.status)

@@ -2,20 +2,177 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 
 import numpy as np
 
 from solver_backend.body.body import Body, load_body
-from solver_backend.body.landmarks import Landmarks
+from solver_backend.body.keypoints import joint_landmarks
+from solver_backend.body.landmark_set import Landmarks
+from solver_backend.body.landmarks import PosedLandmarks, pose_landmarks
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.recipes.live_follow import PersonFollower
+from solver_backend.exchange.body_layout import SMPL
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.residuals.learned_positions import LearnedPositionTerm
+from solver_backend.residuals.point_term import PointTerm
+from solver_backend.residuals.pose_mixture import PoseMixtureTerm
+
+TURN_RAD_S, MOVE_M_S = 4.0, 6.0
+"""Standard deviations of how joints and the body leave where the last frames were going, a second."""
+VELOCITY_S = 0.1
+"""Time in which the velocity that predicts the next frame fades (0.05 and 0.1 s differ by 0.1 mm)."""
+USUAL_SHAPE = 2.0
+"""Pull towards the mean shape: places that are off by a centimetre must not make another person. Chosen
+by hand."""
+START_STEPS, START_PART, STEPS = 24, 3, 2
+"""Steps of a start in all, those of a frame of it, so that none comes late by it, and those of later frames."""
+SHORT_S = 0.012
+"""Frames that follow sooner need one step; chosen by hand."""
+SHAPE_FRAMES = 240
+"""Frames over which the shape is learned; then it stays. Two seconds at 120 Hz, chosen by hand."""
+NEW_SHARE = 0.02
+"""Share of a frame in the shape's information: the errors of placed markers are the same in all frames."""
+ROBUST_SCALE = np.inf
+"""The learned variances are robust enough; no further kernel."""
+
+
+class PersonFollower:
+    """Fits frames one after the other; the state between them is a pose, its velocity and the shape."""
+
+    def __init__(self, subject: Subject, betas: np.ndarray | None = None) -> None:
+        """Take the person, and the (10,) shape where it is known."""
+        self.subject = subject
+        self._shape_frames = 0
+        if betas is not None:
+            self.subject = replace(subject, betas=np.asarray(betas, dtype=np.float64))
+            self._shape_frames = SHAPE_FRAMES
+        self._shape_precision = np.zeros((len(self.subject.betas),) * 2)
+        self._prior = PoseMixtureTerm()
+        self.pose: PosedFrames | None = None
+        self._velocity = np.zeros(0)
+        self._steps_to_start = 0
+        self._precision = np.zeros((0, 0))
+
+    @property
+    def known_shape(self) -> np.ndarray | None:
+        """(10,) shape that will not change any more; None while it is learned."""
+        return self.subject.betas if self._shape_frames >= SHAPE_FRAMES else None
+
+    @property
+    def rest(self) -> np.ndarray:
+        """(1, n, 3, 3) no joint turned."""
+        return np.broadcast_to(np.eye(3), (1, len(self._prior.rest_precision) // 3, 3, 3))
+
+    def restart(self) -> None:
+        """Forget the pose: the next frame starts again."""
+        self.pose = None
+
+    @property
+    def is_starting(self) -> bool:
+        """Whether the next frame is part of a start."""
+        return self.pose is None or self._steps_to_start > 0
+
+    def follow(
+        self, term: PointTerm, dt: float, start: Callable[[], PosedFrames], steps: int | None = None
+    ) -> PosedLandmarks:
+        """Fit a frame and return where it has the landmarks.
+
+        Args:
+            term: how far they are from what was measured.
+            dt: seconds since the last frame.
+            start: makes the pose that a person starts from.
+            steps: at least, of Gauss-Newton; as few as follow a person if None.
+        """
+        if self.pose is None:
+            self._steps_to_start = START_STEPS
+        starting = self._steps_to_start > 0
+        last = self.pose or start()
+        usual = START_PART if starting else 1 if dt < SHORT_S else STEPS
+        count = usual if steps is None else max(steps, self._steps_to_start)
+        self._steps_to_start -= count
+        frame, moved = self._step(last, term, 1.0 if starting else dt, count, still=starting)
+        learn = self.known_shape is None
+        posed = pose(self.subject, frame, jacobian=learn)
+        if learn:
+            frame = frame.retract(self._learn_shape(term, posed, frame.local)[None])
+        self.pose, self._velocity = frame, np.zeros_like(moved) if starting else moved / dt
+        return posed
+
+    def deviations(self) -> np.ndarray:
+        """Return the (24,) standard deviation of each joint in metres, as the last frame and its prediction have it.
+
+        ``sqrt(tr(J (H + T)⁻¹ Jᵀ) / 3)`` with the Gauss-Newton matrix H of the frame and the precision T of the
+        prediction; what nothing measures is as unsure as the prior and the time since it was seen leave it.
+        """
+        if self.pose is None or not len(self._precision):
+            return np.full(len(self._joints), np.nan)
+        frame, body = self.pose, self.subject.body
+        posed = pose_landmarks(
+            body, self._joints, self.subject.betas, frame.root, frame.local, frame.transl, jacobian=True, by_shape=False
+        )
+        assert posed.by_rotations is not None
+        turned = posed.by_rotations[0]
+        J = np.concatenate([turned, np.broadcast_to(np.eye(3), (len(turned), 3, 3))], axis=-1)
+        spread = np.einsum("jac,cd,jad->j", J, np.linalg.inv(self._precision), J, optimize=True)
+        return np.sqrt(spread / 3.0)
+
+    @cached_property
+    def _joints(self) -> Landmarks:
+        return joint_landmarks(self.subject.body, SMPL)
+
+    def _step(
+        self, last: PosedFrames, term: PointTerm, dt: float, count: int, *, still: bool
+    ) -> tuple[PosedFrames, np.ndarray]:
+        """Return the pose after some Gauss-Newton steps from where the last ones were going.
+
+        ``(H + T) δ = -(g + T m)`` with the precision T of the prediction and what was moved since it, m. Its motion is
+        returned with the shares ``H / (H + T)`` that the frame itself knows of it: what only the prior moves, as an
+        unseen limb, must not gain speed by it.
+        """
+        objective = FrameObjective((term,), (self._prior,))
+        rotations = 3 * (1 + last.local.shape[1])
+        tie = np.repeat([(TURN_RAD_S * dt) ** -2, (MOVE_M_S * dt) ** -2], [rotations, 3])
+        ahead = np.zeros(rotations + 3) if still else np.exp(-dt / VELOCITY_S) * dt * self._velocity
+        frame, moved = (last if still else last.retract(ahead[None])), np.zeros_like(ahead)
+        observed = moved
+        for _ in range(count):
+            equations = frame_equations(self.subject, frame, objective, ROBUST_SCALE)
+            H = equations.hessian[0]
+            observed = np.diag(H) / (np.diag(H) + tie)
+            self._precision = H + np.diag(tie)
+            delta = -np.linalg.solve(self._precision, equations.gradient[0] + tie * moved)
+            frame, moved = frame.retract(delta[None]), moved + delta
+        return frame, observed * (ahead + moved)
+
+    def _learn_shape(self, term: PointTerm, posed: PosedLandmarks, local: np.ndarray) -> np.ndarray:
+        """Step the shape by one frame's landmarks, and return the tangent by which the pose follows it.
+
+        ``S = Bᵀ W B - Bᵀ W J H⁻¹ Jᵀ W B``, the Schur complement of the pose, and ``δ = -H⁻¹ Jᵀ W B δ_β`` (Triggs et al.
+        2000, section 6.1); the pose's own gradient is zero where it was fitted.
+        """
+        assert posed.by_rotations is not None and posed.by_betas is not None
+        found = term(posed.points, ROBUST_SCALE)
+        W, by_points = found.information[0], found.gradient.reshape(-1)
+        B, turned = (J[0].reshape(len(by_points), -1) for J in (posed.by_betas, posed.by_rotations))
+        J = np.concatenate([turned, np.tile(np.eye(3), (len(W), 1))], axis=1)
+        WB, WJ = ((W @ part.reshape(len(W), 3, -1)).reshape(part.shape) for part in (B, J))
+        H, across = J.T @ WJ, J.T @ WB
+        H[3:-3, 3:-3] += self._prior.hessian(self._prior(local).factors)[0]
+        follows = np.linalg.solve(H, across)
+        information = B.T @ WB - across.T @ follows
+        gradient = B.T @ by_points + USUAL_SHAPE * self.subject.betas
+        usual = USUAL_SHAPE * np.eye(B.shape[1])
+        step = np.linalg.solve(information + self._shape_precision + usual, gradient)
+        self.subject = replace(self.subject, betas=self.subject.betas - step)
+        self._shape_precision += NEW_SHARE * (information - self._shape_precision)
+        self._shape_frames += 1
+        return follows @ step
+
 
 MARKER_SIGMA_M = 0.012
 """First standard deviation of a seen marker per axis: how far an uncalibrated body has it from where it is."""

@@ -10,10 +10,10 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.fitters.measurements.model_error import fit_sigma_px
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.measurements.reprojection_report import fit_sigma_px
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.recipes.live_follow import PersonFollower
+from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.priors.lifter import load_lifter
 from solver_backend.priors.prior_on_body import prior_on_body
 from solver_backend.priors.sposer import load_sposer

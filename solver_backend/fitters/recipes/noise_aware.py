@@ -2,27 +2,165 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from functools import cache
 
 import numpy as np
 
+from solver_backend.body.state_layout import CODE, RESIDUAL, ROOT, TRANSL, StateLayout
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.keyframes.chunked import Stretches
-from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.noise_aware.landmark_fit import BLOCK_FRAMES, CodedFrames, FitWeights, LandmarkFit
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.keyframes.optimise import Stretches
+from solver_backend.fitters.model.states import FrameStates, PosedFrames
+from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import bridged_states, posed
-from solver_backend.fitters.single_frame.start import fit_to_points, sample_frames
+from solver_backend.fitters.single_frame import bridged_states, fit_to_points, posed, sample_frames
 from solver_backend.fitters.solution import Convergence, MethodResult, SolvedFrames
 from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.rotations import exp_so3, left_jacobian_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.gaussian_vae import GaussianVAE, load_vae
 from solver_backend.residuals.landmark_loss import FixedVariances, LandmarkLoss, LearnedVariances
-from solver_backend.solver.independent_lbfgs import QuasiNewtonSettings
+from solver_backend.solver.independent_lbfgs import QuasiNewtonResult, QuasiNewtonSettings, independent_lbfgs
+
+SIGMA_M = 0.01
+"""σ0, the fixed standard deviation of the first stage per axis; log-variances are relative to its square."""
+BLOCK_FRAMES = 64
+"""Frames fitted at a time."""
+
+
+@dataclass(frozen=True)
+class FitWeights:
+    """Weights of the priors; not tuned."""
+
+    pose: float = 0.5
+    """λ_pose of ``|z|²`` (thesis 5.4)."""
+    shape: float = 0.5
+    """λ_β of ``|β|²`` (thesis 5.4): half, as the shape space has unit variance."""
+
+
+@dataclass(frozen=True)
+class CodedFrames:
+    """Poses of F frames by their codes."""
+
+    z: np.ndarray
+    """(F, 32) codes."""
+    root: np.ndarray
+    """(F, 3, 3) body to world."""
+    transl: np.ndarray
+    """(F, 3) metres."""
+
+    def posed(self, prior: GaussianVAE) -> PosedFrames:
+        """Return the poses that the codes decode to."""
+        return PosedFrames(self.root, prior.decode(self.z), self.transl)
+
+    def select(self, frames: np.ndarray | slice) -> CodedFrames:
+        """Return the states of some frames."""
+        return CodedFrames(self.z[frames], self.root[frames], self.transl[frames])
+
+
+@dataclass(frozen=True)
+class LandmarkFit:
+    """What stays while the poses of F frames are fitted."""
+
+    subject: Subject
+    """The person; landmarks sit where their layout places them."""
+    prior: GaussianVAE
+    """Whose decoder D makes poses."""
+    start: CodedFrames
+    """F states."""
+    points: np.ndarray
+    """(F, L, 3) measured landmarks, metres, finite."""
+    seen: np.ndarray
+    """(F, L) bool."""
+    weights: FitWeights = FitWeights()
+
+    @property
+    def layout(self) -> StateLayout:
+        """Where the parts of a frame's unknowns stand; codes are points of flat space."""
+        return StateLayout.of(self.prior.latent_dim, len(self.prior.joints)).without(RESIDUAL)
+
+    def select(self, frames: np.ndarray | slice) -> LandmarkFit:
+        """Return the fit of some of the frames."""
+        return replace(self, start=self.start.select(frames), points=self.points[frames], seen=self.seen[frames])
+
+    def posed(self) -> PosedFrames:
+        """Return the poses of the start."""
+        return self.start.posed(self.prior)
+
+    def unknowns(self, loss: LandmarkLoss) -> np.ndarray:
+        """Return the (F, 38 + n) unknowns of the start."""
+        unknowns = np.zeros((len(self.seen), self.layout.dof + loss.unknowns(self.seen.shape[1])))
+        unknowns[:, self.layout[CODE]], unknowns[:, self.layout[TRANSL]] = self.start.z, self.start.transl
+        return unknowns
+
+    def states(self, x: np.ndarray) -> CodedFrames:
+        """Return the states at (F, 38 or more) unknowns."""
+        code, root, transl = (x[:, self.layout[name]] for name in (CODE, ROOT, TRANSL))
+        return CodedFrames(code, exp_so3(root) @ self.start.root, transl)
+
+    def evaluate(self, x: np.ndarray, loss: LandmarkLoss) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return (F,) costs without the shape's prior, their gradient (F, 38 + n) and that by the shape (F, 10)."""
+        states = self.states(x)
+        local, decoder_vjp = self.prior.decode_with_vjp(states.z)
+        posed = pose(self.subject, PosedFrames(states.root, local, states.transl), jacobian=True)
+        assert posed.by_rotations is not None and posed.by_betas is not None
+        error = posed.points - self.points
+        found = loss((error * error).sum(-1) / SIGMA_M**2, self.seen, x[:, self.layout.dof :])
+        by_points = (2.0 / SIGMA_M**2 * found.by_squared[..., None] * error).reshape(len(x), 1, -1)
+        by_turns = (by_points @ posed.by_rotations.reshape(len(x), by_points.shape[-1], -1)).reshape(len(x), -1, 3)
+        by_code = decoder_vjp(by_turns[:, 1:]) + 2.0 * self.weights.pose * states.z
+        by_root = (by_turns[:, :1] @ left_jacobian_so3(x[:, self.layout[ROOT]]))[:, 0]
+        by_transl = by_points.reshape(error.shape).sum(axis=1)
+        by_betas = (by_points @ posed.by_betas.reshape(len(x), by_points.shape[-1], -1))[:, 0]
+        cost = found.cost + self.weights.pose * (states.z**2).sum(-1)
+        return cost, np.concatenate([by_code, by_root, by_transl, found.by_own], axis=1), by_betas
+
+    def scale(self, loss: LandmarkLoss) -> np.ndarray:
+        """Return (F, 38 + n) guesses of the inverse second derivatives, from the Jacobian at the start."""
+        local, by_code = self.prior.decode_with_jacobian(self.start.z)
+        posed = pose(self.subject, PosedFrames(self.start.root, local, self.start.transl), jacobian=True)
+        assert posed.by_rotations is not None
+        count, weight = len(self.seen), self.seen[..., None, None] / SIGMA_M**2
+        by_latent = posed.by_rotations[..., 3:] @ by_code.reshape(count, 1, -1, by_code.shape[-1])
+        second = [(weight * part**2).sum((1, 2)) for part in (by_latent, posed.by_rotations[..., :3])]
+        own = np.full((count, loss.unknowns(self.seen.shape[1])), 0.5)
+        by_transl = np.repeat(weight.sum((1, 2)), 3, axis=1)
+        by_latent, by_root = second[0] + 2.0 * self.weights.pose, second[1] + 1.0
+        return 1.0 / np.concatenate([by_latent, by_root, by_transl + 1.0, own], axis=1)
+
+    def fit_poses(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[CodedFrames, QuasiNewtonResult]:
+        """Fit every frame by itself; the shape stays."""
+
+        def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            return self.select(problems).evaluate(x, loss)[:2]
+
+        found = independent_lbfgs(objective, self.unknowns(loss), self.scale(loss), settings)
+        return self.states(found.x), found
+
+    def fit_shape(self, loss: LandmarkLoss, settings: QuasiNewtonSettings) -> tuple[Subject, CodedFrames]:
+        """Fit the shape and the poses of all frames together; the loss has no unknowns of its own."""
+        frames, betas = len(self.seen), self.subject.betas
+        parts = frames * self.layout.dof
+
+        def at(x: np.ndarray) -> LandmarkFit:
+            return replace(self, subject=replace(self.subject, betas=x[parts:]))
+
+        def objective(x: np.ndarray, problems: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+            fits = [at(row).evaluate(row[:parts].reshape(frames, -1), loss) for row in x]
+            own = x[:, parts:]
+            cost = np.array([part[0].sum() for part in fits]) + self.weights.shape * (own * own).sum(-1)
+            by_betas = np.stack([part[2].sum(axis=0) for part in fits]) + 2.0 * self.weights.shape * own
+            return cost, np.concatenate([np.stack([part[1].ravel() for part in fits]), by_betas], axis=1)
+
+        posed = pose(self.subject, self.posed(), jacobian=True)
+        assert posed.by_betas is not None
+        by_betas = (self.seen[..., None, None] * posed.by_betas**2).sum((0, 1, 2)) / SIGMA_M**2
+        scale = np.concatenate([self.scale(loss).ravel(), 1.0 / (by_betas + 2.0 * self.weights.shape)])[None]
+        start = np.concatenate([self.unknowns(loss).ravel(), betas])[None]
+        best = independent_lbfgs(objective, start, scale, settings).x[0]
+        return at(best).subject, self.states(best[:parts].reshape(frames, -1))
+
 
 SHAPE_FRAMES = 12
 """Frames that the shape is found from, as in MoSh++ (Mahmood et al. 2019)."""

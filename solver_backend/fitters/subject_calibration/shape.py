@@ -5,20 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
-from array_api_compat import array_namespace
 
 from solver_backend.body.state_layout import RESIDUAL, UNCOVERED
 from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.codes import d_pose_d_key, state_layout
-from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.states import FrameStates, PosedFrames
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.fitters.single_frame.fit import fit_frames, posed
-from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas, sample_frames
-from solver_backend.geometry.arrays import Array, constant, identity, zeros
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points, lifted_betas, posed, sample_frames
+from solver_backend.geometry.arrays import Array, array_namespace, constant, identity, zeros
 from solver_backend.priors.base import PosePrior
 from solver_backend.residuals.robust import graduated_scales
 from solver_backend.solver.levenberg_marquardt import LMSettings, levenberg_marquardt

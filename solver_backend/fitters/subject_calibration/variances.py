@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from array_api_compat import array_namespace
 
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.settings import SolveSettings
-from solver_backend.geometry.arrays import Array, constant, to_numpy
+from solver_backend.geometry.arrays import Array, array_namespace, constant, to_numpy
 from solver_backend.residuals.point_term import DataTerm
 
 PRIOR_FRAMES = 60.0

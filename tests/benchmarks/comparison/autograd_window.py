@@ -12,8 +12,8 @@ from research.baselines.windows import KeyState, Window
 from solver_backend.body.body import Body
 from solver_backend.body.mesh import pose_mesh
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.interpolant import lagrange
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.keyframe_layout import lagrange
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.interpolation import sider2

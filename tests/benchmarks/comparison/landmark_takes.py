@@ -13,7 +13,7 @@ from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.landmarks import measure_landmarks
+from solver_backend.fitters.measurements.markers import measure_landmarks
 from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.point_network import load_network
 from solver_backend.synthesis.simulation.cast import Take, cast_person

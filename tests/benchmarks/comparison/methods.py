@@ -18,7 +18,7 @@ from research.baselines import (
     MuVS,
     TriangulatedButterworth,
 )
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import Capture

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.pose_ndf.complete import (
     WEIGHTS,
     CompleteSettings,

@@ -11,7 +11,7 @@ from functools import cache
 
 import numpy as np
 
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.priors.gaussian_vae import VaeName, load_vae
 from solver_backend.priors.gmm import load_gmm
 from tests.benchmarks.bench_pose_ndf import KEYPOINT_SETTINGS, VAES

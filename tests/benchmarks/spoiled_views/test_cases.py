@@ -13,8 +13,8 @@ import pytest
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.diagnostics.refusal import refuse_errors
 from solver_backend.exchange.errors import CaptureNotRecognised, ResultRefused
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.io.load import load_capture
 from solver_backend.report.diagnose import diagnose
 from solver_backend.synthesis.embedded.demo import demo_capture

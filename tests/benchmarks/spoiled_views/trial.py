@@ -13,8 +13,8 @@ import numpy as np
 from solver_backend.exchange.diagnostics import sentence, warnings_in
 from solver_backend.exchange.diagnostics.refusal import refuse_errors
 from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.load import load_capture
 from solver_backend.report.diagnose import diagnose

@@ -9,8 +9,8 @@ import pytest
 
 from solver_backend.agreement.left_out import without_views
 from solver_backend.exchange.errors import JobInvalid, TooFewViews
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture

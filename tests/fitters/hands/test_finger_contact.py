@@ -9,13 +9,18 @@ import pytest
 
 from solver_backend.body.finger_overlap import PALM_M, RADIUS_M, finger_gaps, finger_overlap, nearest_points
 from solver_backend.body.hand_angles import FINGER_OF, JOINT_OF, KIND_OF, SPREAD
-from solver_backend.fitters.hands.finger_contact import contact_equations
-from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel
-from solver_backend.fitters.hands.solve_hand import SolvedHand, solve_hand, untangled
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.hands.hand_problem import HandProblem, KeyModel, contact_equations
+from solver_backend.fitters.hands.solve_hand import (
+    HandKeys,
+    SolvedHand,
+    frame_states,
+    solve_hand,
+    solve_keys,
+    untangled,
+)
 from solver_backend.fitters.hands.solve_hands import through_fingers
-from solver_backend.fitters.hands.solve_keys import HandKeys, frame_states, solve_keys
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.residuals.positions import PositionTerm
 from tests.support.moving_hand import drawn_states, hand_problem
 from tests.support.open_hand import open_hand

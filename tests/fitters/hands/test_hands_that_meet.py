@@ -13,12 +13,11 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import silent
-from solver_backend.fitters.hands.arms import follow_hand
-from solver_backend.fitters.hands.solve_hands import SolvedHands, solve_hands
+from solver_backend.fitters.hands.solve_hands import SolvedHands, follow_hand, solve_hands
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.hand_views import HandViews
-from solver_backend.fitters.measurements.multiview import measure_views
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.measurements.views import measure_views
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.rotations import exp_so3

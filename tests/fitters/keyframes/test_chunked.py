@@ -4,11 +4,9 @@ import numpy as np
 import pytest
 
 from solver_backend.fitters.keyframes import normal_equations, posterior
-from solver_backend.fitters.keyframes.chunked import chunks_of, covariance_of_joints, solve_long
-from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
-from solver_backend.fitters.keyframes.posterior import noise_inflation
-from solver_backend.fitters.keyframes.residual_rotation import ResidualRotationTerm
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
+from solver_backend.fitters.keyframes.bundle_objective import MotionPrior, ResidualRotationTerm
+from solver_backend.fitters.keyframes.optimise import Schedule, chunks_of, solve_keys, solve_long
+from solver_backend.fitters.keyframes.posterior import covariance_of_joints, noise_inflation
 from solver_backend.fitters.model import keyframe_curve, subject
 from solver_backend.fitters.model.keyframe_curve import key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout

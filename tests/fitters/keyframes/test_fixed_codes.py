@@ -7,11 +7,10 @@ import pytest
 
 from solver_backend import __version__
 from solver_backend.cli import spread
-from solver_backend.fitters.keyframes.chunked import Stretch
+from solver_backend.fitters.keyframes.bundle_objective import MotionPrior
 from solver_backend.fitters.keyframes.normal_equations import FrameData, data_equations
-from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, solve_keys
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
-from solver_backend.fitters.model.keyframes import Keyframes
+from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretch, solve_keys
+from solver_backend.fitters.model.states import Keyframes
 from solver_backend.fitters.recipes.bundle import FIXED_CODES
 from tests.support.layouts import WHOLE
 from tests.support.stick_scene import ROTATIONS, StickScene

@@ -8,13 +8,12 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
-from solver_backend.fitters.keyframes.key_density import dense_layout, window_of
+from solver_backend.fitters.keyframes.initial_keys import dense_layout, window_of
 from solver_backend.fitters.keyframes.optimise import BundleModel
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.states import Keyframes
+from solver_backend.fitters.model.subject import FrameObjective, Subject
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.types import JointSet
 from tests.support.layouts import WHOLE

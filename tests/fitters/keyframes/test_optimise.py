@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from solver_backend.cameras.projection import project
+from solver_backend.fitters.keyframes.bundle_objective import MotionPrior
 from solver_backend.fitters.keyframes.normal_equations import data_equations
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys, solve_sliding
-from solver_backend.fitters.keyframes.temporal_prior import MotionPrior
 from solver_backend.fitters.model.keyframe_curve import KeyframeCurve
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes, hemisphere_aligned
+from solver_backend.fitters.model.states import Keyframes, hemisphere_aligned
 from solver_backend.fitters.model.subject import frame_equations, pose
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.types import JointSet, Keypoints2D

@@ -12,7 +12,7 @@ from solver_backend.fitters.marker_calibration.calibrate import CalibrationState
 from solver_backend.fitters.measurements.markers import measure_markers
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.single_frame import fit_to_points
 from solver_backend.priors.sposer import load_sposer
 from tests.support.worn_markers import worn_markers
 

@@ -10,10 +10,10 @@ import pytest
 
 from solver_backend.body.markers import marker_layout
 from solver_backend.cli.describe_markers import describe_person
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.label_faults import exchanged_wrists, with_wrists_named
 from solver_backend.fitters.marker_calibration.person_doubts import doubts_of, exchanged_in
 from solver_backend.fitters.pipeline import calibrate_person, solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.types import Capture, MarkerCloud, MarkerSubject
 from tests.support.words import words

@@ -14,8 +14,8 @@ from solver_backend.body.markers import ON_BONE, marker_layout
 from solver_backend.cli.describe_markers import describe_person
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.fitters.label_after import labelled_as_person
 from solver_backend.fitters.label_first import labelled_capture
-from solver_backend.fitters.label_of_person import labelled_as_person
 from solver_backend.fitters.marker_calibration.extra_names import named_extras, with_extras
 from solver_backend.fitters.pipeline import calibrate_person
 from solver_backend.io.markers.c3d_writer import write_c3d

@@ -11,9 +11,9 @@ from solver_backend.body.body import load_body
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import JobInvalid, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import silent
-from solver_backend.fitters.measurements.network_landmarks import measure_network_landmarks
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.measurements.markers import measure_network_landmarks
 from solver_backend.fitters.pipeline import prepare, solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.labelling.frame_landmarks import frame_landmarks
 from solver_backend.labelling.outputs import JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import load_network

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from solver_backend.fitters.model.control_points import control_points
-from solver_backend.fitters.model.interpolant import lagrange
 from solver_backend.fitters.model.keyframe_curve import key_poses
-from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout, control_points, lagrange
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 

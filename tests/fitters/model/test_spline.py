@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.fitters.model.keyframe_curve import key_poses
+from solver_backend.fitters.model.keyframe_curve import SphericalMean, key_poses
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
-from solver_backend.fitters.model.keyframes import Keyframes
-from solver_backend.fitters.model.spherical_mean import SphericalMean
+from solver_backend.fitters.model.states import Keyframes
 from tests.support.random_keys import random_keys
 from tests.support.toy_prior import ToyPrior
 

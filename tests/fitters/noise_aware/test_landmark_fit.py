@@ -11,7 +11,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks, marker_layout
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.noise_aware.landmark_fit import CodedFrames, LandmarkFit
+from solver_backend.fitters.recipes.noise_aware import CodedFrames, LandmarkFit
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.gaussian_vae import load_vae
 from solver_backend.residuals.landmark_loss import AdaptiveLoss, FixedVariances, LandmarkLoss, LearnedVariances

@@ -9,8 +9,8 @@ from solver_backend.body.body import load_body
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.marker_layouts import load_layouts
 from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.metrics import mpjpe_mm
 from solver_backend.priors.gaussian_vae import load_vae

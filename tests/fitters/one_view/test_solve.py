@@ -11,8 +11,8 @@ from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
 from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import silent
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.pipeline import prepare, solve
-from solver_backend.fitters.settings import SolveSettings
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.report.diagnose import diagnose
 from solver_backend.types import FLAG_UNSEEN, Capture, Motion

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.fitters.one_view.stature import (
+from solver_backend.fitters.one_view.measure import (
     AT_ODDS_SIGMAS,
     PEOPLE_SIGMA,
     SHAPE_SIGMA,

@@ -11,7 +11,7 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf.fit_keypoints import BENDS, KeypointObjective, KeypointSettings, fit_keypoints
 from solver_backend.geometry.rotations import exp_so3

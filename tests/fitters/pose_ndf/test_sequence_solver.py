@@ -12,7 +12,7 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, PoseInvalid
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.pose_ndf import sequence_solver
 from solver_backend.fitters.pose_ndf.complete import (

@@ -9,6 +9,7 @@ import pytest
 
 from solver_backend.body.markers import marker_layout
 from solver_backend.exchange.props import POSE_POINTS
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.unknown_markers import (
     BonePoses,
     loose_groups,
@@ -16,10 +17,8 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
     rigid_groups,
 )
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.props.prop_equations import PropEquations
-from solver_backend.fitters.props.prop_state import SIZE, PropState
-from solver_backend.fitters.props.solve_prop import solve_prop
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.props.prop_equations import SIZE, PropEquations, PropState
+from solver_backend.fitters.props.solve_props import solve_prop
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.moving_prop import RACKET, STICK, moving_prop, pose_errors

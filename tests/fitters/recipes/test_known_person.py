@@ -7,16 +7,16 @@ import numpy as np
 import pytest
 
 from solver_backend.body.body import load_body
-from solver_backend.fitters.keyframes.key_density import closer_window, paces
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.keyframes.initial_keys import closer_window, paces
 from solver_backend.fitters.measurements.base import RoughMotion
 from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
-from solver_backend.fitters.model.frame_states import FrameStates
+from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes import steps
 from solver_backend.fitters.recipes.bundle import FIXED_CODES, ON_THE_MANIFOLD
-from solver_backend.fitters.recipes.known_person import CLOSEST, KnownPersonPlan
-from solver_backend.fitters.settings import SolveSettings
+from solver_backend.fitters.recipes.whole_take import CLOSEST, KnownPersonPlan
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 

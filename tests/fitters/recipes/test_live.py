@@ -9,8 +9,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.joint_limits import JOINT_LIMITS, swing_and_twist
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.markers import marker_landmarks
-from solver_backend.fitters.recipes.live import LiveFit
-from solver_backend.fitters.recipes.live_follow import SHAPE_FRAMES
+from solver_backend.fitters.recipes.live import SHAPE_FRAMES, LiveFit
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.labelling.outputs import MARKERS
 

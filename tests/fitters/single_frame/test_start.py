@@ -11,8 +11,7 @@ from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.measurements.markers import MarkerResiduals
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.fit import posed
-from solver_backend.fitters.single_frame.start import fit_to_points, lifted_betas
+from solver_backend.fitters.single_frame import fit_to_points, lifted_betas, posed
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.residuals.positions import PositionTerm
 from solver_backend.synthesis.embedded.demo import demo_capture

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project_with_jacobian
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.subject_calibration.variances import RANGE, reweighted
 from solver_backend.geometry.rotations import exp_so3

@@ -7,7 +7,7 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.markers import marker_landmarks, marker_layout
-from solver_backend.fitters.model.posed_frames import PosedFrames
+from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.subject_calibration.variances import LANDMARK_RANGE as RANGE
 from solver_backend.fitters.subject_calibration.variances import with_window_variances

@@ -5,10 +5,9 @@ import pytest
 
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.projection import project
-from solver_backend.fitters.model.frame_states import FrameStates
-from solver_backend.fitters.model.subject import Subject, pose
-from solver_backend.fitters.objective import FrameObjective
-from solver_backend.fitters.single_frame.fit import posed
+from solver_backend.fitters.model.states import FrameStates
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
+from solver_backend.fitters.single_frame import posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.sphere import spherical_normalisation

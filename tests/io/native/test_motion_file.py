@@ -13,7 +13,7 @@ from solver_backend.exchange.body_layout import SMPL, BodyLayout
 from solver_backend.exchange.errors import FileDamaged, MotionInvalid, OutputExists
 from solver_backend.exchange.motion_file import read_motion as shown_motion
 from solver_backend.exchange.npz import read_npz, write_npz
-from solver_backend.fitters.measurements.motion import measure_motion
+from solver_backend.fitters.measurements.markers import measure_motion
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.types import Motion
 from tests.support.scenes import small_motion

@@ -9,8 +9,7 @@ from research.baselines.links import JointTargets, SlowCodes, SlowJoints, low_fr
 from research.baselines.sequence import DOF, Equations, Link, Sequence, States, pose_prior
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.subject import FrameObjective, Subject
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.residuals.pose_mixture import PoseMixtureTerm
 from solver_backend.residuals.positions import PositionTerm

@@ -12,8 +12,8 @@ import numpy as np
 from solver_backend.evaluation.butterworth import triangulate_and_filter
 from solver_backend.exchange.errors import CommandLineInvalid, MocapError
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.exchange.solve_settings import METHOD_NAMES, SolveSettings
 from solver_backend.fitters.pipeline import solve
-from solver_backend.fitters.settings import METHODS, SolveSettings
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm, pa_mpjpe_mm
 from solver_backend.synthesis.studio.data_set import SHOTS, read_data_set
@@ -64,9 +64,9 @@ def solve_and_compare(
         FileMissing, FileDamaged: there is no data set.
         CommandLineInvalid: a method is unknown.
     """
-    unknown = sorted(set(methods) - {*METHODS, YARDSTICK})
+    unknown = sorted(set(methods) - {*METHOD_NAMES, YARDSTICK})
     if unknown:
-        known = ", ".join((*METHODS, YARDSTICK))
+        known = ", ".join((*METHOD_NAMES, YARDSTICK))
         raise CommandLineInvalid(f"There is no method {', '.join(unknown)}.", hint=f"Known are {known}.")
     spec, records = read_data_set(out)
     given = spec.perturb

@@ -8,12 +8,10 @@ import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.fitters.measurements.markers import measure_markers
-from solver_backend.fitters.model.posed_frames import PosedFrames
-from solver_backend.fitters.model.subject import Subject, frame_equations, pose
-from solver_backend.fitters.objective import FrameObjective
+from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.model.subject import FrameObjective, Subject, frame_equations, pose
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.single_frame.fit import fit_frames, posed
-from solver_backend.fitters.single_frame.start import fit_to_points
+from solver_backend.fitters.single_frame import fit_frames, fit_to_points, posed
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape, refit_shape
 from solver_backend.geometry.rotations import left_jacobian_inverse_so3, log_so3
 from solver_backend.priors.sposer import SPoser

@@ -1,0 +1,206 @@
+"""Latent keyframes: a code, the root's rotation and place, and rotations off the manifold (thesis 6.2.5)."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.state_layout import CODE, ROOT, TRANSL, PoseLayout, StateLayout
+from solver_backend.fitters.model.codes import CODES
+from solver_backend.geometry.arrays import Array, array_namespace, astype, constant, index, zeros
+from solver_backend.geometry.rotations import exp_so3, quat_from_rotvec, quat_multiply
+from solver_backend.geometry.sphere import spherical_normalisation
+from solver_backend.types import Motion
+
+
+@dataclass(frozen=True)
+class Keyframes:
+    """K keyframes."""
+
+    z: Array
+    """(K, 32) unit zero-mean codes."""
+    quat: Array
+    """(K, 4) root rotations wxyz, neighbours in one hemisphere."""
+    transl: Array
+    """(K, 3) metres."""
+    residual: Array
+    """(K, 21, 3) rotations off the manifold, radians."""
+
+    def select(self, keys: np.ndarray | slice) -> Keyframes:
+        """Return the keys at these indices."""
+        return Keyframes(self.z[keys], self.quat[keys], self.transl[keys], self.residual[keys])
+
+    def where(self, mask: Array, other: Keyframes) -> Keyframes:
+        """Return these keys where the (K,) mask is true, and the other's elsewhere."""
+        xp = array_namespace(self.z)
+        return Keyframes(
+            xp.where(mask[:, None], self.z, other.z), xp.where(mask[:, None], self.quat, other.quat),
+            xp.where(mask[:, None], self.transl, other.transl),
+            xp.where(mask[:, None, None], self.residual, other.residual),
+        )  # fmt: skip
+
+    def of_windows(self, windows: np.ndarray, free: int = 2) -> Keyframes:
+        """Return (W, n + 1) keys: those of each of these windows, which have n free ones each."""
+        return self.select(index(free * windows[:, None] + np.arange(free + 1), self.z))
+
+    def fives(self, windows: np.ndarray) -> Keyframes:
+        """Return (W, 5) keys: of each of these windows, with one more on either side; the ends are repeated."""
+        keys = np.clip(2 * windows[:, None] + np.arange(-1, 4), 0, self.z.shape[0] - 1)
+        return self.select(index(keys, self.z))
+
+    def replaced(self, keys: slice, new: Keyframes) -> Keyframes:
+        """Return the keys with those of a range taken from ``new``."""
+        xp = array_namespace(self.z)
+
+        def spliced(name: str) -> Array:
+            old = getattr(self, name)
+            return xp.concat([old[: keys.start], getattr(new, name), old[keys.stop :]])
+
+        return Keyframes(*(spliced(name) for name in ("z", "quat", "transl", "residual")))
+
+    def astype(self, precision: Any) -> Keyframes:
+        """Return the keys in a precision."""
+        return Keyframes(*(astype(part, precision) for part in (self.z, self.quat, self.transl, self.residual)))
+
+    def retract(self, step: Array, layout: StateLayout) -> Keyframes:
+        """Return the keys moved by (K, n) steps of this layout; what it has no block for stays."""
+        xp, z, residual = array_namespace(step), self.z, self.residual
+        if CODE in layout:
+            along = xp.matmul(CODES.tangent_basis(z), step[:, layout[CODE], None])[..., 0]
+            z = spherical_normalisation(z + along)
+        quat = quat_multiply(quat_from_rotvec(step[:, layout[ROOT]]), self.quat)
+        quat = quat / xp.sqrt(xp.sum(quat * quat, axis=-1, keepdims=True))
+        if layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return Keyframes(z, quat, self.transl + step[:, layout[TRANSL]], residual)
+
+
+def rotations_of(step: Array, layout: StateLayout, num_joints: int) -> Array:
+    """Return (K, J, 3): the rotation vectors of (K, n) steps by joint, zero where a joint has none."""
+    vectors = array_namespace(step).reshape(step[:, layout.turns], (step.shape[0], -1, 3))
+    if layout.turned == tuple(range(num_joints)):
+        return vectors
+    by_joint = zeros((step.shape[0], num_joints, 3), step)
+    by_joint[:, index(np.array(layout.turned, dtype=int), step)] = vectors
+    return by_joint
+
+
+def hemisphere_aligned(keys: Keyframes) -> Keyframes:
+    """Return the keys with signs of the root quaternions chosen so that neighbours lie in one hemisphere."""
+    xp = array_namespace(keys.quat)
+    dots = xp.sum(keys.quat[1:] * keys.quat[:-1], axis=-1)
+    signs = xp.where(dots < 0, -xp.ones_like(dots), xp.ones_like(dots))
+    signs = xp.concat([xp.ones_like(keys.quat[:1, 0]), xp.cumulative_prod(signs)])
+    return replace(keys, quat=keys.quat * signs[:, None])
+
+
+@dataclass(frozen=True)
+class FrameStates:
+    """Unknowns of F independent frames."""
+
+    z: Array
+    """(F, 32) unit zero-mean codes."""
+    root: Array
+    """(F, 3, 3) body to world."""
+    transl: Array
+    """(F, 3) metres."""
+
+    residual: Array | None = None
+    """(F, J, 3) rotation vectors beside the code, radians; None where joints stay on the prior's manifold."""
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[FrameStates]) -> FrameStates:
+        """Return the frames of all parts, one part after the other."""
+        xp = array_namespace(parts[0].z)
+        columns = zip(*(part.arrays for part in parts), strict=True)
+        return cls(*(None if column[0] is None else xp.concat(column) for column in columns))
+
+    @property
+    def arrays(self) -> tuple[Array | None, ...]:
+        """Codes, roots, translations and rotation vectors."""
+        return self.z, self.root, self.transl, self.residual
+
+    def select(self, frames: Any) -> FrameStates:
+        """Return the states at these indices or of this slice."""
+        return FrameStates(*(None if part is None else part[frames] for part in self.arrays))
+
+    def astype(self, precision: Any) -> FrameStates:
+        """Return the states in a precision."""
+        return FrameStates(*(None if part is None else astype(part, precision) for part in self.arrays))
+
+    def retract(self, step: Array, layout: StateLayout) -> FrameStates:
+        """Return the states moved by (F, n) steps of this layout."""
+        xp, residual = array_namespace(step), self.residual
+        moved = self.z + xp.matmul(CODES.tangent_basis(self.z), step[:, layout[CODE], None])[..., 0]
+        root = xp.matmul(exp_so3(step[:, layout[ROOT]]), self.root)
+        if residual is not None and layout.turned:
+            residual = residual + rotations_of(step, layout, residual.shape[1])
+        return FrameStates(spherical_normalisation(moved), root, self.transl + step[:, layout[TRANSL]], residual)
+
+    def where(self, mask: Array, other: FrameStates) -> FrameStates:
+        """Return these states where the (F,) mask is true, and the other's elsewhere."""
+        xp = array_namespace(mask)
+
+        def pick(own: Array | None, others: Array | None) -> Array | None:
+            if own is None or others is None:
+                return own
+            return xp.where(xp.reshape(mask, (-1, *[1] * (own.ndim - 1))), own, others)
+
+        return FrameStates(*(pick(*pair) for pair in zip(self.arrays, other.arrays, strict=True)))
+
+
+BLOCK_POSES = 500
+"""Frames posed at a time; changes time and memory, no result."""
+
+
+@dataclass(frozen=True)
+class PosedFrames:
+    """Poses of F frames."""
+
+    root: Array
+    """(F, 3, 3) body to world."""
+    local: Array
+    """(F, J, 3, 3) rotations of the J joints after the root."""
+    transl: Array
+    """(F, 3) metres."""
+
+    @property
+    def layout(self) -> PoseLayout:
+        """Where the parts of a frame's tangent stand."""
+        return PoseLayout(self.local.shape[1])
+
+    @classmethod
+    def of_motion(cls, motion: Motion, like: Array) -> PosedFrames:
+        """Return a motion's poses, with the rotations of the joints that a solve turns."""
+        vectors = motion.body_pose.reshape(motion.num_frames, -1, 3)[:, : motion.body_layout.num_solved]
+        root, local = (exp_so3(constant(part, like)) for part in (motion.global_orient, vectors))
+        return cls(root, local, constant(motion.transl, like))
+
+    @classmethod
+    def concatenate(cls, parts: Sequence[PosedFrames]) -> PosedFrames:
+        """Return the frames of all parts, one part after the other."""
+        xp = array_namespace(parts[0].transl)
+        return cls(*(xp.concat([getattr(part, name) for part in parts]) for name in ("root", "local", "transl")))
+
+    def select(self, frames: Any) -> PosedFrames:
+        """Return the poses at these indices, of this slice or where this mask is true."""
+        return PosedFrames(self.root[frames], self.local[frames], self.transl[frames])
+
+    def where(self, mask: Array, other: PosedFrames) -> PosedFrames:
+        """Return these poses where the (F,) mask is true, and the other's elsewhere."""
+        xp = array_namespace(mask)
+        return PosedFrames(
+            xp.where(mask[:, None, None], self.root, other.root),
+            xp.where(mask[:, None, None, None], self.local, other.local),
+            xp.where(mask[:, None], self.transl, other.transl),
+        )
+
+    def retract(self, step: Array) -> PosedFrames:
+        """Return the poses moved by (F, p) steps, ``exp([δ]x) R`` and ``t + δ``; see ``PoseLayout``."""
+        xp, layout = array_namespace(step), self.layout
+        turns = exp_so3(xp.reshape(step[:, layout.rotations], (step.shape[0], -1, 3)))
+        root, local = xp.matmul(turns[:, 0], self.root), xp.matmul(turns[:, 1:], self.local)
+        return PosedFrames(root, local, self.transl + step[:, layout.transl])

@@ -1,0 +1,163 @@
+"""The recipe for keypoints in views: the person is found with the motion, on the prior's manifold and then off it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.keyframes.initial_keys import closer_window, initial_keys, keys_of_frames, paces
+from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, solve_in_single
+from solver_backend.fitters.marker_calibration.rough_motion import RATE_HZ
+from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
+from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.one_view.depth import diagnose_one_view, steady_depth, with_open_depth
+from solver_backend.fitters.problem import REFERENCE_FPS, Problem
+from solver_backend.fitters.recipes.bundle import (
+    FIXED_CODES,
+    OFF_THE_MANIFOLD,
+    ON_THE_MANIFOLD,
+    Bundle,
+    Pass,
+    Step,
+    run_passes,
+    start_take,
+)
+from solver_backend.fitters.recipes.steps import (
+    STAGE,
+    find_standing_feet,
+    learn_view_noise,
+    learn_window_noise,
+    refit_shape,
+    resolve_lost_limbs,
+    resolve_outlier_markers,
+    solved_take,
+    space_keys,
+)
+from solver_backend.fitters.solution import MethodResult
+
+
+def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
+    """Return the passes: codes alone from wide scales, then joints off the manifold at two scales."""
+    scale, steps = settings.robust_scale, settings.iterations
+    near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(3, 1), 1e-2, hessian_frames=3, promise=1.0)
+    between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
+    last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
+    free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    in_space = problem.measurements.marker_labels is not None
+    learn_noise: Step = learn_window_noise if in_space else learn_view_noise
+    # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
+    shape, shape_and_bias = partial(refit_shape, offsets=False), partial(refit_shape, offsets=True)
+    return (
+        Pass(near, ON_THE_MANIFOLD),
+        Pass(between, free, (space_keys, resolve_lost_limbs, shape, learn_noise)),
+        Pass(last, free, (resolve_lost_limbs, shape_and_bias, learn_noise, find_standing_feet)),
+    )
+
+
+def solve_views(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a take at once, with shape, bias, noise and standing feet learned between the passes."""
+    passes = passes_of(problem, settings)
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each, progress)
+    return solved_take(run_passes(bundle, passes, progress, STAGE, after=(resolve_lost_limbs,)), progress)
+
+
+def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
+    """Return the passes: codes alone, then joints off the manifold with standing feet held.
+
+    Neither shape nor bias nor noise is learned between them: one camera would take every wrong depth for one of these.
+    """
+    scale, steps = settings.robust_scale, settings.iterations
+    near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
+    last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
+    free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    return (
+        Pass(near, ON_THE_MANIFOLD),
+        Pass(replace(last, scales=(2 * scale,)), free, (space_keys, find_standing_feet)),
+        Pass(last, free, (find_standing_feet,)),
+    )
+
+
+def solve_one_view(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a take that one camera sees, and state what it leaves open."""
+    one = problem.measurements.one_view
+    assert one is not None
+    passes = one_view_passes(problem, settings)
+    bundle = start_take(problem, subject, settings, passes[0].schedule, each, progress)
+    solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE), progress)
+    joints = np.asarray(solved.subject.body.recorded_joints)
+    solved = steady_depth(solved, one, problem.fps)
+    solved = with_open_depth(solved, one, joints)
+    return replace(solved, diagnostics=(*solved.diagnostics, *diagnose_one_view(solved, one, problem))), convergence
+
+
+CALM_M_S2, CLOSEST = 4.0, 0.4
+"""Mean acceleration of markers up to which the settings' window holds, and the least share of it, which runners reach:
+markers are off by less than what keypoints need wider windows for. At 7 m/s knees bend by 3.2 degrees RMS from
+OpenSim's with 0.4 times the window, 5.7 with all of it."""
+NEAR_M = 0.01
+"""A body between two frames of a rough motion is off by ``a h² / 8``; where that is less for all but the fastest
+twentieth of the markers, no pass has to come near."""
+LOOSENESS = 2.0
+"""So many times as far as beside free codes joints may turn: codes that follow take a part of every turn. Chosen by
+hand."""
+
+
+@dataclass(frozen=True)
+class KnownPersonPlan:
+    """Which passes are made, and on what."""
+
+    window: int
+    """Frames of a window."""
+    passes: tuple[Pass, ...]
+    """On the prior's manifold, where the take does not start near enough, and off it."""
+    after: tuple[Step, ...]
+    """What follows the last pass."""
+    stride: int
+    """Every so many frames are looked at between the passes."""
+    covariance_stride: int
+    """Covariances of every so many frames are formed."""
+
+    @classmethod
+    def of(cls, problem: Problem, settings: SolveSettings) -> KnownPersonPlan:
+        """Return the plan of a problem whose person is known."""
+        scale, steps, usual = settings.robust_scale, settings.iterations, problem.frames_of(settings.refine_window)
+        measured, stride = problem.measurements, problem.frames_of(1, 1)
+        rate = problem.fps / stride
+        apart = max(1, round(0.5 * settings.refine_window * rate / REFERENCE_FPS))
+        mean, fastest = paces(measured.points[::stride], rate, apart)
+        window = closer_window(usual, mean, CALM_M_S2, CLOSEST)
+        # Markers are exact: five frames or so between two keys determine as much as all of them, and three nearly so.
+        near = Schedule((2 * scale,), min(3, steps), max(1, round(0.3 * window)), 3e-2, hessian_frames=3)
+        last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
+        starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
+        free = FIXED_CODES if settings.residual_rotations else ON_THE_MANIFOLD
+        off = Pass(last, free, (resolve_lost_limbs, learn_window_noise), LOOSENESS)
+        passes = (off,) if starts_near else (Pass(near, ON_THE_MANIFOLD), off)
+        after: tuple[Step, ...] = (resolve_lost_limbs,)
+        if settings.residual_rotations and measured.marker_sigma is not None:
+            after += (partial(resolve_outlier_markers, schedule=replace(last, scales=(4 * scale, scale))),)
+        return cls(window, passes, after, stride, problem.frames_of(4, 1))
+
+
+def solve_known_person(
+    problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
+) -> MethodResult:
+    """Solve all keys of a person whose shape and landmarks are known."""
+    plan = KnownPersonPlan.of(problem, settings)
+    layout = KeyframeLayout.even(problem.num_frames, plan.window)
+    keys = initial_keys(problem, subject, layout)
+    bundle = Bundle.start(
+        problem, subject, settings, layout, plan.window, keys, plan.passes[0].schedule,
+        partial(solve_in_single, each=each), keys_of_frames(problem, subject, layout, keys),
+        np.arange(0, problem.num_frames, plan.stride),
+    )  # fmt: skip
+    bundle = run_passes(bundle, plan.passes, progress, STAGE, plan.after)
+    return solved_take(bundle, progress, plan.covariance_stride)
