@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import bpy
 import numpy as np
 
-from ..body.controls.limbs import LIMBS, switch_path
-from .curves import action_curves
+from ..body.controls.limbs import CONTROLS, FINGER_CONTROLS, LIMBS, switch_path
+from .curves import CurveTarget, action_curves
 
 Keys = dict[str, np.ndarray]
 """Each field of the keys of one curve, by its name in Blender."""
@@ -37,6 +37,31 @@ def write_keys(curve: bpy.types.FCurve, keys: Keys) -> None:
     for name in (*_CHOICES, *_FLOATS):
         points.foreach_set(name, np.ascontiguousarray(keys[name]).ravel())
     curve.update()
+
+
+def carry_curves(source: bpy.types.Action, target: CurveTarget, start: float, ratio: float) -> None:
+    """Copy the curves of a take that its solve does not write, such as those of the root, into one made of it.
+
+    The controls of limbs and fingers stay behind: the new take is posed joint by joint.
+
+    Args:
+        source: the take.
+        target: where the new take's curves are.
+        start: scene frame of both first frames.
+        ratio: scene frame rate of the new take by that of the old one.
+    """
+    written = {(curve.data_path, curve.array_index) for curve in target.container.fcurves}
+    left = tuple(f'pose.bones["{name}"]' for name in (*CONTROLS, *FINGER_CONTROLS))
+    for curve in action_curves(source):
+        place = curve.data_path, curve.array_index
+        if place in written or curve.data_path.startswith(left):
+            continue
+        keys = read_keys(curve)
+        for name in ("co", "handle_left", "handle_right"):
+            keys[name][:, 0] = start + (keys[name][:, 0] - start) * ratio
+        new = target.container.fcurves.new(curve.data_path, index=curve.array_index)
+        write_keys(new, keys)
+        new.extrapolation, new.mute = curve.extrapolation, curve.mute
 
 
 def select_keys(keys: Keys, chosen: np.ndarray) -> Keys:

@@ -112,7 +112,7 @@ def pinned_values(armature: bpy.types.Object) -> str:
     assert action is not None
     betas = get_betas(mesh) if mesh is not None else np.array(action[BETAS])
     rest = read_body(body_path_of(action.get("provenance", ""))).rest_joints(betas)
-    pose = read_pose(armature, rest[0])
+    pose = read_pose(armature, rest[0], without_root=True)
     values = {
         "global_orient": pose.rotvec[0].tolist(),
         "body_pose": pose.rotvec[1:].ravel().tolist(),

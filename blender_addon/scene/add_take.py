@@ -9,8 +9,8 @@ import numpy as np
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
-from ..animation.curves import current_action
-from ..animation.range_merge import RangeTimes, merge_range
+from ..animation.curves import current_action, played_target
+from ..animation.range_merge import RangeTimes, carry_curves, merge_range
 from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
 from ..body.body_choice import body_path_of, require_body
@@ -125,6 +125,9 @@ def add_edited_take(
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
     action = bake_action(name, motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm, edited)
+    target = played_target(armature)
+    assert target is not None, "the action was baked on this armature"
+    carry_curves(take, target, float(take["frame_start"]), timing.scene_fps / laid_rate(take))
     for key in (*PATHS, BETAS, PERSON):
         if key in take:
             action[key] = take[key]

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import bpy
 import numpy as np
 
@@ -41,7 +43,7 @@ def edited_frames(
     if not len(frames):
         return frames
     joints = layout_of(armature.data.bones).joints
-    seen = sample_bones(armature, scene, joints, take_times(take, motion)[frames])
+    seen = _sample_without_root(armature, scene, joints, take_times(take, motion)[frames])
     found = np.stack([seen[joint] for joint in joints], axis=1)
     channels = _baked_channels(take, motion, armature)[frames]
     G, p = posed_joints(channels, *rest_of(armature))
@@ -121,8 +123,17 @@ def _turns_finger_controls(armature: bpy.types.Object, curves: dict[tuple[str, i
 def _seen_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: np.ndarray) -> np.ndarray:
     bones = armature.data.bones
     pelvis, *others = layout_of(bones).joints
-    seen = sample_bones(armature, scene, (pelvis, *others), times)
-    root = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
-    local = [root, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
+    seen = _sample_without_root(armature, scene, (pelvis, *others), times)
+    first = np.linalg.inv(np.array(bones[pelvis].matrix_local, np.float64)) @ seen[pelvis]
+    local = [first, *(own_channels(armature, name, seen[name], seen[bones[name].parent.name]) for name in others)]
     quaternions = sign_continuous(quat_from_matrix(np.stack(local, axis=1)[..., :3, :3]))
-    return np.concatenate([root[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)
+    return np.concatenate([first[:, :3, 3], quaternions.reshape(len(times), -1)], axis=1)
+
+
+def _sample_without_root(
+    armature: bpy.types.Object, scene: bpy.types.Scene, names: Sequence[str], times: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return ``sample_bones`` without the motion of the root control, which carries the take and is no hand edit."""
+    seen = sample_bones(armature, scene, (ROOT, *names), times)
+    back = np.array(armature.data.bones[ROOT].matrix_local, np.float64) @ np.linalg.inv(seen[ROOT])
+    return {name: back @ seen[name] for name in names}

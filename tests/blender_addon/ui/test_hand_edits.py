@@ -9,6 +9,7 @@ from mathutils import Quaternion
 
 from blender_addon.animation.curves import action_curves
 from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.body.controls.limbs import ROOT
 from blender_addon.ui.operators.solve import edited_in_range, spans
 
 ELBOW = 'pose.bones["left_elbow"].rotation_quaternion'
@@ -74,6 +75,44 @@ def test_edits_inside_the_range_are_pinned(mocap, solved_take) -> None:
     resolve(review, 8, 16)
     assert [pin.frame for pin in review.pins] == [12] and scene.frame_current == 27
     np.testing.assert_allclose(evaluated_joints(scene, review.armature, 12.0), edited, atol=1e-3)
+
+
+def move_root(armature: bpy.types.Object, frames: tuple[int, ...] = (1,)) -> None:
+    """Key the root control 0.3 m away and turned, as an animator places a take."""
+    root = armature.pose.bones[ROOT]
+    root.rotation_mode = "QUATERNION"
+    for k, frame in enumerate(frames):
+        bpy.context.scene.frame_set(frame)
+        root.location, root.rotation_quaternion = (0.3 + k, 0.0, 0.0), Quaternion((0.0, 1.0, 0.0), 0.4)
+        root.keyframe_insert("location")
+        root.keyframe_insert("rotation_quaternion")
+
+
+def test_root_motion_is_no_hand_edit_and_counts_once(mocap, solved_take) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    armature = review.armature
+    turn_elbow(review, 12)
+    move_root(armature)
+    frames = (10.0, 12.0, 14.0, 25.0)
+    seen = {frame: evaluated_joints(scene, armature, frame) for frame in frames}
+    review.first, review.last = 8, 16
+    assert edited_in_range(bpy.context) == [12]
+    resolve(review, 8, 16)
+    off = {frame: np.linalg.norm(evaluated_joints(scene, armature, frame) - seen[frame], axis=1) for frame in frames}
+    assert off[12.0].max() < 1e-4, "a pinned frame stays"
+    assert off[25.0].max() < 1e-6
+    assert max(off[10.0].max(), off[14.0].max()) < 0.15, "0.3 m if the root counts twice"
+    assert max(off[10.0][0], off[14.0][0]) < 0.02, "the pelvis"
+
+
+@pytest.mark.parametrize("to", ["IK", "FK"])
+def test_few_keys_of_a_take_whose_root_moved_stay_in_place(mocap, solved_take, to: str) -> None:
+    review, scene = mocap.review, bpy.context.scene
+    move_root(review.armature, (1, 30))
+    assert bpy.ops.mocap.switch_limbs(to=to) == {"FINISHED"}
+    seen = evaluated_joints(scene, review.armature, 20.0)
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+    assert np.linalg.norm(evaluated_joints(scene, review.armature, 20.0) - seen, axis=1).max() < 0.006
 
 
 @pytest.mark.slow
