@@ -23,24 +23,68 @@ class CurveTarget:
 def create_action(name: str, obj: bpy.types.Object) -> CurveTarget:
     """Create an action with a slot for one object and make it the object's current one; older actions stay."""
     action = bpy.data.actions.new(name)
-    animation = obj.animation_data or obj.animation_data_create()
-    if not hasattr(action, "slots"):
-        animation.action = action
-        return CurveTarget(action, action)
-    slot = action.slots.new(id_type="OBJECT", name=obj.name)
-    strip = action.layers.new("Layer").strips.new(type="KEYFRAME")
-    animation.action = action
-    animation.action_slot = slot
-    return CurveTarget(action, strip.channelbag(slot, ensure=True))
+    if hasattr(action, "slots"):
+        action.slots.new(id_type="OBJECT", name=obj.name)
+    play_action(obj, action)
+    target = curve_target(action)
+    assert target is not None, "the action has a slot"
+    return target
+
+
+def is_take(action: bpy.types.Action) -> bool:
+    """Return whether an action was laid by ``bake_action``."""
+    return all(key in action for key in ("fps", "frames", "frame_start"))
+
+
+def playing_strips(obj: bpy.types.Object) -> list[bpy.types.NlaStrip]:
+    """Return the NLA strips of an object that are not muted, the lowest first."""
+    animation = obj.animation_data
+    if animation is None:
+        return []
+    tracks = [track for track in animation.nla_tracks if not track.mute]
+    return [strip for track in tracks for strip in track.strips if not strip.mute and strip.action is not None]
+
+
+def take_strip(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
+    """Return the highest playing NLA strip of a take."""
+    return next((strip for strip in reversed(playing_strips(obj)) if is_take(strip.action)), None)
 
 
 def current_action(obj: bpy.types.Object) -> bpy.types.Action | None:
-    """Return the action that an object plays: its own or, without one, that of its highest NLA track that is heard."""
-    animation = obj.animation_data
-    if animation is None or animation.action is not None:
-        return None if animation is None else animation.action
-    heard = (track for track in reversed(animation.nla_tracks) if not track.mute and len(track.strips))
-    return next((track.strips[0].action for track in heard), None)
+    """Return the take that an object plays, also below layers of the user's; without a take the topmost action."""
+    own, playing = obj.animation_data and obj.animation_data.action, playing_strips(obj)
+    if own is not None and is_take(own):
+        return own
+    if (strip := take_strip(obj)) is not None:
+        return strip.action
+    return own or (playing[-1].action if playing else None)
+
+
+def play_action(obj: bpy.types.Object, action: bpy.types.Action | None, slot: Any = None) -> None:
+    """Make an action an object's own, with its slot where there are slots."""
+    animation = obj.animation_data or obj.animation_data_create()
+    animation.action = action
+    if action is not None and hasattr(action, "slots") and len(action.slots):
+        animation.action_slot = slot or action.slots[0]
+
+
+def exchange_strip(obj: bpy.types.Object, strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
+    """Put a whole action in the place of an NLA strip, on the frames where its keys are."""
+    [track] = [track for track in obj.animation_data.nla_tracks if strip in list(track.strips)]
+    kept = {name: getattr(strip, name) for name in ("blend_type", "extrapolation", "use_auto_blend")}
+    track.strips.remove(strip)
+    new = track.strips.new(action.name, int(action.frame_range[0]), action)
+    fit_strip(new, action)
+    for name, value in kept.items():
+        setattr(new, name, value)
+
+
+def fit_strip(strip: bpy.types.NlaStrip, action: bpy.types.Action) -> None:
+    """Let a new NLA strip play a whole action, on the frames where its keys are."""
+    if hasattr(action, "slots") and len(action.slots):
+        strip.action_slot = action.slots[0]
+    strip.action_frame_start, strip.action_frame_end = action.frame_range
+    strip.frame_start_ui, strip.frame_end_ui = action.frame_range
 
 
 def action_curves(action: bpy.types.Action) -> Iterator[bpy.types.FCurve]:
@@ -59,9 +103,14 @@ def played_target(obj: bpy.types.Object) -> CurveTarget | None:
     action = current_action(obj)
     if action is None or not action.is_editable or action != obj.animation_data.action:
         return None
+    return curve_target(action, obj.animation_data.action_slot if hasattr(action, "slots") else None)
+
+
+def curve_target(action: bpy.types.Action, slot: Any = None) -> CurveTarget | None:
+    """Return where the curves of an action go; None where it has no slot."""
     if not hasattr(action, "slots"):
         return CurveTarget(action, action)
-    slot = obj.animation_data.action_slot
+    slot = slot or next(iter(action.slots), None)
     if slot is None:
         return None
     layer = action.layers[0] if action.layers else action.layers.new("Layer")

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 import bpy
 import numpy as np
 
-from .curves import action_curves
+from .curves import action_curves, is_take
 
 RATE = "scene_fps"
 """Custom property of an action: the scene's frames per second that its keys are laid by."""
@@ -27,11 +27,6 @@ def laid_rate(action: bpy.types.Action) -> float:
     start, end = action.frame_range
     frames = int(action["frames"])
     return float(action["fps"]) * ((end - start) / (frames - 1) if frames > 1 and end > start else 1.0)
-
-
-def is_take(action: bpy.types.Action) -> bool:
-    """Return whether an action was laid by ``bake_action``."""
-    return all(key in action for key in ("fps", "frames", "frame_start"))
 
 
 def mark_laid(action: bpy.types.Action, fps: float, frames: int, start: float, scene_fps: float) -> None:

@@ -14,7 +14,8 @@ from ..body.controls.limbs import LIMBS, follow_mode, has_limbs, switch_path
 from ..body.shape import body_mesh, set_betas
 from ..conventions.file_paths import file_of, stored
 from ..conventions.kept_findings import findings_in
-from .curves import action_curves
+from .curves import action_curves, play_action
+from .layers import keep_users_action, lay_aside
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
@@ -113,11 +114,9 @@ def takes_of(capture_file: str, person: str = "", original: str = "") -> list[bp
 
 
 def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
-    """Let a body play a take: its action, with its slot where there are slots, in its shape."""
-    animation = armature.animation_data or armature.animation_data_create()
-    animation.action = action
-    if hasattr(action, "slots") and len(action.slots):
-        animation.action_slot = action.slots[0]
+    """Let a body play a take in its shape, below the user's layers if there are any."""
+    with keep_users_action(armature):
+        play_action(armature, action)
     _show_controls(armature, action)
     mesh = body_mesh(armature)
     if mesh is not None and BETAS in action:
@@ -143,19 +142,9 @@ def push_down(obj: bpy.types.Object) -> bpy.types.NlaStrip | None:
     animation = obj.animation_data
     if animation is None or animation.action is None:
         return None
-    action = animation.action
-    slot = getattr(animation, "action_slot", None)
-    track = animation.nla_tracks.new()
-    track.name = action.name
-    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
-    if slot is not None:
-        strip.action_slot = slot
-    strip.action_frame_start, strip.action_frame_end = action.frame_range
-    strip.frame_start_ui, strip.frame_end_ui = action.frame_range
-    strip.blend_type, strip.extrapolation = "REPLACE", "NOTHING"
-    track.mute = True
+    action, slot = animation.action, getattr(animation, "action_slot", None)
     animation.action = None
-    return strip
+    return lay_aside(obj, action, slot)
 
 
 def mark_as_asset(action: bpy.types.Action) -> None:

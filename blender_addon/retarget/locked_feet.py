@@ -11,6 +11,7 @@ from .._exchange.motion_file import read_motion
 from .._exchange.so3 import matrix_from_rotvec, quat_from_matrix, rotvec_from_quat
 from .._exchange.stands import stands, steps
 from ..animation.key_reduction import posed_joints, rest_of
+from ..animation.layers import without_layers
 from ..animation.takes import take_file
 from ..scene.add_take import add_edited_take
 from ..scene.hand_edits import played_channels, take_times
@@ -56,7 +57,8 @@ def lock_feet(
         MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(take_file(take, "motion_file"))
-    channels = played_channels(scene, armature, take_times(take, motion))
+    with without_layers(armature):
+        channels = played_channels(scene, armature, take_times(take, motion))
     held = hold_feet(channels, *rest_of(armature), motion.fps, longest_slide_mm / 1000.0)
     if held is None:
         return None

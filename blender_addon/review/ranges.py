@@ -11,6 +11,7 @@ import numpy as np
 from .._exchange.job_file import JobPin, JobRange
 from ..animation.curves import current_action
 from ..animation.lanes import read_lane
+from ..animation.layers import without_layers
 from ..animation.pose import read_pose
 from ..animation.retiming import laid_rate
 from ..animation.takes import BETAS, take_file
@@ -112,7 +113,9 @@ def pinned_values(armature: bpy.types.Object) -> str:
     assert action is not None
     betas = get_betas(mesh) if mesh is not None else np.array(action[BETAS])
     rest = read_body(body_path_of(action.get("provenance", ""))).rest_joints(betas)
-    pose = read_pose(armature, rest[0], without_root=True)
+    with without_layers(armature):
+        bpy.context.view_layer.update()
+        pose = read_pose(armature, rest[0], without_root=True)
     values = {
         "global_orient": pose.rotvec[0].tolist(),
         "body_pose": pose.rotvec[1:].ravel().tolist(),

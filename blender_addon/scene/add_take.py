@@ -9,7 +9,8 @@ import numpy as np
 
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
-from ..animation.curves import current_action, played_target
+from ..animation.curves import current_action, curve_target
+from ..animation.layers import without_layers
 from ..animation.range_merge import RangeTimes, carry_curves, merge_range
 from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
@@ -90,7 +91,8 @@ def thinned_take(
         MocapError: the take's motion or body can no longer be read.
     """
     motion = read_motion(take_file(take, "motion_file"))
-    edited = played_channels(scene, armature, take_times(take, motion))
+    with without_layers(armature):
+        edited = played_channels(scene, armature, take_times(take, motion))
     name = f"{take.name.removesuffix(FEW)}{FEW}"
     return add_edited_take(scene, take, armature, name, edited, keys_per_second, tolerance_mm)
 
@@ -125,8 +127,8 @@ def add_edited_take(
     timing = TakeTiming(int(take["frame_start"]), scene_frame_rate(scene))
     rest_pelvis = body.rest_joints(motion.betas)[0]
     action = bake_action(name, motion, armature, rest_pelvis, timing, keys_per_second, tolerance_mm, edited)
-    target = played_target(armature)
-    assert target is not None, "the action was baked on this armature"
+    target = curve_target(action)
+    assert target is not None, "a baked action has a slot"
     carry_curves(take, target, float(take["frame_start"]), timing.scene_fps / laid_rate(take))
     for key in (*PATHS, BETAS, PERSON):
         if key in take:
@@ -159,9 +161,9 @@ def keep_edits(
     for key, value in solved.items():
         merged[key] = value
     name = solved.name
+    show_take(armature, merged)  # before the solved one goes, whose place below layers it takes
     bpy.data.actions.remove(solved)
     merged.name, merged.use_fake_user = name, True
-    show_take(armature, merged)
     return merged
 
 

@@ -10,8 +10,9 @@ import numpy as np
 from .._exchange.motion_file import MotionFile, read_motion
 from .._exchange.so3 import quat_from_matrix, sign_continuous
 from ..animation.action import pose_channels, pose_columns
-from ..animation.curves import action_curves
+from ..animation.curves import action_curves, is_take
 from ..animation.key_reduction import SparseCurves, posed_joints, rest_of
+from ..animation.layers import without_layers
 from ..animation.retiming import laid_rate
 from ..animation.takes import take_file
 from ..body.body_choice import body_path_of
@@ -43,7 +44,8 @@ def edited_frames(
     if not len(frames):
         return frames
     joints = layout_of(armature.data.bones).joints
-    seen = _sample_without_root(armature, scene, joints, take_times(take, motion)[frames])
+    with without_layers(armature):
+        seen = _sample_without_root(armature, scene, joints, take_times(take, motion)[frames])
     found = np.stack([seen[joint] for joint in joints], axis=1)
     channels = _baked_channels(take, motion, armature)[frames]
     G, p = posed_joints(channels, *rest_of(armature))
@@ -65,9 +67,9 @@ def played_channels(scene: bpy.types.Scene, armature: bpy.types.Object, times: n
         armature: the body, which plays an action.
         times: (F,) scene frames.
     """
-    action = armature.animation_data.action
-    curves = {(c.data_path, c.array_index): c for c in (() if action is None else action_curves(action))}
-    if not _poses_from_ends(armature, curves):  # the NLA is sampled, too: it has no curves of the object's own
+    own = armature.animation_data.action  # a take on the NLA has none and is sampled: its strip may be moved
+    curves = {(c.data_path, c.array_index): c for c in (action_curves(own) if own is not None and is_take(own) else ())}
+    if not _poses_from_ends(armature, curves):
         places = pose_columns(layout_of(armature.data.bones))
         columns = [(path, index) for path, _, part in places for index in range(part.stop - part.start)]
         return np.array([[curves[place].evaluate(time) for place in columns] for time in times])

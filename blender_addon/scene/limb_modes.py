@@ -10,8 +10,16 @@ import numpy as np
 
 from .._exchange.errors import BodyInvalid
 from .._exchange.so3 import quat_from_matrix, sign_continuous
-from ..animation.curves import CurveTarget, current_action, key_type_values, played_target, remove_curves, write_curves
-from ..animation.retiming import is_take, laid_rate
+from ..animation.curves import (
+    CurveTarget,
+    current_action,
+    is_take,
+    key_type_values,
+    played_target,
+    remove_curves,
+    write_curves,
+)
+from ..animation.retiming import laid_rate
 from ..body.controls.limbs import ROOT, Limb, has_limbs, show_limb, switch_path
 from ..conventions.timing import go_to_frame
 from .session import alone

@@ -41,8 +41,7 @@ def adopt_beside(scene: bpy.types.Scene, shown: bpy.types.PropertyGroup) -> None
 
 
 def _is_solved(obj: bpy.types.Object) -> bool:
-    from ..animation.curves import current_action
-    from ..animation.retiming import is_take
+    from ..animation.curves import current_action, is_take
 
     action = current_action(obj)
     return action is not None and is_take(action) and "betas" in obj and action.get("motion_file") is not None

@@ -207,7 +207,7 @@ def _relay_review(review: bpy.types.PropertyGroup, start: int, ratio: float) -> 
 
 def takes_of_captures(scene: bpy.types.Scene) -> list[bpy.types.Action]:
     """Return the takes of a scene's captures, played or not."""
-    from ...animation.retiming import is_take
+    from ...animation.curves import is_take
     from ...animation.takes import takes_of
 
     return [

@@ -1,0 +1,99 @@
+"""Layers: actions of the user's own that play on top of a take, and takes exchanged below them."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+import bpy
+
+from .curves import exchange_strip, fit_strip, is_take, play_action, playing_strips, take_strip
+
+LAYER_SUFFIX = " layer"
+"""Ending of the name of an action that ``add_layer`` makes."""
+
+
+def has_layers(obj: bpy.types.Object) -> bool:
+    """Return whether an object plays actions of the user's on top of a take on the NLA."""
+    strip = take_strip(obj)
+    if strip is None:
+        return False
+    own, playing = obj.animation_data.action, playing_strips(obj)
+    return (own is not None and not is_take(own)) or playing[-1] != strip
+
+
+@contextmanager
+def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
+    """Let the block give an object another action without losing one that is not a take.
+
+    An action on top of a take stays there, and the new one takes the place of the take below. Any other action of the
+    user's goes to a muted NLA track of its name and keeps a fake user.
+    """
+    animation = obj.animation_data or obj.animation_data_create()
+    own, slot = animation.action, getattr(animation, "action_slot", None)
+    strip = take_strip(obj) if has_layers(obj) else None
+    users = own if own is not None and not is_take(own) else None
+    if users is not None:
+        users.use_fake_user = True
+    yield
+    new = animation.action
+    if new is None or new == users:
+        return
+    if strip is not None:
+        exchange_strip(obj, strip, new)
+        play_action(obj, own if own is None or users is not None else None, slot)
+    elif users is not None:
+        lay_aside(obj, users, slot)
+
+
+def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | None) -> bpy.types.NlaStrip:
+    """Put an action on a new, muted NLA track of its name."""
+    track = obj.animation_data.nla_tracks.new()
+    track.name = action.name
+    strip = track.strips.new(action.name, int(action.frame_range[0]), action)
+    fit_strip(strip, action)
+    if slot is not None:
+        strip.action_slot = slot
+    strip.blend_type, strip.extrapolation = "REPLACE", "NOTHING"
+    track.mute = True
+    return strip
+
+
+def add_layer(obj: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
+    """Move a take that an object plays to the NLA and return an empty action that is combined with it."""
+    animation = obj.animation_data
+    if animation.action == take:
+        slot = getattr(animation, "action_slot", None)
+        animation.action = None
+        strip = lay_aside(obj, take, slot)
+        animation.nla_tracks[-1].mute = False
+        strip.extrapolation = "HOLD"
+    layer = bpy.data.actions.new(f"{take.name}{LAYER_SUFFIX}")
+    layer.use_fake_user = True
+    animation.action = layer
+    if hasattr(layer, "slots"):
+        animation.action_slot = layer.slots.new(id_type="OBJECT", name=obj.name)
+    animation.action_blend_type = "COMBINE"
+    return layer
+
+
+@contextmanager
+def without_layers(obj: bpy.types.Object) -> Iterator[None]:
+    """Mute the user's layers on top of a take while the block runs."""
+    animation, strip = obj.animation_data, take_strip(obj)
+    if animation is None or strip is None or not has_layers(obj):
+        yield
+        return
+    tracks = list(animation.nla_tracks)
+    base = next(k for k, track in enumerate(tracks) if strip in list(track.strips))
+    muted = [track for track in tracks[base + 1 :] if not track.mute]
+    influence = animation.action_influence
+    try:
+        animation.action_influence = 0.0
+        for track in muted:
+            track.mute = True
+        yield
+    finally:
+        animation.action_influence = influence
+        for track in muted:
+            track.mute = False

@@ -1,0 +1,90 @@
+"""The user's own actions: kept when a take replaces them, and played on top of takes as layers."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import bpy
+import numpy as np
+import pytest
+
+from blender_addon.animation.deviation import evaluated_joints
+from blender_addon.animation.layers import add_layer, has_layers
+from blender_addon.ui.operators.import_results import take_motion
+from tests.blender_addon.ui.test_hand_edits import resolve
+
+FRAMES = (4.0, 12.0, 25.0)
+
+
+def joints_at(armature: bpy.types.Object) -> np.ndarray:
+    return np.stack([evaluated_joints(bpy.context.scene, armature, frame) for frame in FRAMES])
+
+
+def own_action(armature: bpy.types.Object) -> bpy.types.Action:
+    """Replace what a body plays by an action of the user's, as Blender's action editor does."""
+    armature.animation_data.action = None
+    armature.pose.bones["head"].keyframe_insert("rotation_quaternion", frame=1)
+    action = armature.animation_data.action
+    action.name = "Mine"
+    return action
+
+
+@pytest.mark.parametrize("by", ["click", "import"])
+def test_an_action_of_the_users_is_kept_when_a_take_replaces_it(mocap, solved_take, solved, by: str) -> None:
+    armature = mocap.review.armature
+    mine = own_action(armature)
+    assert mine.use_fake_user is False
+    if by == "click":
+        assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}
+    else:
+        take_motion(bpy.context, solved.files)
+    animation = armature.animation_data
+    assert animation.action not in (None, mine)
+    assert mine.use_fake_user and mine.users >= 2
+    [track] = [track for track in animation.nla_tracks if track.name == "Mine"]
+    assert track.mute and track.strips[0].action == mine
+
+
+def nod(armature: bpy.types.Object, take: bpy.types.Action) -> bpy.types.Action:
+    layer = add_layer(armature, take)
+    head = armature.pose.bones["head"]
+    head.rotation_quaternion = (np.cos(0.3), np.sin(0.3), 0.0, 0.0)
+    head.keyframe_insert("rotation_quaternion", frame=1)
+    pelvis = armature.pose.bones["pelvis"]
+    pelvis.location = (0.2, 0.0, 0.0)
+    pelvis.keyframe_insert("location", frame=1)
+    return layer
+
+
+def test_a_take_is_found_below_a_layer_and_exchanged_there(mocap, solved_take, solved) -> None:
+    armature = mocap.review.armature
+    plain = joints_at(armature)
+    layer = nod(armature, solved_take)
+    seen = joints_at(armature)
+    assert np.abs(seen - plain).max() > 0.15, "the layer plays on top"
+    assert mocap.review.take == solved_take and has_layers(armature)
+    assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"}
+    np.testing.assert_allclose(joints_at(armature), seen, atol=1e-5)
+    take_motion(bpy.context, solved.files)
+    animation = armature.animation_data
+    assert mocap.review.take not in (layer, solved_take) and animation.action == layer
+    assert animation.action_blend_type == "COMBINE"
+    np.testing.assert_allclose(joints_at(armature), seen, atol=1e-4)
+    assert bpy.ops.mocap.show_take(name=solved_take.name) == {"FINISHED"} and mocap.review.take == solved_take
+
+
+@pytest.mark.parametrize("work", ["range", "thin"])
+def test_work_on_a_take_leaves_the_layers_on_top(mocap, solved_take, work: str) -> None:
+    armature: Any = mocap.review.armature
+    layer = nod(armature, solved_take)
+    seen = joints_at(armature)
+    if work == "range":
+        resolve(mocap.review, 8, 16)
+        assert not mocap.review.pins, "a layer is no hand edit of the take"
+    else:
+        assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+    animation = armature.animation_data
+    assert animation.action == layer and mocap.review.take != solved_take
+    found = joints_at(armature)
+    np.testing.assert_allclose(found[[0, 2]], seen[[0, 2]], atol=1e-5 if work == "range" else 0.006)
+    assert np.abs(found[1] - seen[1]).max() < 0.05, "0.2 m if the layer counted twice"
