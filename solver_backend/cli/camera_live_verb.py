@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from solver_backend.io.calibration import Calibration
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.streaming.moments import LiveMoments
-    from solver_backend.videos.streaming.pictures import PictureSource
+    from solver_backend.videos.streaming.picture_sources import PictureSource
     from solver_backend.videos.streaming.recording import ViewsRecorder
 
 MOST_CAMERAS = 4
@@ -39,12 +39,11 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
     _check(args)
     from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.statistics import LiveStatistics
+    from solver_backend.live.pose_lines import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
-    from solver_backend.videos.detect.choice import chosen_detector
     from solver_backend.videos.detect.detect_videos import joint_set_of
-    from solver_backend.videos.detect.process import DetectorProcess
+    from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector
     from solver_backend.videos.streaming.moments import LiveMoments
     from solver_backend.videos.streaming.recording import ViewsRecorder
 
@@ -117,10 +116,8 @@ def picture_sources(texts: list[str], *, repeat: bool) -> list[PictureSource]:
     Raises:
         CommandLineInvalid: two have the same name, or one is none.
     """
-    from solver_backend.sensors.devices.oak_colour import OakColour
-    from solver_backend.sensors.devices.oak_pictures import OakPictures
-    from solver_backend.videos.streaming.replayed_video import ReplayedVideo
-    from solver_backend.videos.streaming.webcam import Webcam
+    from solver_backend.sensors.devices.oak_colour import OakColour, OakPictures
+    from solver_backend.videos.streaming.picture_sources import ReplayedVideo, Webcam
 
     found: list[PictureSource] = []
     for number, text in enumerate(texts):
@@ -165,7 +162,7 @@ def _lines(
     live: LiveMoments, session: ViewsSession, recorder: ViewsRecorder | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
     """Yield the lines of moments, each after it was recorded, until the time is over."""
-    from solver_backend.live.display import with_display
+    from solver_backend.live.pose_lines import with_display
 
     for moment in live.moments():
         for line in session.run([moment]):

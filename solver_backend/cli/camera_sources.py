@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
-from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
 from solver_backend.cli.reading import reading
 from solver_backend.cli.setting_options import given_world
@@ -27,8 +27,8 @@ from solver_backend.types import Cameras, Capture, Keypoints2D
 if TYPE_CHECKING:
     from solver_backend.camera_calibration.boards.board import Board
     from solver_backend.camera_calibration.extrinsics.board_session import BoardOptions
-    from solver_backend.camera_calibration.extrinsics.evidence import Evidence
-    from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens
+    from solver_backend.camera_calibration.extrinsics.together import Evidence
+    from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens
 
 
 _WORLD_OPTIONS = {
@@ -75,9 +75,8 @@ def calibrated_lenses(args: argparse.Namespace, progress: Progress) -> dict[str,
         CommandLineInvalid: the board or a lens model is not known.
         CalibrationInvalid: a camera has too few pictures of the board.
     """
-    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses
-    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
-    from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
+    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_lenses
+    from solver_backend.camera_calibration.intrinsics.lens_fit import coverage_svg
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
@@ -107,8 +106,7 @@ def _board_options(args: argparse.Namespace) -> tuple[Board, BoardOptions]:
 
 
 def _by_board(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
-    from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
-    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
+    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_by_board
 
     board, options = _board_options(args)
     footage = board_footage(args.source)
@@ -149,7 +147,7 @@ def _person(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str]
 
 def _uncalibrated(args: argparse.Namespace, progress: Progress) -> tuple[Sequence[str], list[Lens], Keypoints2D, bool]:
     """Return the same of detections without calibration: the person is the largest in each view."""
-    from solver_backend.camera_calibration.extrinsics.main_person import main_person
+    from solver_backend.camera_calibration.extrinsics.from_person import main_person
     from solver_backend.io.calibration.search import levels_above
     from solver_backend.io.captures.pose2sim import read_config
     from solver_backend.io.detections.read import read_detections
@@ -196,9 +194,13 @@ def _refined(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
 
 def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras:
     """Return an earlier calibration adjusted to a board, a take and clicks at once."""
-    from solver_backend.camera_calibration.extrinsics.evidence import clicks_evidence, in_world_of, person_evidence
     from solver_backend.camera_calibration.extrinsics.points_session import read_clicks
-    from solver_backend.camera_calibration.extrinsics.together import calibrate_together
+    from solver_backend.camera_calibration.extrinsics.together import (
+        calibrate_together,
+        clicks_evidence,
+        in_world_of,
+        person_evidence,
+    )
     from solver_backend.io.calibration import read_calibration
 
     if args.footage is None and args.take is None and args.clicks is None:
@@ -228,10 +230,9 @@ def _together(args: argparse.Namespace, progress: Progress) -> CalibratedCameras
 
 
 def _board_evidence(args: argparse.Namespace, start: Cameras, progress: Progress) -> Evidence:
-    from solver_backend.camera_calibration.extrinsics.board_session import find_boards
-    from solver_backend.camera_calibration.extrinsics.evidence import board_evidence
-    from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
-    from solver_backend.camera_calibration.frames import VIDEOS
+    from solver_backend.camera_calibration.extrinsics.board_session import board_footage, find_boards
+    from solver_backend.camera_calibration.extrinsics.together import board_evidence
+    from solver_backend.camera_calibration.pictures import VIDEOS
 
     board, options = _board_options(args)
     footage = board_footage(args.footage).extrinsic

@@ -76,8 +76,7 @@ def fit_cameras_arguments(verb: argparse.ArgumentParser) -> None:
 def board(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a board to print, and beside it the file that describes it."""
     from solver_backend.camera_calibration.boards.board import board_named, board_toml
-    from solver_backend.camera_calibration.boards.page import board_page
-    from solver_backend.camera_calibration.boards.page_files import pdf, svg
+    from solver_backend.camera_calibration.boards.page import board_page, pdf, svg
     from solver_backend.exchange.outputs import write_text
 
     suffix, overwrite = args.out.suffix.lower(), bool(args.overwrite)
@@ -104,8 +103,8 @@ def board(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find cameras by a board, a person or clicked points, or refine them, and write them."""
-    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
-    from solver_backend.camera_calibration.intrinsics.library import keep_lenses
+    from solver_backend.camera_calibration.formats import format_of, write_calibration
+    from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses
     from solver_backend.cli.camera_sources import calibrated
 
     if args.method == "lenses":
@@ -127,7 +126,7 @@ def calibrate_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def _lenses(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find the lenses alone and add them to a library."""
-    from solver_backend.camera_calibration.intrinsics.library import keep_lenses
+    from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses
     from solver_backend.cli.camera_sources import calibrated_lenses
 
     if args.out.suffix.lower() != ".json":
@@ -175,7 +174,7 @@ def check_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def fit_cameras(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a capture's cameras as they were read: corrected, scaled and levelled."""
-    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
+    from solver_backend.camera_calibration.formats import format_of, write_calibration
     from solver_backend.cli.camera_sources import capture_of
     from solver_backend.io.recognition.world_check import check_world
 

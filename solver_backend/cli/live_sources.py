@@ -65,7 +65,7 @@ def _motion(args: argparse.Namespace, progress: Progress) -> LiveSource:
         option = "--record" if args.record is not None else "--subject"
         raise CommandLineInvalid(f"{option} works with points; {args.source} is a motion.", where=option)
     from solver_backend.cli.motion_reading import any_motion
-    from solver_backend.live.motion_replay import replayed_poses, rest_joints
+    from solver_backend.live.sending import replayed_poses, rest_joints
 
     path = Path(args.source)
     foreign = path.suffix.lower() in FOREIGN_CLIPS
@@ -96,8 +96,7 @@ def _poses(args: argparse.Namespace) -> LiveSource:
     from solver_backend.io.native.motion_file import read_subject
     from solver_backend.live.face_recording import FaceRecorder
     from solver_backend.live.pose_recording import PoseRecorder
-    from solver_backend.live.vmc_frames import FrameAssembly
-    from solver_backend.live.vmc_source import BonesOnBody, listen, pose_lines
+    from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, listen, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
@@ -140,11 +139,9 @@ def _face(args: argparse.Namespace) -> LiveSource:
 
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return points of a take, or of lines, with a fit that makes poses of them."""
-    from solver_backend.live.frames import from_lines, replayed
-    from solver_backend.live.keeping_up import KeepUp, read_ahead
-    from solver_backend.live.person import person_fit
+    from solver_backend.live.frames import KeepUp, from_lines, read_ahead, replayed
     from solver_backend.live.recording import LiveRecorder
-    from solver_backend.live.session import LiveSession
+    from solver_backend.live.session import LiveSession, person_fit
 
     network, fit = person_fit(args.subject)
     if args.source == "-":
@@ -170,8 +167,8 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 
 def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
     """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
-    from solver_backend.live.display import with_display
-    from solver_backend.live.keeping_up import LATE_S
+    from solver_backend.live.frames import LATE_S
+    from solver_backend.live.pose_lines import with_display
 
     named = False
     for line in lines:

@@ -18,9 +18,9 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
 
 if TYPE_CHECKING:
+    from solver_backend.live.pose_lines import LiveStatistics
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import PoseSender, Proportions
-    from solver_backend.live.statistics import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -33,7 +33,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     if args.send is not None:
         read_address(args.send)
-    from solver_backend.live.statistics import LiveStatistics
+    from solver_backend.live.pose_lines import LiveStatistics
 
     statistics = LiveStatistics()
     source = open_source(args, progress)

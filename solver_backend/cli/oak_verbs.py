@@ -60,7 +60,7 @@ def add_oak_options(verb: argparse.ArgumentParser) -> None:
 
 def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
     """List the OAKs."""
-    from solver_backend.sensors.devices.oak_module import listed_oaks
+    from solver_backend.sensors.devices.oak import listed_oaks
 
     found = listed_oaks()
     return Outcome("\n".join(found) or "No OAK camera was found.", {"oaks": found})
@@ -69,8 +69,7 @@ def oaks(args: argparse.Namespace, progress: Progress) -> Outcome:
 def record_oak(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Record infrared and depth of OAKs; markers are found meanwhile, so that it is seen whether there are any."""
     from solver_backend.sensors.devices.record import Recording
-    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
-    from solver_backend.sensors.streaming.worker import SensorTask
+    from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain, SensorTask
 
     oaks, cameras = oak_devices(args)
     recording = Recording(args.folder, "raw", args.fps, cameras, overwrite=bool(args.overwrite))
@@ -116,13 +115,11 @@ def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:
         SensorFailed, CalibrationMissing: see ``oak_cameras``.
     """
     from solver_backend.io.calibration import read_calibration
-    from solver_backend.sensors.devices import oak_module
-    from solver_backend.sensors.devices.oak import Oak
-    from solver_backend.sensors.devices.oak_lenses import oak_cameras
-    from solver_backend.sensors.devices.oak_settings import OakSettings
+    from solver_backend.sensors.devices import oak
+    from solver_backend.sensors.devices.oak import Oak, OakSettings, oak_cameras
 
     given = _named(args)
-    oak_module.depthai()  # reported now, not by each camera's process again and again
+    oak.depthai()  # reported now, not by each camera's process again and again
     roles = {"wire": ("master", "slave")}.get(args.sync, (args.sync, args.sync))
     oaks = [
         Oak(name, identifier, OakSettings(args.fps, exposure_us=args.exposure, flood=args.flood, sync=roles[c > 0]))
@@ -138,7 +135,7 @@ def _named(args: argparse.Namespace) -> dict[str, str]:
         CommandLineInvalid: names repeat, or times and rates are impossible.
         SensorUnknown: a camera is of another kind, or has no identifier.
     """
-    from solver_backend.sensors.devices.named import device_named
+    from solver_backend.sensors.devices.oak import device_named
 
     given = [device_named(text if ":" in text else f"oak:{text}") for text in args.oak]
     found = {oak.name: oak.identifier for oak in given}

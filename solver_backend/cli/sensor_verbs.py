@@ -15,7 +15,7 @@ from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
 if TYPE_CHECKING:
-    from solver_backend.sensors.devices.source import SensorFolder
+    from solver_backend.sensors.devices.recorded import SensorFolder
     from solver_backend.sensors.streaming.chain import MarkerChain
 
 
@@ -63,7 +63,7 @@ def markers_from_sensors(args: argparse.Namespace, progress: Progress) -> Outcom
 
     from solver_backend.io.markers.read import write_markers
     from solver_backend.io.native.capture_file import write_capture
-    from solver_backend.sensors.fusion.settings import FusionSettings
+    from solver_backend.sensors.fusion.clusters import FusionSettings
     from solver_backend.sensors.take import capture_from, cloud_of
 
     folder = folder_of(args)
@@ -109,9 +109,8 @@ def sensors_record(args: argparse.Namespace, progress: Progress) -> Outcome:
 def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None, *, live: bool) -> MarkerChain:
     """Return the chain of a folder: at its recorded rate, or all frames as fast as they are taken."""
     from solver_backend.sensors.devices.record import Recording
-    from solver_backend.sensors.fusion.settings import FusionSettings
-    from solver_backend.sensors.streaming.chain import MarkerChain
-    from solver_backend.sensors.streaming.worker import SensorTask
+    from solver_backend.sensors.fusion.clusters import FusionSettings
+    from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 
     masks = mask_of(args)
     devices = [replace(device, repeat=live and args.repeat) for device in folder.devices]
@@ -127,7 +126,7 @@ def chain_of(args: argparse.Namespace, folder: SensorFolder, record: Path | None
 
 def folder_of(args: argparse.Namespace, path: Path | None = None) -> SensorFolder:
     """Return the folder of sensors of a command line, opened."""
-    from solver_backend.sensors.devices.source import open_folder
+    from solver_backend.sensors.devices.recorded import open_folder
 
     return open_folder(args.source if path is None else path, args.calibration)
 

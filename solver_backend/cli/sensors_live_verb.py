@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from solver_backend.live.frames import PointFrame
     from solver_backend.live.session import LiveSession
     from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
-    from solver_backend.sensors.wand.coverage import Coverage
+    from solver_backend.sensors.wand.views import Coverage
 
 COVERAGE_INTERVAL_S = 0.5
 """Time from one report of the wand's coverage to the next."""
@@ -37,7 +37,7 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
     overwrite = bool(args.overwrite)
     _check(args)
-    from solver_backend.live.statistics import LiveStatistics
+    from solver_backend.live.pose_lines import LiveStatistics
 
     statistics = LiveStatistics()
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
@@ -104,9 +104,8 @@ def _chain(args: argparse.Namespace) -> MarkerChain:
     if args.source is not None:
         return chain_of(args, folder_of(args), args.record, live=True)
     from solver_backend.sensors.devices.record import Recording
-    from solver_backend.sensors.fusion.settings import FusionSettings
-    from solver_backend.sensors.streaming.chain import MarkerChain
-    from solver_backend.sensors.streaming.worker import SensorTask
+    from solver_backend.sensors.fusion.clusters import FusionSettings
+    from solver_backend.sensors.streaming.chain import MarkerChain, SensorTask
 
     oaks, cameras = oak_devices(args)
     masks, recording = mask_of(args), None
@@ -143,8 +142,7 @@ def _frames(chain: MarkerChain, stream: Lines, until: float | None, progress: Pr
 
 def _session(subject: Path | None) -> LiveSession:
     """Return what fits poses, ready to begin."""
-    from solver_backend.live.person import person_fit
-    from solver_backend.live.session import LiveSession
+    from solver_backend.live.session import LiveSession, person_fit
 
     network, fit = person_fit(subject)
     session = LiveSession(network, fit, unit="m", up_axis="z")
@@ -154,7 +152,7 @@ def _session(subject: Path | None) -> LiveSession:
 
 def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[LiveLine]:
     """Yield the lines of the live fit."""
-    from solver_backend.live.display import with_display
+    from solver_backend.live.pose_lines import with_display
 
     for line in session.run(frames):
         yield with_display(line, session) if with_points and "frame" in line else line
@@ -166,7 +164,7 @@ def _waved(
     """Yield a line each ``COVERAGE_INTERVAL_S``: what of every picture the wand visited, and where to go next."""
     import numpy as np
 
-    from solver_backend.sensors.wand.coverage import Coverage
+    from solver_backend.sensors.wand.views import Coverage
 
     cameras = chain.cameras
     coverage, reported, number, moment = Coverage(cameras.names, cameras.image_size), 0.0, 0, None
@@ -200,7 +198,7 @@ def _solved(recording: Path, out: Path, progress: Progress, *, overwrite: bool) 
     from solver_backend.fitters import solve
     from solver_backend.fitters.label_first import labelled_capture
     from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.sensors.devices.source import open_folder
+    from solver_backend.sensors.devices.recorded import open_folder
     from solver_backend.sensors.take import capture_of
 
     capture, _ = labelled_capture(capture_of(open_folder(recording), progress=progress), progress)

@@ -126,7 +126,7 @@ def _converted(args: argparse.Namespace, progress: Progress) -> Capture:
         return load(args.capture, reading(args), progress)
     except CaptureNotRecognised:
         if (args.capture / SENSOR_RECORDING).is_file():
-            from solver_backend.sensors.devices.source import open_folder
+            from solver_backend.sensors.devices.recorded import open_folder
             from solver_backend.sensors.take import capture_of
 
             return capture_of(open_folder(args.capture), progress=progress)

@@ -28,7 +28,7 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.recognition.range_checks import checked
     from solver_backend.videos.detect.assemble import assembled
     from solver_backend.videos.detect.detect_videos import detect_videos
-    from solver_backend.videos.detect.preview import write_previews
+    from solver_backend.videos.pipeline.pictures import write_previews
     from solver_backend.videos.sync.synchronise import synchronise
 
     overwrite, choice = bool(args.overwrite), _choice(args)
@@ -60,12 +60,11 @@ def detect(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 def from_videos(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Go the road from a folder of videos to solved motions."""
-    from solver_backend.videos.detect.choice import chosen_hand_detector
+    from solver_backend.videos.detect.detector import chosen_hand_detector
     from solver_backend.videos.pipeline.calibrate import KnownOfCameras
     from solver_backend.videos.pipeline.layout import look_through
-    from solver_backend.videos.pipeline.plan import described, planned
+    from solver_backend.videos.pipeline.plan import RoadSettings, described, planned
     from solver_backend.videos.pipeline.run import go
-    from solver_backend.videos.pipeline.settings import RoadSettings
 
     found = look_through(args.folder)
     takes = tuple(take for take in found.takes if args.take in (None, take.name))
@@ -142,12 +141,10 @@ def capture_of_folder(folder: Path, out: Path, progress: Progress) -> Capture | 
         MocapError: whatever a step raises.
     """
     from solver_backend.io.native.capture_file import read_capture
-    from solver_backend.videos.detect.choice import chosen_detector
-    from solver_backend.videos.pipeline.errors import NoVideos
-    from solver_backend.videos.pipeline.layout import look_through
-    from solver_backend.videos.pipeline.plan import planned
+    from solver_backend.videos.detect.detector import chosen_detector
+    from solver_backend.videos.pipeline.layout import NoVideos, look_through
+    from solver_backend.videos.pipeline.plan import RoadSettings, planned
     from solver_backend.videos.pipeline.run import go
-    from solver_backend.videos.pipeline.settings import RoadSettings
 
     try:
         found = look_through(folder)
@@ -193,7 +190,7 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
     from solver_backend.io.load import load_capture
     from solver_backend.io.native.capture_file import write_capture
     from solver_backend.videos.detect import find_hands as hands
-    from solver_backend.videos.detect.choice import chosen_hand_detector
+    from solver_backend.videos.detect.detector import chosen_hand_detector
 
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
@@ -207,7 +204,7 @@ def find_hands(args: argparse.Namespace, progress: Progress) -> Outcome:
 
 
 def _choice(args: argparse.Namespace) -> Any:
-    from solver_backend.videos.detect.choice import chosen_detector
+    from solver_backend.videos.detect.detector import chosen_detector
 
     return chosen_detector(
         args.detector, python=args.python, people=args.people, hands=args.hands, worker=args.detector_worker
@@ -216,7 +213,7 @@ def _choice(args: argparse.Namespace) -> Any:
 
 def _pictures_fps(args: argparse.Namespace) -> float:
     from solver_backend.job import positive_fps
-    from solver_backend.videos.files.probe import PICTURES_FPS
+    from solver_backend.videos.files.video import PICTURES_FPS
 
     return PICTURES_FPS if args.fps is None else positive_fps(args.fps)
 

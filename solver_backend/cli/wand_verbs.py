@@ -54,15 +54,13 @@ def calibrate_wand_arguments(verb: argparse.ArgumentParser) -> None:
 
 def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Find sensors by a wand, lay them on the floor by a Γ, and write them."""
-    from solver_backend.camera_calibration.formats.write import format_of, write_calibration
-    from solver_backend.sensors.trigger import triggered
-    from solver_backend.sensors.wand.from_sensors import is_sensor_folder, sensor_clouds
-    from solver_backend.sensors.wand.gamma import Gamma, ground_from_gamma, on_ground
-    from solver_backend.sensors.wand.gamma_clouds import gamma_clouds
-    from solver_backend.sensors.wand.leds import Wand
-    from solver_backend.sensors.wand.result import WandOptions, in_world
+    from solver_backend.camera_calibration.formats import format_of, write_calibration
+    from solver_backend.sensors.take import triggered
+    from solver_backend.sensors.wand.gamma import Gamma, gamma_clouds, ground_from_gamma, on_ground
     from solver_backend.sensors.wand.session import calibrate_by_wand
-    from solver_backend.sensors.wand.source import wand_views
+    from solver_backend.sensors.wand.solve import WandOptions, in_world
+    from solver_backend.sensors.wand.source import is_sensor_folder, sensor_clouds, wand_views
+    from solver_backend.sensors.wand.views import Wand
 
     overwrite = bool(args.overwrite)
     kind = args.format or format_of(args.out)
@@ -88,7 +86,7 @@ def calibrate_wand(args: argparse.Namespace, progress: Progress) -> Outcome:
         found = in_world(found, on_ground(found.array, ground), ground)
     write_calibration(args.out, found.array.cameras, kind, found.array.rmse_px, overwrite=overwrite)
     if args.report is not None:
-        from solver_backend.sensors.wand.page import wand_page
+        from solver_backend.sensors.wand.evaluation import wand_page
 
         write_text(args.report, wand_page(found, ground), overwrite=overwrite)
     return _outcome(found, args.out, kind, args.report)

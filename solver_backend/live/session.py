@@ -1,24 +1,125 @@
-"""The live loop: points in, poses out, whatever comes."""
+"""Fit one person to live points: label the points, follow them and solve each frame."""
 
 from __future__ import annotations
 
 import time
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
+from solver_backend.body.body import load_body
+from solver_backend.body.marker_names import name_markers
 from solver_backend.exchange.live_lines import FrameDelays, FrameLine, LiveLine
-from solver_backend.fitters.recipes.live import LiveFit
+from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
+from solver_backend.io.native.motion_file import read_subject
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 from solver_backend.labelling.exclusive_labels import labels_of_frame
-from solver_backend.labelling.outputs import GHOST, MARKERS
-from solver_backend.labelling.point_network import PointNetwork
-from solver_backend.live.doubts import doubts_of
+from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
+from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.point_tracks import PointTracks
-from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, event, pose_of, rounded
-from solver_backend.live.world import UNITS, unit_of, up_axis_of
+from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, doubts_of, event, pose_of, rounded
+
+UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
+AXES = ("z", "y", "x", "-y", "-z", "-x")
+_PEOPLE_M = (0.5, 3.5)
+"""Reach of a person's markers from end to end."""
+_CLEARLY = 0.08
+"""An axis other than z is taken only if points are surer by so much."""
+_UPRIGHT = 0.1
+"""What a person who stands counts for beside that: read from eight recorded takes, whose own axis is surer than the
+next by -0.001 to 0.21, and along whose wrong axes the head is at most 0.16 of a trunk above the pelvis."""
+_HEAD, _PELVIS = (len(LANDMARKS) - len(JOINTS) + JOINTS.index(name) for name in ("head", "pelvis"))
+
+
+def unit_of(points: np.ndarray) -> str | None:
+    """Return the unit in which (N, 3) points are as large as a person, None if in none."""
+    centre = np.median(points, axis=0)
+    reach = 2.0 * float(np.quantile(np.linalg.norm(points - centre, axis=-1), 0.9))
+    return next((unit for unit, metres in UNITS.items() if _PEOPLE_M[0] < reach * metres < _PEOPLE_M[1]), None)
+
+
+def up_axis_of(frames: list[np.ndarray], network: PointNetwork) -> str:
+    """Return the axis along which the network is surest of what the points are; z unless another is clearly better.
+
+    ``mean p + w max(0, u)``: the points' mean best probability p, and the height u of the head above the pelvis in
+    trunk lengths. The network reads people who lie nearly as surely, and people who begin to record stand.
+    """
+    sure = {}
+    for axis in AXES:
+        turn = rotation_to_z_up(axis)
+        read = [network((points @ turn.T)[None]) for points in frames]
+        best = np.mean([np.exp(reading.log_probability[0].max(-1)).mean() for reading in read])
+        trunk = np.mean([reading.positions[0, _HEAD] - reading.positions[0, _PELVIS] for reading in read], axis=0)
+        sure[axis] = float(best) + _UPRIGHT * max(0.0, float(trunk[2] / np.linalg.norm(trunk)))
+    axis = max(sure, key=lambda a: sure[a])
+    return axis if sure[axis] > sure["z"] + _CLEARLY else "z"
+
+
+REACH_M, REACH_M_S = 0.03, 2.0
+"""A point is the same as one of the frame before within 3 cm of where that was going, and 2 m/s more."""
+MEMORY_S = 0.7
+"""Time in which earlier labels fade."""
+UNSEEN_S = 0.15
+"""Time for which a point that went away may come back."""
+_FLOOR = -6.0
+"""Evidence of one frame at least, a log-probability: one frame does not outweigh a track; chosen by hand."""
+
+
+class PointTracks:
+    """Which points of a frame are those of the frame before."""
+
+    def __init__(self) -> None:
+        self.position = np.zeros((0, 3))
+        self.velocity = np.zeros((0, 3))
+        self.evidence = np.zeros((0, GHOST + 1))
+        self.unseen_s = np.zeros(0)
+
+    def clear(self) -> None:
+        """Forget all of them."""
+        self.__init__()
+
+    def update(self, points: np.ndarray, log_probability: np.ndarray, dt: float) -> np.ndarray:
+        """Return the (N, 54) evidence of the points of a frame: what their tracks have gathered, and this frame's.
+
+        Args:
+            points: (N, 3) metres.
+            log_probability: (N, 54) of this frame.
+            dt: seconds since the last frame.
+        """
+        before = self._matched(points, dt)
+        known = before >= 0
+        evidence = np.maximum(log_probability, _FLOOR)
+        fade = np.exp(-dt / MEMORY_S)
+        evidence[known] += fade * self.evidence[before[known]]
+        velocity = np.zeros_like(points)
+        velocity[known] = 0.5 * self.velocity[before[known]] + 0.5 * (
+            points[known] - self.position[before[known]]
+        ) / np.maximum(dt + self.unseen_s[before[known], None], 1e-4)
+        waiting = np.ones(len(self.position), dtype=bool)
+        waiting[before[known]] = False
+        waiting &= self.unseen_s + dt < UNSEEN_S
+        self.position = np.concatenate([points, self.position[waiting]])
+        self.velocity = np.concatenate([velocity, self.velocity[waiting]])
+        self.evidence = np.concatenate([evidence, self.evidence[waiting]])
+        self.unseen_s = np.concatenate([np.zeros(len(points)), self.unseen_s[waiting] + dt])
+        return evidence
+
+    def _matched(self, points: np.ndarray, dt: float) -> np.ndarray:
+        """Return (N,) the track that each point goes on from: pairs that are each other's nearest; -1 for none."""
+        found = np.full(len(points), -1)
+        if not len(self.position) or not len(points):
+            return found
+        ahead = self.position + self.velocity * (self.unseen_s + dt)[:, None]
+        square = (points * points).sum(1)[:, None] + (ahead * ahead).sum(1)[None] - 2.0 * points @ ahead.T
+        nearest, back = square.argmin(1), square.argmin(0)
+        rows = np.arange(len(points))
+        reach = REACH_M + REACH_M_S * (dt + self.unseen_s[nearest])
+        mutual = (back[nearest] == rows) & (square[rows, nearest] < reach**2)
+        found[mutual] = nearest[mutual]
+        return found
+
 
 FEWEST = 8
 """Points, and labelled ones, without which a frame has no pose of its own."""
@@ -196,3 +297,21 @@ def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
 
 def _delays(frame: PointFrame) -> FrameDelays:
     return delays(frame.arrived, frame.lag_s)
+
+
+def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:
+    """Return the network and a fit of a calibrated person, or of one whose shape is learned as they move.
+
+    Raises:
+        FileMissing, SubjectInvalid: the subject cannot be read.
+    """
+    network = load_network()
+    if subject is None:
+        return network, fit_average_person()
+    person = read_subject(subject)
+    offsets = np.zeros((len(MARKERS), 3))
+    places = name_markers(person.places).known
+    for place, offset in zip(person.places, person.offsets, strict=True):
+        if places.get(place) in MARKERS:
+            offsets[MARKERS.index(places[place])] = offset
+    return network, LiveFit(load_body(), offsets=offsets, betas=person.betas)

@@ -1,12 +1,17 @@
-"""A port that poses come to by the VMC protocol: listens, survives whatever comes, and puts bones onto our body."""
+"""Receive poses of the VMC protocol and put their bones on our body.
+
+Packets that cannot be used are reported once per kind and change nothing.
+"""
 
 from __future__ import annotations
 
 import errno
+import math
 import socket
 import time
-from collections.abc import Callable, Generator, Iterable, Iterator
+from collections.abc import Callable, Generator, Iterable, Iterator, Sequence
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -17,17 +22,216 @@ from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, event_line
+from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.so3 import quat_multiply
 from solver_backend.exchange.vmc.address import VmcAddress
-from solver_backend.exchange.vmc.bones import BONE_OF
+from solver_backend.exchange.vmc.bones import BONE_OF, JOINT_OF
+from solver_backend.exchange.vmc.bundle import BONE, ROOT, TIME
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.exchange.vmc.osc import LONGEST
-from solver_backend.exchange.vmc.t_pose import turned
+from solver_backend.exchange.vmc.osc import LONGEST, OscMessage, PacketInvalid, decode_packet
+from solver_backend.exchange.vmc.t_pose import t_pose, turned
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
 from solver_backend.live.face_recording import FaceRecorder
-from solver_backend.live.own_proportions import own_shape
+from solver_backend.live.named_once import JUMP_S, OneSender
 from solver_backend.live.pose_recording import PoseRecorder
-from solver_backend.live.vmc_frames import BoneFrame, has_fingers
+
+FARTHEST_M = 1e4
+"""No person is farther from the origin, in metres."""
+FACE = "/VMC/Ext/Blend/Val"
+MOST_CHANNELS = 256
+"""Channels of a face that are kept; ARKit has 52."""
+_LARGEST = 10.0
+"""No channel has a value as large."""
+_LONGEST_NAME = 40
+"""Letters of a foreign name that are shown; chosen by hand."""
+_FINGERS = ("Thumb", "Index", "Middle", "Ring", "Little")
+
+
+@dataclass(frozen=True)
+class BoneFrame:
+    """Unity's humanoid at a moment, as the sender has it."""
+
+    time: float
+    """Seconds since the first frame, on the sender's clock where it has one."""
+    arrived: float
+    """``time.perf_counter()`` when its last packet came."""
+    quat: dict[str, np.ndarray]
+    """(4,) unit quaternion wxyz of each bone that was heard, relative to its parent."""
+    place: dict[str, np.ndarray]
+    """(3,) metres of the same bones, relative to their parents."""
+    root: tuple[np.ndarray, np.ndarray]
+    """Unit quaternion wxyz and (3,) metres of the root, in Unity's world."""
+    face: dict[str, float]
+    """Value of each channel of the face, of a sender that has some; 0 to 1 as a rule."""
+
+
+class FrameAssembly(OneSender):
+    """Gathers the bones of one sender; a frame is whole when every bone of the last one, or one of them twice, came."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._sender: Any = None
+        self._heard = -math.inf
+        self._packets: list[bytes] = []
+        self._forget()
+
+    def _forget(self) -> None:
+        self._clock: float | None = None
+        self._quat: dict[str, np.ndarray] = {}
+        self._place: dict[str, np.ndarray] = {}
+        self._root = (np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3))
+        self._face: dict[str, float] = {}
+        self._came: set[str] = set()
+        self._whole: frozenset[str] = frozenset()
+        self._begun: tuple[float | None, float] = (None, 0.0)
+        self._last: tuple[float | None, float] | None = None
+        self._time = 0.0
+
+    def take(self, packet: bytes, sender: Any, arrived: float) -> Iterator[BoneFrame]:
+        """Yield the frames that a packet makes whole.
+
+        Args:
+            packet: a datagram.
+            sender: whose it is; frames are of one sender at a time.
+            arrived: ``time.perf_counter()``.
+        """
+        if self.is_other(sender, arrived):  # at once: it may send without end
+            return self.name_once("second_sender", "Another sender is ignored while the first one sends.")
+        try:
+            messages = decode_packet(packet)
+        except PacketInvalid as error:
+            return self.name_once("packet_invalid", f"A packet is not Open Sound Control: {error}.")
+        if not self._is_ours(messages, sender, arrived) or not self._is_next(messages, packet):
+            return
+        for message in messages:
+            if message.address == BONE:
+                if (bone := self._bone(message)) is not None:
+                    if bone[0] in self._came:
+                        yield self._frame()
+                    self._add(bone, arrived)
+            elif message.address == ROOT:
+                if (root := self._numbers(message)) is not None:
+                    self._root = root
+            elif message.address == FACE:
+                self._add_face(message)
+            elif not message.address.startswith("/VMC/"):
+                self.name_once("message_unknown", f"A message is not of the protocol: {_shown(message.address)}.")
+        if self._whole and self._came >= self._whole:
+            yield self._frame()
+
+    def _is_ours(self, messages: Sequence[OscMessage], sender: Any, arrived: float) -> bool:
+        """Return whether a packet is of the sender who is heard; one with bones takes over from one who is gone."""
+        if sender != self._sender:
+            if not any(message.address == BONE for message in messages):
+                return False
+            self._sender, self._packets = sender, []
+            self._forget()
+        self._heard = arrived
+        return True
+
+    def _is_next(self, messages: Sequence[OscMessage], packet: bytes) -> bool:
+        """Return whether a packet comes after those before it, by its clock, and was not there already."""
+        times = [m.values[0] for m in messages if m.address == TIME and m.values and isinstance(m.values[0], float)]
+        clock = next((time for time in times if math.isfinite(time)), None)
+        return clock is None or self.is_next(packet, clock)
+
+    def _bone(self, message: OscMessage) -> tuple[str, np.ndarray, np.ndarray] | None:
+        name = message.values[0] if message.values else None
+        if not isinstance(name, str) or name not in JOINT_OF:
+            return self.name_once("bone_unknown", f"A bone is not one of Unity's: {_shown(name)}.")
+        numbers = self._numbers(message)
+        return None if numbers is None else (name, *numbers)
+
+    def _numbers(self, message: OscMessage) -> tuple[np.ndarray, np.ndarray] | None:
+        """Return rotation wxyz and place of a message's seven numbers, None where they cannot be."""
+        values = [v for v in message.values[1:8] if isinstance(v, float | int) and not isinstance(v, bool)]
+        numbers = np.array(values if len(values) == 7 else [math.nan], np.float64)
+        good = bool(np.isfinite(numbers).all()) and bool((np.abs(numbers) < FARTHEST_M).all())
+        length = float(np.linalg.norm(numbers[3:])) if good else 0.0
+        if not 0.5 < length < 2.0:
+            return self.name_once(
+                "numbers_impossible", f"The numbers of {_shown(message.values[:1])} are not possible."
+            )
+        return numbers[[6, 3, 4, 5]] / length, numbers[:3]
+
+    def _add(self, bone: tuple[str, np.ndarray, np.ndarray], arrived: float) -> None:
+        name, quat, place = bone
+        if not self._came:
+            self._begun = (self._clock, arrived)
+        self._came.add(name)
+        self._quat[name], self._place[name] = quat, place
+
+    def _add_face(self, message: OscMessage) -> None:
+        name, value = (*message.values, None, None)[:2]
+        if isinstance(name, str) and isinstance(value, float) and abs(value) < _LARGEST:  # NaN is not
+            channel = name[:_LONGEST_NAME]
+            if len(self._face) < MOST_CHANNELS or channel in self._face:
+                self._face[channel] = value
+                return
+        self.name_once("face_impossible", f"A channel of the face is impossible, or one too many: {_shown(name)}.")
+
+    def _frame(self) -> BoneFrame:
+        """Return what came as a frame, and begin the next."""
+        clock, arrived = self._begun
+        if self._last is not None:
+            before, arrived_before = self._last
+            passed = arrived - arrived_before
+            if clock is not None and before is not None and clock > before and abs(clock - before - passed) < JUMP_S:
+                passed = clock - before
+            self._time += max(passed, 0.0)
+        self._last, self._whole = self._begun, frozenset(self._came)
+        self._came.clear()
+        return BoneFrame(self._time, arrived, dict(self._quat), dict(self._place), self._root, dict(self._face))
+
+
+def has_fingers(frame: BoneFrame) -> bool:
+    """Return whether the sender moves fingers."""
+    return any(finger in bone for bone in frame.quat for finger in _FINGERS)
+
+
+def _shown(name: object) -> str:
+    return plain(str(name)[:_LONGEST_NAME])
+
+
+_OURS_M = 1e-4
+"""Metres by which no bone of our own body differs; other bodies differ by centimetres."""
+_ROUNDS = 6
+_PULL = 1e-11
+"""Square metres by which shapes that joints hardly know of are held to the mean."""
+
+
+def own_shape(body: Body, joints: np.ndarray) -> np.ndarray | None:
+    """Return the (10,) shape whose T-pose has these joints, None where the sender's body is another.
+
+    ``min Σ |b_j(β) - b_j|² + λ |β|²`` by Gauss-Newton over the bones b that the T-pose does not turn, and over the
+    lengths ``|b_j|`` of those that it does: ``d|b| = b/|b| · db``.
+
+    Args:
+        body: ours.
+        joints: (24, 3) of the sender's T-pose, NaN where it has none.
+    """
+    layout, count = body.layout, len(joints)
+    child = np.array([j for j in range(1, count) if np.isfinite(joints[j]).all()])
+    if len(child) < count - 3:  # our own has all but the knuckles
+        return None
+    parent = np.array(layout.parents)[child]
+    wanted = joints[child] - joints[parent]
+    slopes = body.joints_shapedirs[child] - body.joints_shapedirs[parent]
+    still = np.abs(t_pose(layout, body.rest_joints(np.zeros(10)))[parent, 0] - 1.0) < 1e-12
+    length = np.linalg.norm(wanted, axis=1)
+    betas: np.ndarray = np.zeros(slopes.shape[-1])
+    r: np.ndarray = np.zeros(0)
+    for _ in range(_ROUNDS):
+        bones = body.rest_joints(betas)[child] - body.rest_joints(betas)[parent]
+        reach = np.linalg.norm(bones, axis=1)
+        J = np.concatenate([
+            slopes[still].reshape(-1, len(betas)),
+            np.einsum("ni,nik->nk", bones / reach[:, None], slopes)[~still],
+        ])  # fmt: skip
+        r = np.concatenate([(wanted - bones)[still].ravel(), (length - reach)[~still]])
+        betas = betas + np.linalg.solve(J.T @ J + _PULL * np.eye(len(betas)), J.T @ r - _PULL * betas)
+    return betas if np.abs(r).max() < _OURS_M else None
+
 
 SILENT_S = 2.0
 """Seconds without a packet from which a sender is reported as silent."""

@@ -1,4 +1,4 @@
-"""A folder of sensors to a point cloud, as fast as it goes: acquisition and fusion of every frame."""
+"""Turn a folder of sensor recordings into a point cloud, and model the clocks of triggered sensors."""
 
 from __future__ import annotations
 
@@ -10,21 +10,18 @@ from types import MappingProxyType
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
+from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.sensors.acquisition.acquire import Acquisition
-from solver_backend.sensors.acquisition.settings import DEFAULT as ACQUISITION
-from solver_backend.sensors.acquisition.settings import AcquisitionSettings
-from solver_backend.sensors.acquisition.sightings import SensorSightings
-from solver_backend.sensors.acquisition.threshold import learned_mask
-from solver_backend.sensors.devices.source import SensorFolder
-from solver_backend.sensors.errors import NoMarkers, SensorFailed
-from solver_backend.sensors.fusion.cloud import CloudBuilder
-from solver_backend.sensors.fusion.clusters import fuse
-from solver_backend.sensors.fusion.gather import Finding, Gatherer
-from solver_backend.sensors.fusion.settings import DEFAULT as FUSION
-from solver_backend.sensors.fusion.settings import FusionSettings
-from solver_backend.sensors.fusion.tracks import MarkerTracks
+from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
+from solver_backend.sensors.acquisition.blobs import DEFAULT as ACQUISITION
+from solver_backend.sensors.acquisition.blobs import AcquisitionSettings, learned_mask
+from solver_backend.sensors.devices.device import NoMarkers, SensorFailed
+from solver_backend.sensors.devices.recorded import SensorFolder
+from solver_backend.sensors.fusion.clusters import DEFAULT as FUSION
+from solver_backend.sensors.fusion.clusters import FusionSettings, fuse
+from solver_backend.sensors.fusion.moments import CloudBuilder, Finding, Gatherer, MarkerTracks
 from solver_backend.types import Capture, MarkerCloud
+from solver_backend.videos.sync.clocks import Clocks
 
 
 @dataclass(frozen=True)
@@ -139,3 +136,31 @@ def _moments(
             frames[frame.sensor] += 1
             gatherer.push(finder(frame))
         yield from gatherer.moments()
+
+
+INTERLEAVE_S = 160e-6
+"""By how much each time-of-flight sensor exposes later than the one before, so that its light does not reach another
+(thesis 5.3.2, after the Azure Kinect's documentation)."""
+LARGEST_INTERLEAVE_S = 0.02
+"""Seconds between two sensors' exposures at most; chosen by hand."""
+
+
+def triggered(names: tuple[str, ...], interleave_s: float = 0.0) -> Clocks:
+    """Return the clocks of sensors on one trigger: sensor c exposes ``c · interleave`` later than the first.
+
+    Stamps are the trigger's: what a sensor shows at stamp t happened at ``t + c · interleave``.
+
+    Args:
+        names: of the sensors, in the order of their delays.
+        interleave_s: seconds; ``INTERLEAVE_S`` for time-of-flight sensors, 0 for others.
+
+    Raises:
+        CommandLineInvalid: the interleave is negative or longer than a frame.
+    """
+    if not 0.0 <= interleave_s <= LARGEST_INTERLEAVE_S:
+        raise CommandLineInvalid(
+            f"An interleave of {1e6 * interleave_s:.0f} microseconds is not possible.",
+            hint=f"160 for time-of-flight sensors, 0 for others; at most {1e6 * LARGEST_INTERLEAVE_S:.0f}.",
+        )
+    late = interleave_s * np.arange(len(names))
+    return replace(Clocks.alike(names), offset_s=-late, method="trigger")

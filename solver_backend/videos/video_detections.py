@@ -13,7 +13,7 @@ from solver_backend.exchange.npz import write_npz
 from solver_backend.exchange.plausible import FARTHEST_PX, LONGEST_S, require_rate
 from solver_backend.exchange.schema import read_fields
 from solver_backend.types import JointSet
-from solver_backend.videos.files.probe import rate_of
+from solver_backend.videos.files.video import rate_of
 
 FORMAT, VERSION = "manifold_mocap_detections", 1
 _STORED = (

@@ -15,18 +15,16 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Bodies, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, lens_of
-from solver_backend.camera_calibration.adjustment.problem import Bodies, Unknowns
 from solver_backend.camera_calibration.boards.board import board_named
-from solver_backend.camera_calibration.extrinsics.board_session import calibrate_lenses, find_boards
+from solver_backend.camera_calibration.extrinsics.board_session import board_footage, calibrate_lenses, find_boards
 from solver_backend.camera_calibration.extrinsics.from_board import BoardCalibration, calibrate_from_board
 from solver_backend.camera_calibration.extrinsics.person_session import (
     PersonOptions,
     calibrate_by_person,
     refine_by_person,
 )
-from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
 from solver_backend.fitters import solve
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3

@@ -24,9 +24,8 @@ from solver_backend.fitters.pipeline import solve
 from solver_backend.io.load import load_capture
 from solver_backend.io.native.motion_file import read_motion
 from solver_backend.types import Capture, Keypoints2D
-from solver_backend.videos.detect.choice import DetectorChoice, chosen_detector
 from solver_backend.videos.detect.detect_videos import detect_videos
-from solver_backend.videos.detect.errors import DetectorMissing
+from solver_backend.videos.detect.detector import DetectorChoice, DetectorMissing, chosen_detector
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.limb_errors import LIMBS, limb_errors
 

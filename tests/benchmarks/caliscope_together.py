@@ -14,14 +14,16 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
-from solver_backend.camera_calibration.adjustment.problem import Unknowns
 from solver_backend.camera_calibration.boards.board import board_named
-from solver_backend.camera_calibration.extrinsics.board_session import find_boards
-from solver_backend.camera_calibration.extrinsics.evidence import Evidence, board_evidence, person_evidence
-from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
-from solver_backend.camera_calibration.extrinsics.together import calibrate_together
+from solver_backend.camera_calibration.extrinsics.board_session import board_footage, find_boards
+from solver_backend.camera_calibration.extrinsics.together import (
+    Evidence,
+    board_evidence,
+    calibrate_together,
+    person_evidence,
+)
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.load import load_capture
 from solver_backend.types import Cameras

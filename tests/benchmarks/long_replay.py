@@ -20,12 +20,10 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.person import person_fit
-from solver_backend.live.session import LiveSession
-from solver_backend.live.statistics import LiveStatistics
-from solver_backend.sensors.devices.source import open_folder
-from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain
-from solver_backend.sensors.streaming.worker import SensorTask
+from solver_backend.live.pose_lines import LiveStatistics
+from solver_backend.live.session import LiveSession, person_fit
+from solver_backend.sensors.devices.recorded import open_folder
+from solver_backend.sensors.streaming.chain import LiveMoment, MarkerChain, SensorTask
 
 TOLD = 60
 """Lines that are told in all."""

@@ -17,8 +17,7 @@ from multiprocessing.connection import Connection
 from pathlib import Path
 
 from solver_backend.exchange.vmc.address import VmcAddress
-from solver_backend.live.motion_replay import replayed_poses, rest_joints
-from solver_backend.live.sending import PoseSender
+from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.short_motion import short_motion
 
 FPS = 60.0

@@ -10,8 +10,7 @@ import pytest
 
 from solver_backend.camera_calibration.boards.board import Board, board_named, board_toml
 from solver_backend.camera_calibration.boards.detection import BoardDetector
-from solver_backend.camera_calibration.boards.page import Disc, Page, Polygon, board_page
-from solver_backend.camera_calibration.boards.page_files import pdf, svg
+from solver_backend.camera_calibration.boards.page import Disc, Page, Polygon, board_page, pdf, svg
 from solver_backend.exchange.errors import JobInvalid
 
 cv2 = pytest.importorskip("cv2", reason="the extra capture is not installed")

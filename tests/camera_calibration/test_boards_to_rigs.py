@@ -11,13 +11,11 @@ import pytest
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, lens_of
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.extrinsics import board_session
-from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board
+from solver_backend.camera_calibration.extrinsics.board_session import BoardFootage, calibrate_by_board
 from solver_backend.camera_calibration.extrinsics.from_board import calibrate_from_board, zoom_doubts
-from solver_backend.camera_calibration.extrinsics.result import result_of
-from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
-from solver_backend.camera_calibration.intrinsics.camera_lens import camera_lens
-from solver_backend.camera_calibration.intrinsics.lens_fit import fitted_lens
-from solver_backend.camera_calibration.intrinsics.view_selection import advice
+from solver_backend.camera_calibration.extrinsics.two_views import result_of
+from solver_backend.camera_calibration.intrinsics.known_lenses import camera_lens
+from solver_backend.camera_calibration.intrinsics.lens_fit import advice, fitted_lens
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
 from solver_backend.geometry.alignment import umeyama

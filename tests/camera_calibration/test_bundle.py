@@ -7,9 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import (
+    CAMERA_PARAMETERS,
+    Bodies,
+    BodySightings,
+    Unknowns,
+    adjust,
+)
 from solver_backend.camera_calibration.adjustment.lens import moved, project_local
-from solver_backend.camera_calibration.adjustment.problem import CAMERA_PARAMETERS, Bodies, BodySightings, Unknowns
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.carried_board import ring

@@ -6,11 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.camera_calibration.intrinsics.focal_length import (
-    EQUIVALENT_SIGMA,
-    GUESSED_SIGMA,
-    find_focal_length,
-)
+from solver_backend.camera_calibration.intrinsics.known_lenses import EQUIVALENT_SIGMA, GUESSED_SIGMA, find_focal_length
 from solver_backend.exchange.errors import CommandLineInvalid
 from tests.support.phone_video import phone_video
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.formats.write import FORMATS, format_of, write_calibration
+from solver_backend.camera_calibration.formats import FORMATS, format_of, write_calibration
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid, OutputExists
 from solver_backend.geometry.rotations import exp_so3

@@ -7,16 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
-from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Held, Unknowns
-from solver_backend.camera_calibration.extrinsics.evidence import (
+from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Held, Unknowns, adjust
+from solver_backend.camera_calibration.extrinsics.points_session import Clicks
+from solver_backend.camera_calibration.extrinsics.together import (
     board_evidence,
+    calibrate_together,
     clicks_evidence,
     in_world_of,
     person_evidence,
 )
-from solver_backend.camera_calibration.extrinsics.points_session import Clicks
-from solver_backend.camera_calibration.extrinsics.together import calibrate_together
 from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic, sentence
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections

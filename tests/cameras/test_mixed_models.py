@@ -9,9 +9,7 @@ import numpy as np
 import pytest
 
 from solver_backend.camera_calibration.adjustment.lens import project_local
-from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
-from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
-from solver_backend.camera_calibration.formats.toml_files import pose2sim_toml
+from solver_backend.camera_calibration.formats import colmap_texts, opencv_yaml, pose2sim_toml
 from solver_backend.cameras.camera_corrections import CameraCorrection, corrected
 from solver_backend.cameras.projection import CameraArrays, project, project_with_jacobian, undistort
 from solver_backend.cameras.triangulation.triangulate import triangulate

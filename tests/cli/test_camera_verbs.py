@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.camera_calibration.formats.write import write_calibration
-from solver_backend.camera_calibration.intrinsics.library import read_lenses
+from solver_backend.camera_calibration.formats import write_calibration
+from solver_backend.camera_calibration.intrinsics.known_lenses import read_lenses
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged

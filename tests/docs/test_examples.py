@@ -13,9 +13,8 @@ import pytest
 import solver_backend
 from solver_backend import demo_capture, read_motion, write_capture
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.choice import chosen_detector
 from solver_backend.videos.detect.detect_videos import detect_videos
-from solver_backend.videos.detect.errors import DetectorMissing
+from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from tests.support.short_solves import cut
 from tests.support.videos import write_dots
 

@@ -12,7 +12,7 @@ import pytest
 
 from blender_addon.export.formats import FORMATS
 from solver_backend.body.marker_layouts import DEFAULT as LAYOUTS_FILE
-from solver_backend.camera_calibration.formats.write import FORMATS as CALIBRATIONS
+from solver_backend.camera_calibration.formats import FORMATS as CALIBRATIONS
 from solver_backend.exchange import motion_file
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.live_lines import FrameLine

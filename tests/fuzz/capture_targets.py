@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
+from solver_backend.camera_calibration.formats import colmap_texts
 from solver_backend.exchange import capture_file
 from solver_backend.io.calibration import read_calibration
 from solver_backend.io.calibration.read import calibrations_in

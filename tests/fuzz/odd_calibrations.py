@@ -6,7 +6,7 @@ import json
 from collections.abc import Callable
 from pathlib import Path
 
-from solver_backend.camera_calibration.formats.colmap_files import colmap_texts
+from solver_backend.camera_calibration.formats import colmap_texts
 from tests.fuzz.target import Write, file
 from tests.support.calibration_files import json_text, qca_text, toml_text, yaml_camera
 from tests.support.scenes import ring_of_cameras

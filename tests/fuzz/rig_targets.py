@@ -15,8 +15,7 @@ from solver_backend.body.marker_layouts import DEFAULT, load_layouts
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import board_named, board_toml
 from solver_backend.camera_calibration.extrinsics.points_session import read_clicks
-from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
-from solver_backend.camera_calibration.intrinsics.library import keep_lenses, lens_named, read_lenses
+from solver_backend.camera_calibration.intrinsics.known_lenses import keep_lenses, known_lenses, lens_named, read_lenses
 from solver_backend.cameras.noise_map import FORMAT as NOISE
 from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.exchange.errors import CalibrationInvalid, MocapError
@@ -24,7 +23,7 @@ from solver_backend.io.native.user_labels_file import read_user_labels
 from solver_backend.labelling.outputs import MARKERS
 from solver_backend.live.frames import from_lines
 from solver_backend.types import JointSet
-from solver_backend.videos.detect.answers import read_arrays, read_head
+from solver_backend.videos.detect.detector import read_arrays, read_head
 from solver_backend.videos.pipeline.records import NAME as STEPS
 from solver_backend.videos.pipeline.records import Records
 from solver_backend.videos.sync.clocks import Clocks, read_clocks

@@ -17,17 +17,17 @@ from blender_addon.solving.road_file import NAME as ROAD
 from blender_addon.solving.road_file import read_road
 from blender_addon.studio.places import FORMAT as PLACES
 from blender_addon.studio.places import read_places, shared_limits
-from solver_backend.camera_calibration.formats.opencv_yaml import opencv_yaml
+from solver_backend.camera_calibration.formats import opencv_yaml
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.png import png_bytes
-from solver_backend.sensors.acquisition.sightings import SensorSightings
-from solver_backend.sensors.devices.recording_files import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX
-from solver_backend.sensors.devices.recording_files import FORMAT as RECORDING
-from solver_backend.sensors.devices.source import STUDIO_SHOT, open_folder
-from solver_backend.sensors.fusion.gather import Gatherer
-from solver_backend.sensors.wand.points_files import read_points_folder
+from solver_backend.sensors.acquisition.acquire import SensorSightings
+from solver_backend.sensors.devices.record import ABOUT, CALIBRATION, FRAMES, HEADER, INDEX
+from solver_backend.sensors.devices.record import FORMAT as RECORDING
+from solver_backend.sensors.devices.recorded import STUDIO_SHOT, open_folder
+from solver_backend.sensors.fusion.moments import Gatherer
+from solver_backend.sensors.wand.source import read_points_folder
 from solver_backend.types import Capture
 from tests.fuzz.odd_values import variants
 from tests.fuzz.target import Target, Write, file, is_folder, large, nothing

@@ -69,7 +69,7 @@ def _sensors(folder: Path) -> None:
 
 
 def _wand(folder: Path) -> None:
-    from solver_backend.camera_calibration.formats.write import write_calibration
+    from solver_backend.camera_calibration.formats import write_calibration
     from tests.support.waved_wand import Waving, as_tables, sensors, waved
 
     cameras = sensors(2)

@@ -7,7 +7,7 @@ from pathlib import Path
 from solver_backend.exchange.errors import MocapError
 from solver_backend.io.markers.live_recording import SUFFIX, measure_recording
 from solver_backend.io.markers.read import read_markers
-from solver_backend.sensors.devices.source import open_folder
+from solver_backend.sensors.devices.recorded import open_folder
 
 
 def recorded_frames(folder: Path) -> dict[str, int]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from solver_backend.live.exchanged_sides import ExchangedSides
+from solver_backend.live.views_session import ExchangedSides
 from solver_backend.types import JointSet
 
 NAMES = JointSet.MEDIAPIPE_33.keypoints

@@ -21,9 +21,17 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, LIVE_LINK, VmcAddress, read_address
-from solver_backend.live.face_packets import BLEND_SHAPES, FacePacketInvalid, decode_ifacialmocap, decode_live_link
 from solver_backend.live.face_recording import FaceRecorder, finish_face
-from solver_backend.live.face_source import REQUEST, FaceAssembly, ask_phone, face_lines
+from solver_backend.live.face_source import (
+    BLEND_SHAPES,
+    REQUEST,
+    FaceAssembly,
+    FacePacketInvalid,
+    ask_phone,
+    decode_ifacialmocap,
+    decode_live_link,
+    face_lines,
+)
 from solver_backend.live.recorder import recording_of
 from solver_backend.live.vmc_source import listen
 

@@ -9,10 +9,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from solver_backend.live import frames
 from solver_backend.live import frames as frames_module
-from solver_backend.live import keeping_up
-from solver_backend.live.frames import PointFrame, replayed
-from solver_backend.live.keeping_up import IN_TIME_S, LATE_S, KeepUp, read_ahead
+from solver_backend.live.frames import IN_TIME_S, LATE_S, KeepUp, PointFrame, read_ahead, replayed
 from solver_backend.types import MarkerCloud
 
 
@@ -32,7 +31,7 @@ class Clock:
 @pytest.fixture
 def clock(monkeypatch) -> Clock:
     found = Clock()
-    for module in (frames_module, keeping_up):
+    for module in (frames_module, frames):
         monkeypatch.setattr(module, "time", SimpleNamespace(perf_counter=found.perf_counter, sleep=found.sleep))
     return found
 

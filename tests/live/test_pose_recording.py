@@ -21,10 +21,9 @@ from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.live.motion_replay import replayed_poses, rest_joints
 from solver_backend.live.pose_recording import PoseRecorder, finish_poses, rate_of
 from solver_backend.live.recorder import recording_of
-from solver_backend.live.sending import PoseSender
+from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.full_disk import full_disk
 from tests.support.short_motion import short_motion
 

@@ -16,8 +16,7 @@ from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.vmc.address import VmcAddress, read_address
 from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.live.motion_replay import replayed_poses, rest_joints
-from solver_backend.live.sending import PoseSender
+from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.bvh_texts import known_motion, write_bvh
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver

@@ -22,10 +22,16 @@ from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import encode_bundle, encode_message
-from solver_backend.live.motion_replay import rest_joints
-from solver_backend.live.sending import PoseSender
-from solver_backend.live.vmc_frames import MOST_CHANNELS, BoneFrame, FrameAssembly
-from solver_backend.live.vmc_source import BonesOnBody, _received, listen, pose_lines
+from solver_backend.live.sending import PoseSender, rest_joints
+from solver_backend.live.vmc_source import (
+    MOST_CHANNELS,
+    BoneFrame,
+    BonesOnBody,
+    FrameAssembly,
+    _received,
+    listen,
+    pose_lines,
+)
 from solver_backend.types import Motion
 from tests.support.short_motion import short_motion
 from tests.support.vmc_receiver import Avatar, Receiver, messages_of

@@ -10,14 +10,17 @@ from scipy import ndimage
 
 from solver_backend.cameras.projection import project
 from solver_backend.sensors.acquisition.acquire import SUNLIGHT, Acquisition
-from solver_backend.sensors.acquisition.blobs import Blobs, shapes_of
-from solver_backend.sensors.acquisition.components import connected, joined
-from solver_backend.sensors.acquisition.ring import Ring, ring_depths
-from solver_backend.sensors.acquisition.sensor_lens import SensorLens
-from solver_backend.sensors.acquisition.settings import AcquisitionSettings
-from solver_backend.sensors.acquisition.split import split_merged
-from solver_backend.sensors.acquisition.threshold import learned_mask, threshold_of
-from solver_backend.sensors.errors import PicturesDiffer, SensorUnknown
+from solver_backend.sensors.acquisition.blobs import (
+    AcquisitionSettings,
+    Blobs,
+    connected,
+    joined,
+    learned_mask,
+    shapes_of,
+    threshold_of,
+)
+from solver_backend.sensors.acquisition.ring import Ring, SensorLens, ring_depths, split_merged
+from solver_backend.sensors.devices.device import PicturesDiffer, SensorUnknown
 from tests.support.sensor_pictures import Painter, sensors_around, spread_points
 
 CAMERAS = sensors_around()

@@ -13,21 +13,18 @@ from typing import Any
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.cli.cancel import cancel_on_signals
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import Cancelled
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.live.frames import from_lines
 from solver_backend.sensors.devices.record import Recording
-from solver_backend.sensors.devices.recorded import RecordedSensor
-from solver_backend.sensors.devices.source import open_folder
+from solver_backend.sensors.devices.recorded import RecordedSensor, open_folder
 from solver_backend.sensors.fusion.clusters import fuse
-from solver_backend.sensors.fusion.gather import Finding
+from solver_backend.sensors.fusion.moments import Finding
 from solver_backend.sensors.streaming import chain as chain_module
-from solver_backend.sensors.streaming.chain import END_S, LiveMoment, MarkerChain
-from solver_backend.sensors.streaming.statistics import KEPT, ChainStatistics
-from solver_backend.sensors.streaming.worker import SensorTask
+from solver_backend.sensors.streaming.chain import END_S, KEPT, ChainStatistics, LiveMoment, MarkerChain, SensorTask
 from tests.support.recorded_markers import CAMERAS, FRAMES, POINTS, recorded
 from tests.support.slow_sensor import Slow
 from tests.support.unplugged_sensor import Unplugged

@@ -8,13 +8,9 @@ import numpy as np
 import pytest
 from scipy.optimize import linear_sum_assignment
 
-from solver_backend.sensors.errors import RecordingInvalid
-from solver_backend.sensors.fusion.cloud import CloudBuilder
-from solver_backend.sensors.fusion.clusters import FusedPoints, fuse
-from solver_backend.sensors.fusion.gather import Gatherer
-from solver_backend.sensors.fusion.matching import matched
-from solver_backend.sensors.fusion.settings import FusionSettings
-from solver_backend.sensors.fusion.tracks import MarkerTracks
+from solver_backend.sensors.devices.device import RecordingInvalid
+from solver_backend.sensors.fusion.clusters import FusedPoints, FusionSettings, fuse, matched
+from solver_backend.sensors.fusion.moments import CloudBuilder, Gatherer, MarkerTracks
 from tests.support.sensor_pictures import sensors_around, spread_points
 from tests.support.sightings import sighted
 

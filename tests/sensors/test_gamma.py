@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CalibrationMismatch
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.calibration import read_calibration
-from solver_backend.sensors.wand.gamma import Gamma, GammaInvalid, GammaNotFound, ground_from_gamma
-from solver_backend.sensors.wand.gamma_clouds import gamma_clouds
+from solver_backend.sensors.wand.gamma import Gamma, GammaInvalid, GammaNotFound, gamma_clouds, ground_from_gamma
 from tests.support.waved_wand import SIZE, Waving, as_tables, sensors, waved
 
 MARKERS = np.array([[0.1, 0.2, 0.007], [0.1, -0.4, 0.007], [0.5, 0.2, 0.007]])

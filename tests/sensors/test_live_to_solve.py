@@ -11,7 +11,7 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.sensors.devices.source import open_folder
+from solver_backend.sensors.devices.recorded import open_folder
 from solver_backend.synthesis.studio.data_set import SHOTS, make_data_set
 from solver_backend.synthesis.studio.spec import spec_of
 from tests.support.vmc_receiver import Avatar, Receiver

@@ -23,15 +23,10 @@ from solver_backend.exchange.errors import (
     MocapError,
     OutputExists,
 )
-from solver_backend.sensors.devices import oak, oak_colour, oak_lenses, oak_module
-from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
-from solver_backend.sensors.devices.named import device_named
-from solver_backend.sensors.devices.oak import Oak
+from solver_backend.sensors.devices import oak, oak_colour
+from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
+from solver_backend.sensors.devices.oak import Oak, OakSettings, device_named, listed_oaks, oak_cameras
 from solver_backend.sensors.devices.oak_colour import ColourFile, ColourPicture, OakColour, record_colour
-from solver_backend.sensors.devices.oak_lenses import oak_cameras
-from solver_backend.sensors.devices.oak_module import listed_oaks
-from solver_backend.sensors.devices.oak_settings import OakSettings
-from solver_backend.sensors.errors import PicturesDiffer, SensorFailed, SensorUnknown
 from solver_backend.videos.sync.clocks import read_clocks
 from tests.support.fake_depthai import FakeDepthai, Picture
 from tests.support.oak_replay import OakReplay
@@ -50,7 +45,7 @@ def pair(number: int, seconds: float, depth_shape: tuple[int, int] = SHAPE) -> d
 def plugged_in(monkeypatch: pytest.MonkeyPatch) -> Callable[..., FakeDepthai]:
     def plug(items: list[Any], **options: Any) -> FakeDepthai:
         module = FakeDepthai(items, **options)
-        for place in (oak, oak_colour, oak_lenses, oak_module):
+        for place in (oak, oak_colour, oak, oak):
             monkeypatch.setattr(place, "depthai", lambda: module)
         return module
 
@@ -160,14 +155,14 @@ def test_depthai_that_is_missing_or_old_is_named(
     def missing(name: str) -> Any:
         raise ImportError(name)
 
-    monkeypatch.setattr(oak_module, "import_module", missing)
+    monkeypatch.setattr(oak, "import_module", missing)
     with pytest.raises(BackendMissing, match=r"not installed"):
         listed_oaks()
     assert main(["oaks"]) != 0
     assert "pip install depthai" in capsys.readouterr().err
     old = FakeDepthai([])
     old.__version__ = "2.30.0"
-    monkeypatch.setattr(oak_module, "import_module", lambda name: old)
+    monkeypatch.setattr(oak, "import_module", lambda name: old)
     with pytest.raises(BackendMissing, match=r"2\.30\.0 is installed"):
         listed_oaks()
 
@@ -216,7 +211,7 @@ def test_depthai_leaves_signals_and_standard_output_alone() -> None:
         "mask = lambda: next(l.split()[1] for l in open('/proc/self/status') if l.startswith('SigIgn'))\n"
         "ignored = lambda: int(mask(), 16) & ~(3 << 31)\n"
         "was = ignored()\n"
-        "from solver_backend.sensors.devices.oak_module import listed_oaks\n"
+        "from solver_backend.sensors.devices.oak import listed_oaks\n"
         "listed_oaks()\n"
         "assert ignored() == was\n"
     )
@@ -251,8 +246,7 @@ class Filmed:
 
 def test_colour_of_several_cameras_begins_with_one_exposure_and_is_read_by_the_road(tmp_path: Path) -> None:
     pytest.importorskip("av")
-    from solver_backend.videos.files.probe import probe
-    from solver_backend.videos.files.read import read_pictures
+    from solver_backend.videos.files.video import probe, read_pictures
 
     # The second one is started three frames later and exposes 0.2 ms later.
     first, second = jpegs(60, 0.0, 0), jpegs(60, 3 / 60 + 0.0002, 1)
@@ -277,7 +271,7 @@ def test_colour_of_several_cameras_begins_with_one_exposure_and_is_read_by_the_r
 
 def test_colour_that_is_cut_off_can_be_read_up_to_there(tmp_path: Path) -> None:
     pytest.importorskip("av")
-    from solver_backend.videos.files.probe import probe
+    from solver_backend.videos.files.video import probe
 
     whole = tmp_path / "whole.mp4"
     file = ColourFile(whole, (320, 180), 60.0, 50.0)

@@ -14,12 +14,9 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.exchange.errors import CalibrationMissing, MocapError, OutputExists
 from solver_backend.io.png import png_bytes, read_png
-from solver_backend.sensors.devices.pacing import due_frames
-from solver_backend.sensors.devices.record import Recording, SensorRecorder
-from solver_backend.sensors.devices.recorded import StudioSensor
-from solver_backend.sensors.devices.recording_files import HEADER, INDEX, SensorFiles, read_index
-from solver_backend.sensors.devices.source import open_folder
-from solver_backend.sensors.errors import NoMarkers, RecordingInvalid, SensorUnknown
+from solver_backend.sensors.devices.device import NoMarkers, RecordingInvalid, SensorUnknown
+from solver_backend.sensors.devices.record import HEADER, INDEX, Recording, SensorFiles, SensorRecorder, read_index
+from solver_backend.sensors.devices.recorded import StudioSensor, due_frames, open_folder
 from solver_backend.sensors.take import cloud_of
 from solver_backend.synthesis.studio.make_shot import make_shot
 from solver_backend.synthesis.studio.shots import list_shots

@@ -9,16 +9,23 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid, FileDamaged, MocapError
-from solver_backend.sensors.trigger import INTERLEAVE_S, triggered
-from solver_backend.sensors.wand.coverage import Coverage
-from solver_backend.sensors.wand.errors import TimesInvalid, WandAmbiguous, WandInvalid, WandNotSeen
-from solver_backend.sensors.wand.interpolation import values_and_velocities
-from solver_backend.sensors.wand.leds import Wand, distances, identified, middle_from_lights
-from solver_backend.sensors.wand.points_files import read_points_folder
-from solver_backend.sensors.wand.result import WandOptions
+from solver_backend.sensors.take import INTERLEAVE_S, triggered
 from solver_backend.sensors.wand.session import calibrate_by_wand
-from solver_backend.sensors.wand.start import robust_umeyama
-from solver_backend.sensors.wand.views import with_growing_times
+from solver_backend.sensors.wand.solve import WandOptions, robust_umeyama
+from solver_backend.sensors.wand.source import read_points_folder
+from solver_backend.sensors.wand.views import (
+    Coverage,
+    TimesInvalid,
+    Wand,
+    WandAmbiguous,
+    WandInvalid,
+    WandNotSeen,
+    distances,
+    identified,
+    middle_from_lights,
+    values_and_velocities,
+    with_growing_times,
+)
 from tests.support.waved_wand import Waving, as_tables, pose_errors, sensors, waved
 
 WAND = Wand(0.13, 0.26)

@@ -8,21 +8,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
-from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Unknowns
-from solver_backend.camera_calibration.extrinsics.resection import resected_pose
-from solver_backend.camera_calibration.extrinsics.two_views import intersected
+from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Unknowns, adjust
+from solver_backend.camera_calibration.extrinsics.two_views import intersected, resected_pose
 from solver_backend.cameras.projection import undistort
 from solver_backend.cli.main import main
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.calibration import read_calibration
-from solver_backend.sensors.wand.leds import Wand, distances
-from solver_backend.sensors.wand.points_files import read_points_folder
-from solver_backend.sensors.wand.result import WandCalibration, WandOptions
-from solver_backend.sensors.wand.session import calibrate_by_wand
-from solver_backend.sensors.wand.solve import held_out, triangulated
-from solver_backend.sensors.wand.views import Moments
-from solver_backend.sensors.wand.wand_clocks import common_moments
+from solver_backend.sensors.wand.session import calibrate_by_wand, common_moments
+from solver_backend.sensors.wand.solve import WandCalibration, WandOptions, held_out, triangulated
+from solver_backend.sensors.wand.source import read_points_folder
+from solver_backend.sensors.wand.views import Moments, Wand, distances
 from solver_backend.types import Cameras
 from solver_backend.videos.sync.clocks import Clocks
 

@@ -12,16 +12,14 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.io.calibration import read_calibration
-from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
-from solver_backend.sensors.devices.recording_files import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
-from solver_backend.sensors.devices.source import SensorFolder
-from solver_backend.sensors.errors import PicturesDiffer
-from solver_backend.sensors.trigger import triggered
-from solver_backend.sensors.wand.errors import WandAmbiguous
-from solver_backend.sensors.wand.from_sensors import sensor_views
-from solver_backend.sensors.wand.result import WandOptions
+from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFrame
+from solver_backend.sensors.devices.record import FRAMES, HEADER, INDEX, RecordingAbout, SensorFiles
+from solver_backend.sensors.devices.recorded import SensorFolder
+from solver_backend.sensors.take import triggered
 from solver_backend.sensors.wand.session import calibrate_by_wand
-from solver_backend.sensors.wand.source import wand_views
+from solver_backend.sensors.wand.solve import WandOptions
+from solver_backend.sensors.wand.source import sensor_views, wand_views
+from solver_backend.sensors.wand.views import WandAmbiguous
 from solver_backend.synthesis.studio.scene.marker_spheres import see_spheres
 from solver_backend.synthesis.studio.sensors.infrared import InfraredModel, sphere_light
 from solver_backend.synthesis.studio.sensors.time_of_flight import TimeOfFlightModel, measure_depth
@@ -80,7 +78,7 @@ def folder_of(cameras: Cameras, at: Callable[[float], np.ndarray], count: int) -
 
 def written(path: Path, cameras: Cameras, at: Callable[[float], np.ndarray], count: int) -> None:
     """Write a recording of sensors."""
-    from solver_backend.camera_calibration.formats.write import write_calibration
+    from solver_backend.camera_calibration.formats import write_calibration
 
     path.mkdir()
     about = []

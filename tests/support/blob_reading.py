@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.cameras.projection import undistort
-from solver_backend.sensors.acquisition.acquire import Acquisition
-from solver_backend.sensors.acquisition.sightings import SensorSightings
+from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
 from solver_backend.sensors.devices.device import SensorFrame
 from solver_backend.types import Cameras
 

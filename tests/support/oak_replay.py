@@ -10,10 +10,8 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFrame
-from solver_backend.sensors.devices.oak_module import depthai
-from solver_backend.sensors.devices.oak_stream import PairStream, paired
-from solver_backend.sensors.errors import SensorFailed
+from solver_backend.sensors.devices.device import Device, OpenedDevice, SensorFailed, SensorFrame
+from solver_backend.sensors.devices.oak import PairStream, depthai, paired
 
 QUEUE = 8
 GRACE_S = 0.5

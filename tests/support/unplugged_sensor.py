@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
-from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
-from solver_backend.sensors.errors import SensorFailed
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFailed, SensorFrame
 
 
 @dataclass

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.body import load_body
-from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.io.markers.read import write_markers
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion

@@ -1,7 +1,8 @@
-"""Cameras' calibration from a folder of board footage: lenses, then poses, then the world."""
+"""Calibrate cameras from footage of a board."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -11,19 +12,100 @@ import numpy as np
 from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardDetector, BoardSighting
-from solver_backend.camera_calibration.extrinsics.from_board import BoardCalibration, calibrate_from_board, zoom_doubts
-from solver_backend.camera_calibration.extrinsics.halves import widen_by_halves
-from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
-from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
-from solver_backend.camera_calibration.frames import VIDEOS, grey_frames
-from solver_backend.camera_calibration.intrinsics.camera_lens import CameraLens, camera_lens
-from solver_backend.camera_calibration.intrinsics.coverage_picture import write_coverage_png
-from solver_backend.camera_calibration.intrinsics.lens_family import choose_family, in_family
-from solver_backend.camera_calibration.intrinsics.view_selection import coverage_svg
+from solver_backend.camera_calibration.extrinsics.from_board import (
+    BoardCalibration,
+    calibrate_from_board,
+    widen_by_halves,
+    zoom_doubts,
+)
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world, result_of
+from solver_backend.camera_calibration.intrinsics.known_lenses import CameraLens, camera_lens, choose_family, in_family
+from solver_backend.camera_calibration.intrinsics.lens_fit import coverage_svg, write_coverage_png
+from solver_backend.camera_calibration.pictures import VIDEOS, grey_frames, is_footage
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
-from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing
+from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMissing, CaptureNotRecognised, FileMissing
 from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.progress import Progress, silent
+from solver_backend.io.footage import join_chapters
+from solver_backend.io.recognition.camera_names import natural_key
+
+_LENS = ("intrinsics", "intrinsic", "lens", "lenses")
+_EXTRINSIC = ("extrinsics", "extrinsic", "calibration", "board", "rig")  # the last is a word of users
+
+
+@dataclass(frozen=True)
+class BoardFootage:
+    """Footage by the camera's name."""
+
+    lens: dict[str, Path]
+    """Of the board for each camera's lens; may be empty."""
+    extrinsic: dict[str, Path]
+    """Of the board seen by several cameras at once; may be empty."""
+
+
+def board_footage(folder: Path) -> BoardFootage:
+    """Return the footage of a folder: ``intrinsics/`` and ``extrinsics/`` in it or below, or its videos themselves.
+
+    A camera is a video, a folder of pictures or of one video, or a folder with one such folder in it;
+    ``int_cam01_img`` is camera ``cam01``, chapters of an action camera are one video.
+
+    Raises:
+        FileMissing: there is no such folder.
+        CaptureNotRecognised: it holds no videos and no pictures.
+    """
+    if not folder.is_dir():
+        raise FileMissing("There is no such folder.", where=str(folder))
+    lens, extrinsic = _below(folder, _LENS), _below(folder, _EXTRINSIC)
+    if not lens and not extrinsic:
+        extrinsic = _cameras(folder)
+    if not lens and not extrinsic:
+        raise CaptureNotRecognised(
+            "The folder holds no pictures of a board.",
+            where=str(folder),
+            hint="Put one video a camera into it, or into its folders intrinsics and extrinsics.",
+        )
+    return BoardFootage(lens, extrinsic)
+
+
+def _below(folder: Path, names: tuple[str, ...], levels: int = 2) -> dict[str, Path]:
+    folders = sorted(p for p in folder.iterdir() if p.is_dir())
+    for path in folders:
+        if path.name.lower() in names and (found := _cameras(path)):
+            return found
+    if levels > 1:
+        for path in folders:
+            if found := _below(path, names, levels - 1):
+                return found
+    return {}
+
+
+def _cameras(folder: Path) -> dict[str, Path]:
+    entries = sorted((p for p in folder.iterdir() if not p.name.startswith(".")), key=lambda p: natural_key(p.name))
+    videos = join_chapters(path for path in entries if path.suffix.lower() in VIDEOS and path.is_file())
+    found = {camera_name(parts[0]): parts[0] for parts in videos}
+    for path in entries:
+        if path.is_dir() and (footage := _footage_in(path)) is not None:
+            found.setdefault(camera_name(path), footage)
+    return found
+
+
+def _footage_in(folder: Path) -> Path | None:
+    """Return the pictures or the one video of a camera's folder, or those of the one folder in it that has any."""
+    if is_footage(folder):
+        return folder
+    videos = join_chapters(path for path in folder.iterdir() if path.suffix.lower() in VIDEOS and path.is_file())
+    if len(videos) == 1:
+        return videos[0][0]
+    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and is_footage(path)]
+    return inner[0] if len(inner) == 1 else None
+
+
+def camera_name(path: Path) -> str:
+    """Return the camera's name in a file's or folder's name."""
+    stem = path.stem if path.suffix.lower() in VIDEOS else path.name
+    plain = re.sub(r"^(int|ext|intrinsics?|extrinsics?|calib)[_\-]", "", stem, flags=re.IGNORECASE)
+    return re.sub(r"[_\-](img|imgs|int|ext|images|calib)$", "", plain, flags=re.IGNORECASE) or stem
+
 
 Sightings = dict[int, BoardSighting]
 GOOD_RMSE_PX = 1.0

@@ -1,4 +1,8 @@
-"""Camera poses from a board that pairs of cameras see in turn."""
+"""Calibrate cameras from sightings of a board.
+
+Errors of the corners of one picture are correlated (lens model, flatness and print of the board), so the covariance of
+independent corners is too small. The reported deviations are widened to what two halves of the footage show.
+"""
 
 from __future__ import annotations
 
@@ -8,16 +12,23 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import CENTRE, FOCAL, LENS_MODELS, PARAMETERS, Lens, lens_of
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.boards.board import Board
-from solver_backend.camera_calibration.boards.detection import BoardSighting
-from solver_backend.camera_calibration.boards.motion import point_velocities
-from solver_backend.camera_calibration.extrinsics.chained_poses import Pose, chained, composed, inverted, relative_pose
+from solver_backend.camera_calibration.boards.detection import BoardSighting, point_velocities
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    CalibratedCameras,
+    Pose,
+    chained,
+    composed,
+    inverted,
+    relative_pose,
+)
 from solver_backend.camera_calibration.intrinsics.lens_fit import CORNER_SIGMA_PX, board_poses
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.geometry.alignment import umeyama
+from solver_backend.geometry.rotations import log_so3
 from solver_backend.types import Cameras
 
 FEWEST_TOGETHER = 2
@@ -187,3 +198,53 @@ def placed_boards(
     placed = [best[frame][1] for frame in moments]
     bodies = Bodies(np.stack([R for R, _ in placed]), np.stack([t for _, t in placed]))
     return bodies, BodySightings(camera, body, local, px, sigma, velocity)
+
+
+def widen_by_halves(
+    found: CalibratedCameras,
+    lenses: Sequence[Lens],
+    board: Board,
+    seen: Sequence[Mapping[int, BoardSighting]],
+) -> CalibratedCameras:
+    """Return a calibration whose deviations are at least those that halves of the footage show.
+
+    A half has twice the variance of the whole, and two halves differ by twice that again: ``σ = |difference| / 2``. The
+    ratio to what the covariance claims is taken over all cameras, for places and for directions. Lenses stay: how sure
+    they are is reported with them.
+
+    Args:
+        found: by all of the footage.
+        lenses: of C cameras.
+        board: what was filmed.
+        seen: of each camera, what it saw by the frame's number.
+    """
+    moments = sorted(set().union(*seen))
+    halves: list[Cameras] = []
+    try:
+        for part in range(2):
+            kept = set(moments[part::2])
+            half = [{f: sighting for f, sighting in one.items() if f in kept} for one in seen]
+            halves.append(calibrate_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
+    except (CalibrationInvalid, np.linalg.LinAlgError):
+        return replace(found, findings=(*found.findings, diagnostic("halves_short")))
+    apart, turned = _difference(*halves)
+    note = diagnostic("halves_differ", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
+    return replace(
+        found, centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
+        turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma, notes=(*found.notes, note),
+    )  # fmt: skip
+
+
+def _difference(one: Cameras, other: Cameras) -> tuple[np.ndarray, np.ndarray]:
+    """Return (C,) metres and radians between two camera arrays, laid on each other by centres and axes."""
+    arm = np.linalg.norm(other.centres - other.centres.mean(0), axis=1).mean()
+    ends = [(c.centres[:, None] + arm * np.concatenate([np.zeros((1, 3)), np.eye(3)]) @ c.R).reshape(-1, 3)
+            for c in (one, other)]  # fmt: skip
+    _, R, t = umeyama(*ends)
+    apart = np.linalg.norm(one.centres @ R.T + t - other.centres, axis=1)
+    return apart, np.linalg.norm(log_so3(one.R @ R.T @ other.R.swapaxes(-1, -2)), axis=-1)
+
+
+def _ratio(difference: np.ndarray, sigma: np.ndarray) -> float:
+    claimed = float(np.sqrt((sigma**2).mean()))
+    return max(1.0, 0.5 * float(np.sqrt((difference**2).mean())) / max(claimed, 1e-12))

@@ -1,4 +1,4 @@
-"""Camera poses from a person's keypoints alone, up to the scale and the place of the world."""
+"""Calibrate cameras from the keypoints of a person, up to the scale and place of the world."""
 
 from __future__ import annotations
 
@@ -8,11 +8,23 @@ from itertools import combinations
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import Watch, adjust, unwatched
+from solver_backend.agreement.detections import Detections
+from solver_backend.camera_calibration.adjustment.bundle import (
+    Adjusted,
+    Bodies,
+    BodySightings,
+    Unknowns,
+    Watch,
+    adjust,
+    unwatched,
+)
 from solver_backend.camera_calibration.adjustment.lens import FOCAL, PARAMETERS, Lens, lens_of
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
-from solver_backend.camera_calibration.extrinsics.resection import resected_pose
-from solver_backend.camera_calibration.extrinsics.two_views import essential_matrix, intersected, pose_from_essential
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    essential_matrix,
+    intersected,
+    pose_from_essential,
+    resected_pose,
+)
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.errors import CalibrationInvalid, NoDetections
 from solver_backend.types import Cameras, Keypoints2D
@@ -268,3 +280,41 @@ def _sigma(found: Adjusted) -> float:
             "The cameras see nothing of the person in front of them.", hint="Check which video is which camera's."
         )
     return max(float(np.median(known)) / 1.1774 * 1.2, 0.05)
+
+
+JUMP = 0.5
+"""A person moves by less than this share of her height from frame to frame."""
+
+
+def main_person(detections: Detections, fps: float) -> Keypoints2D:
+    """Return in every view and frame the detection with the greatest height times mean confidence.
+
+    A frame in which the largest is elsewhere than the one before, by more than half a height, takes the nearest.
+
+    Args:
+        detections: of everybody, without cameras.
+        fps: frames a second.
+    """
+    xy, confidence = detections.xy, detections.confidence
+    known = confidence > 0
+    y = np.where(known, xy[..., 1], np.nan)
+    with np.errstate(invalid="ignore"):
+        high = np.nanmax(np.where(known, y, -np.inf), axis=-1) - np.nanmin(np.where(known, y, np.inf), axis=-1)
+    height = np.where(known.sum(-1) >= 5, high, 0.0)
+    size = np.nan_to_num(height, neginf=0.0, posinf=0.0) * confidence.mean(-1)
+    count = np.maximum(known.sum(-1), 1)
+    middle = np.where(known[..., None], xy, 0.0).sum(-2) / count[..., None]
+    C, F = size.shape[:2]
+    chosen = size.argmax(-1)
+    for f in range(1, F):
+        before = np.take_along_axis(middle[:, f - 1], chosen[:, f - 1, None, None], axis=1)[:, 0]
+        tall = np.take_along_axis(height[:, f - 1], chosen[:, f - 1, None], axis=1)[:, 0]
+        distance = np.where(size[:, f] > 0, np.linalg.norm(middle[:, f] - before[:, None], axis=-1), np.inf)
+        mine = np.take_along_axis(distance, chosen[:, f, None], axis=1)[:, 0]
+        nearest = distance.argmin(-1)
+        elsewhere = (mine > JUMP * tall) & (tall > 0) & (distance.min(-1) < JUMP * tall)
+        chosen[:, f] = np.where(elsewhere, nearest, chosen[:, f])
+    view, frame = np.ogrid[:C, :F]
+    return Keypoints2D(
+        xy[view, frame, chosen].astype(float), confidence[view, frame, chosen].astype(float), detections.joint_set, fps
+    )

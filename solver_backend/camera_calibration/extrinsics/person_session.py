@@ -13,7 +13,7 @@ from solver_backend.camera_calibration.extrinsics.from_person import (
     calibrate_from_person,
     refined_by_person,
 )
-from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, moved_world, result_of
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras, moved_world, result_of
 from solver_backend.cameras.refinement import view_distances
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import NoDetections

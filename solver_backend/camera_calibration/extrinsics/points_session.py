@@ -9,13 +9,14 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
-from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens
-from solver_backend.camera_calibration.adjustment.planar import planar_pose
-from solver_backend.camera_calibration.adjustment.problem import Bodies, BodySightings, Unknowns
-from solver_backend.camera_calibration.extrinsics.resection import resected_pose
-from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras, result_of
-from solver_backend.camera_calibration.extrinsics.two_views import intersected
+from solver_backend.camera_calibration.adjustment.bundle import Bodies, BodySightings, Unknowns, adjust
+from solver_backend.camera_calibration.adjustment.lens import PARAMETERS, Lens, planar_pose
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    CalibratedCameras,
+    intersected,
+    resected_pose,
+    result_of,
+)
 from solver_backend.cameras.projection import undistort
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid, FileDamaged

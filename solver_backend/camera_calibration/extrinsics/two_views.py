@@ -1,9 +1,18 @@
-"""How two cameras stand to each other, from points that both see: the essential matrix, robustly."""
+"""Place cameras: from two views, from known points, and along chains of pairs."""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+
 import numpy as np
 
+from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted
+from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.geometry.alignment import nearest_rotation
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.types import Cameras
 from solver_backend.types.shapes import Bool, Float
 
 HYPOTHESES = 400
@@ -127,3 +136,203 @@ def _essential(F: np.ndarray, spread: float) -> np.ndarray:
 
 def _homogeneous(xy: np.ndarray) -> np.ndarray:
     return np.concatenate([xy, np.ones_like(xy[..., :1])], axis=-1)
+
+
+RESECTION_HYPOTHESES = 300
+"""Samples of six points."""
+_RESECTION_REFINEMENTS = 5
+"""Rounds of reweighting at most; chosen by hand."""
+
+
+def resected_pose(
+    points: Float[np.ndarray, "n 3"], xy: Float[np.ndarray, "n 2"], scale: float, rng: np.random.Generator
+) -> tuple[Float[np.ndarray, "3 3"], Float[np.ndarray, " 3"], float]:
+    """Return rotation, translation, and the share of points within three scales.
+
+    Samples of six points propose by the direct linear transform, Cauchy's penalty decides, and the best is refined with
+    its weights.
+
+    Args:
+        points: (n, 3) world, n at least 6, not in one plane.
+        xy: (n, 2) normalised.
+        scale: distance at which a point loses its weight, normalised units.
+        rng: seeded.
+
+    Reference: Hartley and Zisserman 2004, "Multiple View Geometry", sec. 7.1.
+    """
+    middle = points.mean(0)
+    size = float(np.linalg.norm(points - middle, axis=1).mean())
+    local = (points - middle) / size
+    rows = _resection_rows(local, xy)
+    picks = np.stack([rng.permutation(len(points))[:6] for _ in range(RESECTION_HYPOTHESES)])
+    found = [
+        _pose(P) for P in np.linalg.svd(rows[picks].reshape(RESECTION_HYPOTHESES, 12, 12))[2][:, -1].reshape(-1, 3, 4)
+    ]
+    costs = [_cost(pose, local, xy, scale) for pose in found]
+    best, cost = found[int(np.argmin(costs))], min(costs)
+    for _ in range(_RESECTION_REFINEMENTS):
+        distance, depth = _distance(best, local, xy)
+        weight = 1.0 / (1.0 + (distance / scale) ** 2) / np.maximum(depth, 1e-3)
+        weighted = (rows * weight[:, None, None]).reshape(-1, 12)
+        refined = _pose(np.linalg.svd(weighted, full_matrices=False)[2][-1].reshape(3, 4))
+        refined_cost = _cost(refined, local, xy, scale)
+        if refined_cost >= cost:
+            break
+        best, cost = refined, refined_cost
+    R, t = best
+    share = float((_distance(best, local, xy)[0] < 3.0 * scale).mean())
+    return R, size * t - R @ middle, share
+
+
+def _resection_rows(points: np.ndarray, xy: np.ndarray) -> np.ndarray:
+    """Return (n, 2, 12): both equations of each point in the entries of a camera's (3, 4) matrix."""
+    h = np.concatenate([points, np.ones_like(points[:, :1])], axis=1)
+    none = np.zeros_like(h)
+    across = np.concatenate([h, none, -xy[:, :1] * h], axis=1)
+    along = np.concatenate([none, h, -xy[:, 1:] * h], axis=1)
+    return np.stack([across, along], axis=1)
+
+
+def _pose(P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    P = P * np.sign(np.linalg.det(P[:, :3]) or 1.0)
+    scale = float(np.linalg.svd(P[:, :3])[1].mean())
+    return np.asarray(nearest_rotation(P[:, :3])), P[:, 3] / max(scale, 1e-12)
+
+
+def _distance(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    camera = points @ pose[0].T + pose[1]
+    depth = camera[:, 2]
+    ahead = depth > 1e-6
+    px = camera[:, :2] / np.where(ahead, depth, 1.0)[:, None]
+    return np.where(ahead, np.linalg.norm(px - xy, axis=1), 1e3), np.abs(depth)
+
+
+def _cost(pose: tuple[np.ndarray, np.ndarray], points: np.ndarray, xy: np.ndarray, scale: float) -> float:
+    return float(np.log1p((_distance(pose, points, xy)[0] / scale) ** 2).sum())
+
+
+Pose = tuple[np.ndarray, np.ndarray]
+"""Rotation (3, 3) and translation (3,)."""
+BOARD_REACH_M = 0.5
+"""Metres by which a turn is weighed against a shift: one radian is worth so much."""
+
+
+def composed(a: Pose, b: Pose) -> Pose:
+    """Return the pose that first applies b, then a."""
+    return a[0] @ b[0], a[0] @ b[1] + a[1]
+
+
+def inverted(a: Pose) -> Pose:
+    """Return the pose that undoes a."""
+    return a[0].T, -a[0].T @ a[1]
+
+
+def relative_pose(first: Sequence[Pose], second: Sequence[Pose]) -> Pose:
+    """Return the pose first camera to second camera that agrees best with all moments both saw the board.
+
+    Each moment proposes ``T_second T_first⁻¹``; the proposal whose median distance to all others is least is taken, so
+    that the false of a flat board's two poses does not win.
+
+    Args:
+        first: board to first camera, at N moments.
+        second: board to second camera, at the same moments.
+    """
+    proposals = [composed(b, inverted(a)) for a, b in zip(first, second, strict=True)]
+    R, t = np.stack([p[0] for p in proposals]), np.stack([p[1] for p in proposals])
+    turn = np.linalg.norm(log_so3(np.swapaxes(R, 1, 2)[:, None] @ R[None]), axis=-1)
+    distance = BOARD_REACH_M * turn + np.linalg.norm(t[:, None] - t[None], axis=-1)
+    return proposals[int(np.argmin(np.median(distance, axis=1)))]
+
+
+def chained(
+    names: Sequence[str], together: Mapping[tuple[int, int], int], relative: Mapping[tuple[int, int], Pose]
+) -> list[Pose]:
+    """Return each camera's pose, first camera's axes to its own, along the tree of pairs that saw most together.
+
+    Args:
+        names: of the C cameras, for messages.
+        together: how much each pair (i < j) saw together.
+        relative: pose i to j of each pair.
+
+    Raises:
+        CalibrationInvalid: some cameras saw nothing together with the others; names the groups.
+
+    Reference: Prim 1957 (maximum spanning tree).
+    """
+    poses: dict[int, Pose] = {0: (np.eye(3), np.zeros(3))}
+    while len(poses) < len(names):
+        edges = [(n, i, j) for (i, j), n in together.items() if (i in poses) != (j in poses)]
+        if not edges:
+            raise CalibrationInvalid(_apart(names, poses), hint="Film it where both groups see it at once.")
+        _, i, j = max(edges)
+        if i in poses:
+            poses[j] = composed(relative[i, j], poses[i])
+        else:
+            poses[i] = composed(inverted(relative[i, j]), poses[j])
+    return [poses[c] for c in range(len(names))]
+
+
+def _apart(names: Sequence[str], joined: Mapping[int, Pose]) -> str:
+    inside = ", ".join(names[c] for c in sorted(joined))
+    outside = ", ".join(name for c, name in enumerate(names) if c not in joined)
+    return f"No camera of {inside} ever sees the same at the same moment as {outside}."
+
+
+@dataclass(frozen=True)
+class CalibratedCameras:
+    """Cameras in metres, Z up."""
+
+    cameras: Cameras
+    """The result."""
+    method: str
+    """'board', 'person', 'points', 'refine' or 'together'."""
+    rmse_px: float
+    """Root mean squared reprojection error."""
+    camera_rmse_px: Float[np.ndarray, " cameras"]
+    """(C,) of each camera."""
+    centre_sigma_m: Float[np.ndarray, " cameras"]
+    """(C,) standard deviation of each camera's centre, by the residuals, about the whole array; metres."""
+    turn_sigma: Float[np.ndarray, " cameras"]
+    """(C,) of its direction, radians."""
+    delays_s: Float[np.ndarray, " cameras"]
+    """(C,) seconds by which each camera's frames are late."""
+    findings: tuple[Diagnostic, ...] = ()
+    """What is wrong or odd, with what to do."""
+    notes: tuple[Diagnostic, ...] = ()
+    """What was done and assumed."""
+    lenses: dict[str, dict[str, object]] = field(default_factory=dict)
+    """Of each camera: model, held-out error, pictures."""
+
+
+def result_of(method: str, found: Adjusted, *, measured: bool = False) -> CalibratedCameras:
+    """Return the calibration of an adjustment, the covariance scaled to the residuals where noise was not measured.
+
+    A step ``x ← exp(ω) x + τ`` about the camera moves its centre by ``-Rᵀ exp(-ω) τ``.
+
+    Args:
+        method: how it was found.
+        found: the adjustment.
+        measured: the sightings' deviations are those of the residuals already.
+    """
+    camera_of, noise_px = found.seen.camera, found.seen.sigma
+    C = len(found.cameras)
+    square = (np.nan_to_num(found.error) ** 2).sum(-1)
+    inflation = float(np.median(square / noise_px**2)) / 1.386 if len(square) and not measured else 1.0
+    blocks = found.covariance.reshape(C, CAMERA_PARAMETERS, C, CAMERA_PARAMETERS)[range(C), :, range(C)]
+    variance = np.einsum("cii->ci", blocks) * max(inflation, 1e-6)
+    by_camera = np.array([float(np.sqrt(square[camera_of == c].mean())) if (camera_of == c).any() else np.nan
+                          for c in range(C)])  # fmt: skip
+    return CalibratedCameras(
+        found.cameras, method, found.rmse_px, by_camera, np.sqrt(variance[:, 3:6].sum(-1)),
+        np.sqrt(variance[:, :3].sum(-1)), found.delays,
+    )  # fmt: skip
+
+
+def moved_world(calibration: CalibratedCameras, R: np.ndarray, t: np.ndarray, scale: float = 1.0) -> CalibratedCameras:
+    """Return the calibration in another world, ``x_new = scale R x_old + t``."""
+    cameras = calibration.cameras
+    turned = cameras.R @ R.T
+    shifted = scale * cameras.t - (turned @ t[:, None])[..., 0]
+    return replace(
+        calibration, cameras=replace(cameras, R=turned, t=shifted), centre_sigma_m=scale * calibration.centre_sigma_m
+    )

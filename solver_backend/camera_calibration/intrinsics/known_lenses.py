@@ -1,19 +1,121 @@
-"""Lenses that are known already: from a library, or from any calibration."""
+"""Read, keep and look up the lenses of cameras."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import json
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.lens import Lens, lens_of
-from solver_backend.camera_calibration.intrinsics.library import FORMAT, lens_named, read_lenses
-from solver_backend.exchange.errors import CalibrationInvalid, CalibrationMismatch
+from solver_backend.camera_calibration.adjustment.lens import LENS_MODELS, Lens, lens_of, rough_lens
+from solver_backend.camera_calibration.boards.board import Board
+from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.intrinsics.lens_fit import (
+    LensChoice,
+    advice,
+    chosen_lens,
+    fitted_lens,
+    selected_views,
+    tilted,
+)
+from solver_backend.exchange.diagnostics import Diagnostic
+from solver_backend.exchange.errors import (
+    CalibrationInvalid,
+    CalibrationMismatch,
+    CalibrationMissing,
+    CommandLineInvalid,
+    FileDamaged,
+)
+from solver_backend.exchange.outputs import write_text
 from solver_backend.io.calibration import read_calibration
-from solver_backend.io.files import LARGEST_TEXT, read_text
+from solver_backend.io.files import LARGEST_TEXT, read_json, read_text
+from solver_backend.io.footage import PLAUSIBLE_MM, recorded_focal_mm
 from solver_backend.io.recognition.camera_names import match_names
 from solver_backend.types import Cameras
+
+FORMAT, VERSION = "manifold-mocap-lenses", 1
+
+
+def read_lenses(path: Path) -> dict[str, Lens]:
+    """Return the lenses of a library by their names, such as ``phone wide 1080p60``; none where there is no file.
+
+    Raises:
+        FileDamaged: it is no library, or a lens in it is impossible.
+    """
+    if not path.exists():
+        return {}
+    table = read_json(path)
+    if not isinstance(table, dict) or table.get("format") != FORMAT or table.get("version") != VERSION:
+        raise FileDamaged("The file is not a library of lenses.", where=str(path))
+    lenses = table.get("lenses", {})
+    if not isinstance(lenses, dict):
+        raise FileDamaged("'lenses' must hold a lens for each name.", where=str(path))
+    return {str(name): _lens(entry, f"{path}, lens {name}") for name, entry in lenses.items()}
+
+
+def keep_lenses(path: Path, lenses: dict[str, Lens], errors_px: dict[str, float] | None = None) -> None:
+    """Add lenses to a library, those of the same name replaced, the others kept.
+
+    Raises:
+        FileDamaged: there is a file that is no library.
+        OutputNotWritable: it cannot be written.
+    """
+    kept = read_lenses(path) | lenses
+    entries = {name: _entry(lens) for name, lens in sorted(kept.items())}
+    for name, error in (errors_px or {}).items():
+        entries[name]["held_out_px"] = round(error, 4)
+    content = {"format": FORMAT, "version": VERSION, "lenses": entries}
+    write_text(path, json.dumps(content, indent=1) + "\n", overwrite=True)
+
+
+def lens_named(lenses: dict[str, Lens], name: str, image_size: tuple[int, int] | None, where: str) -> Lens:
+    """Return the lens of a name, for pictures of a size.
+
+    Raises:
+        CalibrationMissing: there is none.
+        CalibrationInvalid: it was found in another mode: its pictures have another shape.
+    """
+    if name not in lenses:
+        raise CalibrationMissing(
+            f"There is no lens '{name}'.", where=where, hint=f"There are: {', '.join(lenses) or 'none'}."
+        )
+    lens = lenses[name]
+    if image_size is None or image_size == lens.image_size:
+        return lens
+    share = image_size[0] / lens.image_size[0]
+    if abs(image_size[1] / lens.image_size[1] / share - 1.0) > 0.01:
+        raise CalibrationInvalid(
+            f"The lens was found in pictures of {lens.image_size[0]} x {lens.image_size[1]}; these have "
+            f"{image_size[0]} x {image_size[1]}, of another shape, which is another part of the sensor.",
+            where=where,
+            hint="Film the board in the mode that the takes are filmed in.",
+        )
+    K = lens.K.copy()
+    K[:2] *= share
+    K[:2, 2] += (share - 1) / 2
+    return Lens(K, lens.distortion, image_size, lens.distortion_model)
+
+
+def _entry(lens: Lens) -> dict[str, object]:
+    return {
+        "image_size": list(lens.image_size), "K": lens.K.tolist(), "distortion": lens.distortion.tolist(),
+        "distortion_model": lens.distortion_model,
+    }  # fmt: skip
+
+
+def _lens(entry: Any, where: str) -> Lens:
+    try:
+        K, bent = np.array(entry["K"], dtype=float), np.array(entry["distortion"], dtype=float)
+        width, height = (int(v) for v in entry["image_size"])
+        lens = Lens(K.reshape(3, 3), bent.reshape(8), (width, height), str(entry["distortion_model"]))
+        lens.as_camera()
+        return lens
+    except (KeyError, TypeError, ValueError, OverflowError, CalibrationInvalid) as error:
+        raise FileDamaged(f"The lens is not whole ({error}).", where=where) from error
 
 
 def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
@@ -37,3 +139,177 @@ def known_lenses(path: Path, names: Sequence[str]) -> dict[str, Lens]:
     if not all(np.isfinite(lens.K).all() for lens in found.values()):
         raise CalibrationInvalid("A lens holds NaN.", where=str(path))
     return found
+
+
+BAD_VIEW = 4.0
+"""A picture whose error is so many times the median, and above half a pixel, is left out."""
+
+
+@dataclass(frozen=True)
+class CameraLens:
+    """A lens with what it was found from."""
+
+    choice: LensChoice
+    """The lens, its model and its errors."""
+    frames: tuple[int, ...]
+    """Pictures that were used."""
+    left_out: tuple[int, ...]
+    """Pictures that contradict the others."""
+    advice: tuple[Diagnostic, ...]
+    """What to film again."""
+
+    @property
+    def lens(self) -> Lens:
+        """The lens."""
+        return self.choice.fit.lens
+
+
+def camera_lens(
+    board: Board,
+    sightings: Mapping[int, BoardSighting],
+    image_size: tuple[int, int],
+    models: Sequence[str] = tuple(LENS_MODELS),
+    name: str = "camera",
+) -> CameraLens:
+    """Find a lens from the sightings of one camera.
+
+    Args:
+        board: what was filmed.
+        sightings: by frame.
+        image_size: width and height, px.
+        models: names of ``LENS_MODELS`` to choose from.
+        name: of the camera, for the advice.
+
+    Raises:
+        CalibrationInvalid: fewer than three pictures, or no model fits them.
+    """
+    frames = selected_views(board, sightings, image_size)
+    kept = list(frames)
+    while True:
+        fit = fitted_lens(board, [sightings[f] for f in kept], image_size, LENS_MODELS["radial2"])
+        worst = int(np.argmax(fit.view_rmse_px))
+        if fit.view_rmse_px[worst] <= max(BAD_VIEW * float(np.median(fit.view_rmse_px)), 0.5) or len(kept) <= 4:
+            break
+        kept.pop(worst)
+    left_out = tuple(f for f in frames if f not in kept)
+    views = [sightings[f] for f in kept]
+    choice = chosen_lens(board, views, image_size, models)
+    turned = int(tilted(board, views, choice.fit.lens).sum())
+    return CameraLens(choice, tuple(kept), left_out, advice(views, image_size, turned, name))
+
+
+GUESSED_SIGMA = 0.15
+"""Standard deviation of a guessed focal length as a share: phones film at 0.75 to 1.0 of the longer side."""
+EQUIVALENT_SIGMA = 0.08
+"""The same of a 35 mm equivalent: it is of the whole sensor; a video shows a part (16:9 of 4:3, stabilised)."""
+FILM_DIAGONAL_MM = 43.27
+"""Of 36 x 24 mm; equivalents compare diagonals (CIPA DCG-001)."""
+PLAUSIBLE_SHARE = (0.2, 20.0)
+"""Of the picture's longer side: a fisheye, and a telescope."""
+EXAMPLE = "26mm (35 mm equivalent) or 1450px"
+_FOCAL = re.compile(r"\s*([0-9]+(?:\.[0-9]+)?)\s*(mm|px)\s*")
+
+
+@dataclass(frozen=True)
+class FocalLength:
+    """How long a lens is, and how sure that is."""
+
+    px: float
+    """Pixels."""
+    sigma: float
+    """Standard deviation as a share, 0 where it is known."""
+    source: str
+    """What it is from, for people."""
+
+    def lens(self, image_size: tuple[int, int]) -> Lens:
+        """Return a lens without distortion, its centre in the middle of the picture."""
+        return rough_lens(image_size, self.px / max(image_size))
+
+
+def find_focal_length(given: str, footage: Path, image_size: tuple[int, int]) -> FocalLength:
+    """Return the focal length that was given, else the one in the file, else a guess.
+
+    Args:
+        given: such as ``EXAMPLE``; "" where nothing was.
+        footage: a video or a folder of pictures.
+        image_size: width and height of its pictures, px.
+
+    Raises:
+        CommandLineInvalid: what was given is no focal length.
+    """
+    if given:
+        return _given(given, image_size)
+    recorded = recorded_focal_mm(footage)
+    if recorded is not None:
+        source = f"the file's 35 mm equivalent of {recorded:g} mm"
+        return FocalLength(_of_equivalent(recorded, image_size), EQUIVALENT_SIGMA, source)
+    guessed = rough_lens(image_size)
+    return FocalLength(float(guessed.K[0, 0]), GUESSED_SIGMA, "the picture's size, a guess")
+
+
+def _given(text: str, image_size: tuple[int, int]) -> FocalLength:
+    match = _FOCAL.fullmatch(text)
+    if match is None:
+        raise CommandLineInvalid(f"'{text}' is not a focal length.", hint=f"Give it as {EXAMPLE}.")
+    value, unit = float(match[1]), match[2]
+    px = value if unit == "px" else _of_equivalent(value, image_size)
+    low, high = (share * max(image_size) for share in PLAUSIBLE_SHARE)
+    if not (low <= px <= high and (unit == "px" or PLAUSIBLE_MM[0] <= value <= PLAUSIBLE_MM[1])):
+        raise CommandLineInvalid(
+            f"A focal length of {text.strip()} is {px:.0f} px in pictures of {image_size[0]} x {image_size[1]}; "
+            f"{low:.0f} to {high:.0f} px are possible.", hint=f"Give it as {EXAMPLE}.",
+        )  # fmt: skip
+    return FocalLength(px, 0.0 if unit == "px" else EQUIVALENT_SIGMA, f"{text.strip()} as given")
+
+
+def _of_equivalent(mm: float, image_size: tuple[int, int]) -> float:
+    """Return pixels of a 35 mm equivalent: ``f = mm / 43.27 mm * diagonal``."""
+    return mm / FILM_DIAGONAL_MM * float(np.hypot(*image_size))
+
+
+def choose_family(lenses: Mapping[str, CameraLens], models: Sequence[str]) -> str | None:
+    """Return the distortion model under which all cameras together predict best; None where one of them lacks it.
+
+    With errors of a normal distribution a camera's evidence is ``-n log σ`` for n pictures whose corners are predicted
+    to σ px; that of a family is the sum over cameras of their best model in it.
+
+    Args:
+        lenses: by the camera's name, with the errors of pictures left out.
+        models: names of ``LENS_MODELS`` that may be chosen.
+    """
+    families = {LENS_MODELS[name].distortion_model for name in models}
+    costs: dict[str, float] = {}
+    for family in sorted(families):
+        errors = [_best_error(lens, family) for lens in lenses.values()]
+        if np.isfinite(errors).all():
+            counts = [len(lens.frames) for lens in lenses.values()]
+            costs[family] = float(np.dot(counts, np.log(np.maximum(errors, 1e-9))))
+    return min(costs, key=lambda family: costs[family]) if costs else None
+
+
+def _best_error(lens: CameraLens, family: str) -> float:
+    errors = [e for name, e in lens.choice.held_out_px.items() if LENS_MODELS[name].distortion_model == family]
+    return min(errors, default=float("nan"))
+
+
+def in_family(
+    board: Board, lens: CameraLens, views: Sequence[BoardSighting], family: str, models: Sequence[str]
+) -> CameraLens:
+    """Return a camera's lens with the best model of a family, fitted to the same pictures.
+
+    Args:
+        board: what was filmed.
+        lens: as it was chosen for itself.
+        views: the pictures it was found from.
+        family: a distortion model.
+        models: names of ``LENS_MODELS`` that may be chosen.
+
+    Raises:
+        CalibrationInvalid: no model of the family fits.
+    """
+    allowed = [name for name in models if LENS_MODELS[name].distortion_model == family]
+    if lens.lens.distortion_model == family or not allowed:
+        return lens
+    choice = chosen_lens(board, views, lens.lens.image_size, allowed)
+    held_out = {**lens.choice.held_out_px, **choice.held_out_px}
+    return replace(lens, choice=replace(choice, held_out_px=held_out))

@@ -1,28 +1,34 @@
-"""A lens fitted to pictures of a board, and the board's pose in each of them."""
+"""Fit a camera's lens to board pictures: choose the pictures, the lens model and its parameters."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import (
     CENTRE,
     FOCAL,
+    LENS_MODELS,
     PARAMETERS,
     Lens,
     LensModel,
+    focal_from_homographies,
+    homography,
     lens_of,
+    planar_pose,
     rough_lens,
 )
-from solver_backend.camera_calibration.adjustment.planar import focal_from_homographies, homography, planar_pose
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
 from solver_backend.camera_calibration.boards.board import Board
 from solver_backend.camera_calibration.boards.detection import BoardSighting
+from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.projection import undistort
-from solver_backend.exchange.errors import CalibrationInvalid
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.errors import CalibrationInvalid, OutputNotWritable
+from solver_backend.exchange.outputs import atomic_output
 from solver_backend.types.shapes import Bool, Float
 
 FEWEST_VIEWS = 3
@@ -149,3 +155,232 @@ def _adjusted(board: Board, views: Sequence[BoardSighting], lens: Lens, unknowns
     return adjust(
         lens.as_camera(), Bodies(R, t), seen, unknowns, robust_scale=4.0, steps=steps, gauge=0, tolerance=1e-6
     )
+
+
+FOLDS = 4
+"""Parts of the pictures, each left out once."""
+GAIN = 0.03
+"""A richer model must predict better by this share."""
+
+
+@dataclass(frozen=True)
+class LensChoice:
+    """The lens of one camera, fitted to all pictures with the chosen model."""
+
+    fit: LensFit
+    """The lens."""
+    held_out_px: dict[str, float]
+    """Root mean squared error of pictures left out, by the model's name."""
+
+    @property
+    def held_out(self) -> float:
+        """That of the chosen model."""
+        return self.held_out_px[self.fit.model.name]
+
+
+def chosen_lens(
+    board: Board,
+    views: Sequence[BoardSighting],
+    image_size: tuple[int, int],
+    models: Sequence[str] = tuple(LENS_MODELS),
+) -> LensChoice:
+    """Fit every model without a part of the pictures, evaluate it on that part, and fit the best one to all.
+
+    Parts are taken in turn (picture i belongs to part i mod 4), so that each spans the recording; of fewer than twelve
+    pictures each is left out alone. A richer model is
+    taken only if it predicts better by 3 %.
+
+    Args:
+        board: what was filmed.
+        views: pictures of one camera.
+        image_size: width and height.
+        models: names of ``LENS_MODELS`` to choose from, the simplest first.
+
+    Raises:
+        CalibrationInvalid: too few pictures, or no model fits them.
+
+    Reference: Geisser 1975 (cross-validation).
+    """
+    first = fitted_lens(board, views, image_size, LENS_MODELS[models[0]])
+    folds = FOLDS if len(views) >= 3 * FOLDS else len(views)
+    if len(views) <= 3:  # too few to leave one out: the simplest model, evaluated on what it was fitted to
+        return LensChoice(first, {models[0]: first.rmse_px})
+    held_out = {name: _held_out(board, views, image_size, name, folds, first) for name in models}
+    finite = {name: value for name, value in held_out.items() if np.isfinite(value)}
+    if not finite:
+        raise CalibrationInvalid(
+            "No lens model explains the pictures.",
+            hint="Check that it is one camera at one zoom, and that --board names the board.",
+        )
+    best = models[0]
+    for name in models:
+        if name in finite and (best not in finite or finite[name] < (1 - GAIN) * finite[best]):
+            best = name
+    start = first.lens if LENS_MODELS[best].distortion_model == first.lens.distortion_model else None
+    return LensChoice(fitted_lens(board, views, image_size, LENS_MODELS[best], start), held_out)
+
+
+def _held_out(
+    board: Board, views: Sequence[BoardSighting], size: tuple[int, int], name: str, folds: int, first: LensFit
+) -> float:
+    model = LENS_MODELS[name]
+    squares, count = 0.0, 0
+    for fold in range(folds):
+        kept = [v for i, v in enumerate(views) if i % folds != fold]
+        left = [v for i, v in enumerate(views) if i % folds == fold]
+        if len(kept) < 3:
+            return float("inf")
+        start = first.lens if model.distortion_model == first.lens.distortion_model else None
+        try:
+            error = held_out_rmse(board, left, fitted_lens(board, kept, size, model, start, steps=30).lens)
+        except np.linalg.LinAlgError:
+            return float("inf")
+        points = sum(len(v.ids) for v in left)
+        squares, count = squares + error**2 * points, count + points
+    return float(np.sqrt(squares / count))
+
+
+MOST_VIEWS = 40
+"""Pictures a lens is fitted to."""
+BLUR_SHARE = 0.4
+"""A picture less sharp than this share of the camera's 80 % quantile is left out."""
+CELLS = (8, 6)
+"""Cells of the picture, across and down, that corners should fall into."""
+
+
+def selected_views(board: Board, sightings: Mapping[int, BoardSighting], image_size: tuple[int, int]) -> list[int]:
+    """Return frames of sharp pictures, one by one the picture that differs most from those chosen before.
+
+    Pictures differ by where the board's corners lie, in picture heights; corners that are seen count.
+
+    Args:
+        board: what is seen.
+        sightings: of one camera by frame.
+        image_size: width and height, px.
+
+    Reference: Gonzalez 1985 (farthest point first).
+    """
+    frames = sorted(sightings)
+    if not frames:
+        return []
+    bar = BLUR_SHARE * float(np.quantile([sightings[f].sharpness for f in frames], 0.8))
+    sharp = [f for f in frames if sightings[f].sharpness >= bar] or frames
+    if len(sharp) <= MOST_VIEWS:
+        return sharp
+    signature = np.stack([_signature(board, sightings[f]) for f in sharp]) / min(image_size)
+    chosen = [int(np.argmax([len(sightings[f].ids) * sightings[f].spacing_px for f in sharp]))]
+    distance = np.linalg.norm(signature - signature[chosen[0]], axis=1)
+    while len(chosen) < MOST_VIEWS:
+        farthest = int(np.argmax(distance))
+        chosen.append(farthest)
+        distance = np.minimum(distance, np.linalg.norm(signature - signature[farthest], axis=1))
+    return sorted(sharp[i] for i in chosen)
+
+
+def coverage(sightings: list[BoardSighting], image_size: tuple[int, int]) -> np.ndarray:
+    """Return how many corners fell into each cell of the picture, (down, across)."""
+    across, down = CELLS
+    count = np.zeros((down, across), dtype=int)
+    for view in sightings:
+        cell = (view.px / np.array(image_size) * CELLS).astype(int)
+        inside = ((cell >= 0) & (cell < CELLS)).all(-1)
+        np.add.at(count, (cell[inside, 1], cell[inside, 0]), 1)
+    return count
+
+
+def advice(
+    sightings: list[BoardSighting], image_size: tuple[int, int], tilted: int, camera: str
+) -> tuple[Diagnostic, ...]:
+    """Return what to film again; nothing where the pictures suffice.
+
+    Args:
+        sightings: the pictures that were used.
+        image_size: width and height, px.
+        tilted: how many of them show the board turned by more than 15 degrees.
+        camera: its name.
+    """
+    words: list[Diagnostic] = []
+    if len(sightings) < 12:
+        words.append(diagnostic("board_pictures_few", cameras=[camera], count=len(sightings)))
+    seen = coverage(sightings, image_size) > 0
+    down, across = seen.shape
+    parts = {
+        "left": seen[:, : across // 4], "right": seen[:, -(across // 4) :],
+        "top": seen[: down // 3], "bottom": seen[-(down // 3) :],
+    }  # fmt: skip
+    bare = [name for name, part in parts.items() if part.mean() < 0.4]
+    if bare:
+        words.append(diagnostic("board_parts_bare", cameras=[camera], parts=bare))
+    if tilted < min(5, len(sightings)):
+        words.append(diagnostic("board_tilts_few", cameras=[camera], count=tilted))
+    share = float(np.median([_extent(v) for v in sightings])) / min(image_size) if sightings else 0.0
+    if sightings and share < 0.25:
+        words.append(diagnostic("board_small", cameras=[camera], percent=100 * share))
+    return tuple(words)
+
+
+def coverage_svg(sightings: list[BoardSighting], image_size: tuple[int, int], title: str) -> str:
+    """Return a picture of all corners in the camera's picture."""
+    width, height = image_size
+    dots = "".join(f'<circle cx="{x:.0f}" cy="{y:.0f}" r="{width / 200:.1f}"/>' for v in sightings for x, y in v.px)
+    hulls = "".join(f'<path d="{_outline(v)}"/>' for v in sightings)
+    clean = "".join(c for c in title if c not in "<>&")
+    return (
+        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {width} {height}" width="{width // 2}" '
+        f'height="{height // 2}"><title>{clean}</title><rect width="{width}" height="{height}" fill="#f4f4f4" '
+        f'stroke="#555"/><g fill="none" stroke="#1f77b4" stroke-opacity="0.3" stroke-width="{width / 500:.1f}">'
+        f'{hulls}</g><g fill="#d62728" fill-opacity="0.5">{dots}</g></svg>\n'
+    )
+
+
+def _signature(board: Board, view: BoardSighting) -> np.ndarray:
+    """Return where the board's four corners would lie, by a homography's affine part: (8,) px."""
+    points = board.points
+    h = np.concatenate([points[view.ids, :2], np.ones((len(view.ids), 1))], axis=1)
+    affine = np.linalg.lstsq(h, view.px, rcond=None)[0]
+    low, high = points[:, :2].min(0), points[:, :2].max(0)
+    corners = np.array([[low[0], low[1], 1], [high[0], low[1], 1], [high[0], high[1], 1], [low[0], high[1], 1]])
+    return (corners @ affine).ravel()
+
+
+def _extent(view: BoardSighting) -> float:
+    return float(np.ptp(view.px, axis=0).max())
+
+
+def _outline(view: BoardSighting) -> str:
+    centre = view.px.mean(0)
+    order = np.argsort(np.arctan2(*(view.px - centre).T))
+    far = [view.px[order][part].tolist() for part in range(0, len(order), max(1, len(order) // 8))]
+    return "M" + "L".join(f"{x:.0f} {y:.0f}" for x, y in far) + "Z"
+
+
+WIDTH = 480
+"""Width of the picture, pixels; chosen by hand."""
+_PAPER, _CELL, _CORNER = (66, 60, 56), (74, 92, 58), (70, 112, 236)
+
+
+def write_coverage_png(sightings: Sequence[BoardSighting], image_size: tuple[int, int], path: Path) -> None:
+    """Write a PNG of all corners in the camera's picture; cells of the picture that the board reached are green.
+
+    Raises:
+        BackendMissing: OpenCV is not installed.
+        OutputNotWritable: the file cannot be written.
+    """
+    cv2 = opencv()
+    scale = WIDTH / image_size[0]
+    height = max(1, round(image_size[1] * scale))
+    bgr = np.full((height, WIDTH, 3), _PAPER, dtype=np.uint8)
+    seen = coverage(list(sightings), image_size) > 0
+    down, across = seen.shape
+    for row, column in np.argwhere(seen).tolist():
+        a = round(WIDTH * column / across), round(height * row / down)
+        b = round(WIDTH * (column + 1) / across) - 2, round(height * (row + 1) / down) - 2
+        cv2.rectangle(bgr, a, b, _CELL, -1)
+    for view in sightings:
+        for x, y in np.round(view.px * scale).astype(int).tolist():
+            cv2.circle(bgr, (x, y), 2, _CORNER, -1, cv2.LINE_AA)
+    fine, data = cv2.imencode(".png", bgr)
+    if not fine:
+        raise OutputNotWritable("The picture cannot be made.", where=str(path))
+    with atomic_output(path, overwrite=True) as place:
+        place.write_bytes(data.tobytes())

@@ -1,21 +1,78 @@
-"""Acquisition of one sensor: frame in, markers with covariances out (thesis 5.3.2; paper, appendix K)."""
+"""Locate the markers that one sensor sees in one frame, with covariances."""
 
 from __future__ import annotations
 
 from collections import deque
+from dataclasses import dataclass, field
 
 import numpy as np
 
-from solver_backend.sensors.acquisition.blobs import Blobs, Shapes, find_blobs, shapes_of
-from solver_backend.sensors.acquisition.ring import Ring, RingDepths, ring_depths, ring_of, slivers_of
-from solver_backend.sensors.acquisition.sensor_lens import SensorLens
-from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
-from solver_backend.sensors.acquisition.sightings import SensorSightings, no_sightings
-from solver_backend.sensors.acquisition.split import split_merged
-from solver_backend.sensors.acquisition.threshold import full_counts, threshold_of
-from solver_backend.sensors.devices.device import SensorFrame
-from solver_backend.sensors.errors import PicturesDiffer, SensorUnknown
+from solver_backend.sensors.acquisition.blobs import (
+    DEFAULT,
+    AcquisitionSettings,
+    Blobs,
+    Shapes,
+    find_blobs,
+    full_counts,
+    shapes_of,
+    threshold_of,
+)
+from solver_backend.sensors.acquisition.ring import (
+    Ring,
+    RingDepths,
+    SensorLens,
+    ring_depths,
+    ring_of,
+    slivers_of,
+    split_merged,
+)
+from solver_backend.sensors.devices.device import PicturesDiffer, SensorFrame, SensorUnknown
 from solver_backend.types import Cameras
+
+
+@dataclass(frozen=True)
+class SensorSightings:
+    """N markers of one sensor at one moment."""
+
+    sensor: int
+    """Index of the sensor in the calibration."""
+    time: float
+    """Seconds on the device's clock."""
+    px: np.ndarray
+    """(N, 2) pixels of the middles."""
+    depth: np.ndarray
+    """(N,) metres along the axis to the middles, NaN where there is none."""
+    points: np.ndarray
+    """(N, 3) world metres, NaN where there is no depth."""
+    covariance: np.ndarray
+    """(N, 3, 3) m², NaN where there is no depth."""
+    origin: np.ndarray
+    """(3,) the sensor's place."""
+    direction: np.ndarray
+    """(N, 3) unit directions of the rays in the world."""
+    sigma_ray: np.ndarray
+    """(N,) radians, how sure the rays are across."""
+    finding: str = ""
+    """Code of what is wrong with the frame, where something is."""
+    number: int = 0
+    """The device's count of frames."""
+    host_s: float = field(default=0.0, compare=False)
+    """When the frame arrived, on the host's clock."""
+
+    def __len__(self) -> int:
+        return len(self.px)
+
+
+def no_sightings(
+    sensor: int, time: float, origin: np.ndarray, finding: str = "", *, number: int = 0, host_s: float = 0.0
+) -> SensorSightings:
+    """Return a frame without markers."""
+    none = np.zeros((0, 3))
+    return SensorSightings(
+        sensor, time, np.zeros((0, 2)), np.zeros(0), none, np.zeros((0, 3, 3)), origin, none, np.zeros(0), finding,
+        number, host_s,
+    )  # fmt: skip
+
 
 SUNLIGHT = "sensor_sunlight"
 """Code where there are no markers for sunlight, a window or a lamp."""

@@ -1,19 +1,16 @@
-"""The ring of valid depth around a blind patch: its pixels, and the depth that they agree on.
-
-A retro-reflector saturates the pixels that see it, which then have no depth; light that spills from it gives the
-pixels around the sphere's depth (thesis 5.3.2). The paper's appendix K takes their mean after rejecting outliers by
-the median absolute deviation; so is it here, about the median.
-"""
+"""Measure a blob's depth from the ring of depth pixels around it, and split blobs that hold several markers."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, lru_cache
 
 import numpy as np
 
-from solver_backend.sensors.acquisition.blobs import Blobs
-from solver_backend.sensors.acquisition.settings import DEFAULT, AcquisitionSettings
+from solver_backend.camera_calibration.adjustment.lens import Lens
+from solver_backend.cameras.projection import undistort
+from solver_backend.sensors.acquisition.blobs import DEFAULT, AcquisitionSettings, Blobs, Shapes, shapes_of
+from solver_backend.types import Cameras
 
 GROUP_M = 128.0
 """More than any depth of 16 bits in millimetres."""
@@ -197,3 +194,169 @@ def sorted_medians(values: np.ndarray, sizes: np.ndarray) -> np.ndarray:
     first, last = np.cumsum(sizes) - sizes, len(values) - 1
     low, high = np.minimum(first + (sizes - 1) // 2, last), np.minimum(first + sizes // 2, last)
     return np.where(sizes > 0, 0.5 * (values[low] + values[high]), np.nan)
+
+
+class SensorLens:
+    """One camera of a calibration, with the undistorted coordinates of every pixel at hand.
+
+    Args:
+        cameras: the calibration.
+        index: which camera of it.
+    """
+
+    def __init__(self, cameras: Cameras, index: int) -> None:
+        one = cameras.subset([index])
+        self.name = one.names[0]
+        self.size = (int(one.image_size[0, 0]), int(one.image_size[0, 1]))
+        self.R, self.t = one.R[0], one.t[0]
+        self.centre = one.centres[0]
+        self.focal = np.array([one.K[0, 0, 0], one.K[0, 1, 1]])
+        self._table = _undistorted_pixels(one.K.tobytes(), one.distortion.tobytes(), self.size, one.models[0])
+
+    def undistorted(self, px: np.ndarray) -> np.ndarray:
+        """Return (N, 2) x/z and y/z of (N, 2) pixels, between four entries of the table; NaN outside the picture."""
+        width, height = self.size
+        at = px + 1.0
+        with np.errstate(invalid="ignore"):
+            inside = (at >= 0.0).all(1) & (at <= np.array([width + 1.0, height + 1.0])).all(1)
+        at = np.where(inside[:, None], at, 0.0)
+        corner = np.minimum(at.astype(np.int64), np.array([width, height]))
+        x, y = corner.T
+        a, b = (at - corner).T[..., None]
+        rows = self._table
+        found = (1 - b) * ((1 - a) * rows[y, x] + a * rows[y, x + 1]) + b * (
+            (1 - a) * rows[y + 1, x] + a * rows[y + 1, x + 1]
+        )
+        return np.where(inside[:, None], found, np.nan)
+
+    def directions(self, flat: np.ndarray) -> np.ndarray:
+        """Return (N, 3) unit directions in the world of (N, 2) undistorted coordinates."""
+        ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        return (ray / np.linalg.norm(ray, axis=1, keepdims=True)) @ self.R
+
+    def points(self, flat: np.ndarray, depth: np.ndarray) -> np.ndarray:
+        """Return (N, 3) world points of undistorted coordinates and (N,) depths along the axis in metres."""
+        ray = np.concatenate([flat, np.ones((len(flat), 1))], axis=1)
+        return (ray * depth[:, None] - self.t) @ self.R
+
+    def covariances(
+        self, flat: np.ndarray, depth: np.ndarray, sigma_px: np.ndarray, sigma_depth: np.ndarray
+    ) -> np.ndarray:
+        """Return (N, 3, 3) m² in the world: ``J diag(σ_u², σ_v², σ_z²) Jᵀ`` of ``p = z (x, y, 1)``.
+
+        Args:
+            flat: (N, 2) undistorted coordinates.
+            depth: (N,) metres.
+            sigma_px: (N,) px, of both axes.
+            sigma_depth: (N,) metres.
+        """
+        J = np.zeros((len(depth), 3, 3))
+        J[:, 0, 0] = depth / self.focal[0] * sigma_px
+        J[:, 1, 1] = depth / self.focal[1] * sigma_px
+        J[:, :2, 2] = flat * sigma_depth[:, None]
+        J[:, 2, 2] = sigma_depth
+        turned = self.R.T @ J
+        return turned @ np.swapaxes(turned, 1, 2)
+
+
+@lru_cache(maxsize=8)
+def _undistorted_pixels(K: bytes, distortion: bytes, size: tuple[int, int], model: str) -> np.ndarray:
+    """Return (h + 2, w + 2, 2) of a lens given as bytes, a second of work for four sensors; it must not be written to.
+
+    One pixel more on each side, so that every point of the picture lies between four of the table.
+    """
+    width, height = size
+    u, v = np.meshgrid(np.arange(-1.0, width + 1.0), np.arange(-1.0, height + 1.0))
+    lens = Lens(np.frombuffer(K).reshape(3, 3), np.frombuffer(distortion), size, model)
+    table = undistort(lens.as_camera(), np.stack([u, v], axis=-1)[None])[0]
+    table.flags.writeable = False
+    return table
+
+
+_STEPS = 6
+"""Steps of k-means."""
+
+
+def split_merged(
+    blobs: Blobs, shapes: Shapes, ring: Ring, radius_px: np.ndarray, settings: AcquisitionSettings = DEFAULT
+) -> tuple[Blobs, Ring, np.ndarray]:
+    """Return blobs and rings with merged ones taken apart, and (N',) which are parts.
+
+    A disc of radius R has the variance ``R²/4`` along any axis; two whose middles are s apart have ``R²/4 + s²/4``
+    along the line between them. So a blob is several where its longer variance exceeds ``merged`` times a disc's:
+    as many as its area holds and, until every part is as round as a disc, up to ``most_in_blob``; at first its
+    pixels that are farthest apart (Gonzalez 1985), then moved by k-means (Lloyd 1982).
+
+    Args:
+        blobs: N blobs.
+        shapes: their moments.
+        ring: their rings.
+        radius_px: (N,) radius that a single marker's blob has, NaN where its depth is unknown.
+        settings: the constants.
+    """
+    limit = settings.merged * 0.25 * radius_px**2 + settings.merged_px2
+    with np.errstate(invalid="ignore"):
+        merged = np.flatnonzero(shapes.long > limit)
+    owner, ring_owner, count = blobs.owner.copy(), ring.owner.copy(), blobs.count
+    parts = np.zeros(count + (settings.most_in_blob - 1) * len(merged), dtype=bool)
+    for blob in merged.tolist():
+        fits = round(float(shapes.area[blob] / (np.pi * radius_px[blob] ** 2)))
+        mine = np.flatnonzero(blobs.owner == blob)
+        alone = Blobs(blobs.pixel[mine], np.zeros(len(mine), np.int64), blobs.weight[mine], 1, blobs.width)
+        centres, nearest = _round_parts(alone, shapes.middle[blob], fits, float(limit[blob]), settings)
+        number = len(centres)
+        names = np.concatenate([[blob], np.arange(count, count + number - 1)])
+        count += number - 1
+        owner[mine] = names[nearest]
+        of_ring = np.flatnonzero(ring.owner == blob)
+        ring_owner[of_ring] = names[_nearest(_xy(ring.pixel[of_ring], blobs.width), centres)]
+        parts[names] = True
+    return replace(blobs, owner=owner, count=count), replace(ring, owner=ring_owner), parts[:count]
+
+
+def _round_parts(
+    blob: Blobs, middle: np.ndarray, fits: int, limit: float, settings: AcquisitionSettings
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return middles and pixels' parts, as ``_parted``, of the fewest parts that vary by ``limit`` px² at most."""
+    xy = _xy(blob.pixel, blob.width)
+    number = min(max(fits, 2), settings.most_in_blob)
+    while True:
+        centres, nearest = _parted(xy, middle, number)
+        parts = replace(blob, owner=nearest, count=number)
+        if number == settings.most_in_blob or shapes_of(parts).long.max() <= limit:
+            return centres, nearest
+        number += 1
+
+
+def _parted(xy: np.ndarray, middle: np.ndarray, number: int) -> tuple[np.ndarray, np.ndarray]:
+    """Return (number, 2) middles of a blob's parts and (P,) which part each pixel is of."""
+    centres = _far_apart(xy, middle, number)
+    nearest = np.zeros(len(xy), np.int64)
+    for step in range(_STEPS):
+        before, nearest = nearest, _nearest(xy, centres)
+        if step and np.array_equal(before, nearest):
+            break
+        size = np.bincount(nearest, minlength=number)[:, None]
+        sums = np.stack([np.bincount(nearest, xy[:, i], minlength=number) for i in (0, 1)], axis=1)
+        centres = np.where(size > 0, sums / np.maximum(size, 1), centres)
+    return centres, nearest
+
+
+def _far_apart(xy: np.ndarray, middle: np.ndarray, number: int) -> np.ndarray:
+    """Return the pixel farthest from the middle, then again and again the one farthest from those chosen."""
+    far = ((xy - middle) ** 2).sum(1)
+    chosen = [int(far.argmax())]
+    apart = np.full(len(xy), np.inf)
+    while len(chosen) < number:
+        apart = np.minimum(apart, ((xy - xy[chosen[-1]]) ** 2).sum(1))
+        chosen.append(int(apart.argmax()))
+    return xy[chosen]
+
+
+def _xy(pixel: np.ndarray, width: int) -> np.ndarray:
+    y, x = np.divmod(pixel, width)
+    return np.stack([x, y], axis=1).astype(np.float64)
+
+
+def _nearest(xy: np.ndarray, centres: np.ndarray) -> np.ndarray:
+    return ((xy[:, None] - centres) ** 2).sum(-1).argmin(1)

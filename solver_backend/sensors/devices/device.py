@@ -1,4 +1,4 @@
-"""What every sensor of the array gives, and how it is asked for it."""
+"""Interface and errors of every sensor."""
 
 from __future__ import annotations
 
@@ -8,6 +8,8 @@ from types import TracebackType
 from typing import Protocol, Self
 
 import numpy as np
+
+from solver_backend.exchange.errors import MocapError
 
 
 @dataclass(frozen=True)
@@ -82,3 +84,33 @@ class OpenedDevice:
     def starting(self, start: float) -> Self:
         """Return the device itself, which has no recorded time, unless one from disk overrides this."""
         return self
+
+
+class SensorFailed(MocapError):
+    """A sensor went away, or gives what cannot be used."""
+
+    code = "sensor_failed"
+
+
+class SensorUnknown(MocapError):
+    """A sensor is of no kind we know, or the calibration does not name it."""
+
+    code = "sensor_unknown"
+
+
+class PicturesDiffer(MocapError):
+    """A sensor's infrared, depth and calibration are of different sizes."""
+
+    code = "pictures_differ"
+
+
+class RecordingInvalid(MocapError):
+    """A folder is no recording of sensors, or one that is damaged."""
+
+    code = "recording_invalid"
+
+
+class NoMarkers(MocapError):
+    """No sensor saw a marker in any frame."""
+
+    code = "no_markers"

@@ -1,16 +1,268 @@
-"""OAK-D and OAK-4 cameras over depthai 3: infrared under a flood light, and stereo depth on its pixels."""
+"""Read OAK-D and OAK-4 cameras with depthai 3: infrared under a flood light, and stereo depth on its pixels."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import os
+import time
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field
+from datetime import timedelta
+from importlib import import_module
 from typing import Any
 
-from solver_backend.sensors.devices.device import OpenedDevice, SensorFrame
-from solver_backend.sensors.devices.oak_module import depthai, open_oak, set_sync_role
-from solver_backend.sensors.devices.oak_settings import OakSettings
-from solver_backend.sensors.devices.oak_stream import PairStream, paired
-from solver_backend.sensors.errors import SensorFailed, SensorUnknown
+import numpy as np
+
+from solver_backend.exchange.errors import BackendMissing, CalibrationMissing, CommandLineInvalid
+from solver_backend.sensors.devices.device import OpenedDevice, PicturesDiffer, SensorFailed, SensorFrame, SensorUnknown
+from solver_backend.types import Cameras
+
+LEAST_VERSION = 3
+QUIET = {"DEPTHAI_INSTALL_SIGNAL_HANDLER": "0", "DEPTHAI_LEVEL": "off"}
+"""Else it takes over the process' signals, of a full disk too, and writes among the lines on standard output that
+programs read; what matters comes as exceptions."""
+
+
+def depthai() -> Any:
+    """Return the module ``depthai``.
+
+    Raises:
+        BackendMissing: it is not installed, or of a version before 3; it belongs to the extra ``oak``.
+    """
+    for name, value in QUIET.items():
+        os.environ.setdefault(name, value)
+    try:
+        module = import_module("depthai")
+    except ImportError as error:
+        raise BackendMissing(
+            "OAK cameras are read by depthai, which is not installed.",
+            hint="Install it with: pip install depthai.",
+        ) from error
+    version = str(module.__version__)
+    if int(version.split(".")[0]) < LEAST_VERSION:
+        raise BackendMissing(
+            f"depthai {version} is installed; {LEAST_VERSION} or later is needed.",
+            hint="Install it with: pip install --upgrade depthai.",
+        )
+    return module
+
+
+def listed_oaks() -> list[str]:
+    """Return the identifiers of the OAKs that are plugged in or on the network, sorted.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+    """
+    return sorted(str(info.getDeviceId()) for info in depthai().Device.getAllAvailableDevices())
+
+
+def open_oak(identifier: str, name: str) -> Any:
+    """Return a device that is connected.
+
+    Args:
+        identifier: of the device, its IP address or its USB port.
+        name: of the sensor, for errors.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+        SensorFailed: the device is not there, or in use.
+    """
+    dai = depthai()
+    try:
+        return dai.Device(dai.DeviceInfo(identifier))
+    except RuntimeError as error:
+        found = ", ".join(listed_oaks()) or "none"
+        raise SensorFailed(
+            f"The OAK '{identifier}' cannot be opened: {error}.", where=f"sensor {name}",
+            hint=f"Found are: {found}. Another program may use it; on Linux USB needs Luxonis' udev rule.",
+        ) from error  # fmt: skip
+
+
+def set_sync_role(device: Any, role: str, name: str) -> None:
+    """Let a device lead or follow on the sync wire, if it is to do either.
+
+    Args:
+        device: an open one.
+        role: 'master' or 'slave'; any other name is none of the wire's.
+        name: of the sensor, for errors.
+
+    Raises:
+        SensorFailed: the device cannot.
+    """
+    roles = depthai().ExternalFrameSyncRole
+    known = {"master": roles.MASTER, "slave": roles.SLAVE}
+    if role not in known:
+        return
+    done, why = device.setExternalFrameSyncRole(known[role])
+    if not done:
+        raise SensorFailed(
+            f"The device cannot be {role} of the sync wire: {why}.", where=f"sensor {name}",
+            hint="Models with an M8 plug or FSIN pins can; else use sync none: the wand synchronises the clocks.",
+        )  # fmt: skip
+
+
+INFRARED, DEPTH = "infrared", "depth"
+WAIT_S = 0.0005
+LARGEST_JUMP_S = 10.0
+"""A stamp that goes back, or on by more than this, is a clock that was set anew."""
+
+
+def paired(
+    dai: Any, pipeline: Any, infrared: Any, depth: Any, fps: float, queue: int, *, blocking: bool = False
+) -> Any:
+    """Return the queue of pairs of pictures of one exposure, by a ``Sync`` node on the host.
+
+    Args:
+        dai: the module.
+        pipeline: whose nodes these are.
+        infrared: output of a node.
+        depth: output of a node.
+        fps: frames a second; pictures half a frame apart are of two exposures.
+        queue: pairs that wait.
+        blocking: nothing is dropped, for recordings; a device drops the oldest.
+    """
+    sync = pipeline.create(dai.node.Sync)
+    sync.setRunOnHost(True)
+    sync.setSyncThreshold(timedelta(seconds=0.5 / fps))
+    for name, output in ((INFRARED, infrared), (DEPTH, depth)):
+        entry = sync.inputs[name]
+        entry.setBlocking(blocking)
+        entry.setMaxSize(queue)
+        output.link(entry)
+    return sync.out.createOutputQueue(maxSize=queue, blocking=blocking)
+
+
+@dataclass
+class PairStream:
+    """Frames of a queue of pairs, with the checks that a device needs."""
+
+    dai: Any
+    name: str
+    queue: Any
+    running: Callable[[], bool]
+    """Whether more may come."""
+    silent_s: float
+    """Seconds without a frame after which the device counts as gone."""
+    by_ptp: bool = False
+    """Stamps are those of the clock that PTP keeps."""
+
+    def frames(self) -> Iterator[SensorFrame]:
+        """Yield frames until nothing more comes.
+
+        Raises:
+            SensorFailed: the device went away, fell silent, or its clock jumped.
+            PicturesDiffer: infrared and depth are of different sizes.
+        """
+        last_s, heard_s = -np.inf, time.perf_counter()
+        while True:
+            pair = self._next()
+            now_s = time.perf_counter()
+            if pair is None:
+                if not self.running():
+                    return
+                if now_s - heard_s > self.silent_s:
+                    raise SensorFailed(
+                        f"No frame came for {self.silent_s:g} s.", where=f"sensor {self.name}",
+                        hint="Check the cable, which must carry USB 3 or PoE. A slave waits for its master's pulse.",
+                    )  # fmt: skip
+                time.sleep(WAIT_S)
+                continue
+            heard_s = now_s
+            frame = self.frame_of(pair, now_s)
+            if np.isfinite(last_s) and not 0.0 < frame.device_s - last_s < LARGEST_JUMP_S:
+                raise SensorFailed(
+                    f"The device's clock jumped from {last_s:.3f} to {frame.device_s:.3f} s.",
+                    where=f"sensor {self.name}", hint="The device restarted; open it again.",
+                )  # fmt: skip
+            last_s = frame.device_s
+            yield frame
+
+    def frame_of(self, pair: Any, host_s: float) -> SensorFrame:
+        """Return the frame of a pair of messages.
+
+        Raises:
+            PicturesDiffer: infrared and depth are of different sizes.
+        """
+        infrared, depth = pair[INFRARED], pair[DEPTH]
+        counts, mm = np.array(infrared.getFrame()), np.array(depth.getFrame())
+        if counts.shape != mm.shape:
+            raise PicturesDiffer(
+                f"Infrared is {counts.shape[1]} x {counts.shape[0]} pixels, depth {mm.shape[1]} x {mm.shape[0]}.",
+                where=f"sensor {self.name}", hint="Ask for both in one size, depth aligned to the infrared picture.",
+            )  # fmt: skip
+        return SensorFrame(self.name, counts, mm.astype(np.uint16, copy=False), self._stamp(infrared), host_s,
+                     int(infrared.getSequenceNum()))  # fmt: skip
+
+    def _stamp(self, picture: Any) -> float:
+        """Return seconds of the exposure's middle: on the host's clock as depthai keeps it, or on PTP's."""
+        middle = self.dai.CameraExposureOffset.MIDDLE
+        if self.by_ptp:
+            stamp = picture.getTimestampSystem(middle)
+            if stamp is None:
+                raise SensorFailed(
+                    "The device has no clock that PTP keeps.", where=f"sensor {self.name}",
+                    hint="Only OAK-4 over Ethernet has; use sync master and slave.",
+                )  # fmt: skip
+            return float(stamp.timestamp())
+        return float(picture.getTimestamp(middle).total_seconds())
+
+    def _next(self) -> Any:
+        try:
+            return self.queue.tryGet()
+        except Exception as error:  # depthai raises types of its own, which only the module names
+            if not self.running():
+                return None
+            raise SensorFailed(
+                f"The device was lost: {error}.", where=f"sensor {self.name}", hint="Plug it in and open it again."
+            ) from error
+
+
+SYNCS = ("none", "master", "slave", "ptp")
+"""By no wire; giving and taking the wire's pulse (M8 or FSIN); by the network's clock (OAK-4 over Ethernet)."""
+SIZES = ((640, 400), (1280, 800))
+"""Pictures of the mono cameras."""
+
+
+@dataclass(frozen=True)
+class OakSettings:
+    """Constants of one OAK with two mono cameras and an infrared flood."""
+
+    fps: float = 60.0
+    """Frames a second; 60 is what 640 x 400 with depth gives, 1280 x 800 about 30."""
+    size: tuple[int, int] = (640, 400)
+    """Width and height of infrared and depth, px."""
+    exposure_us: int = 800
+    """Fixed: a hand at 5 m/s moves 4 mm meanwhile."""
+    iso: int = 200
+    """Fixed; low, so that all but what reflects stays dark."""
+    flood: float = 1.0
+    """Infrared flood light, 0 to 1; retro-reflective markers need it."""
+    sync: str = "none"
+    """One of ``SYNCS``."""
+    silent_s: float = 5.0
+    """Seconds without a frame after which the device counts as gone."""
+    queue: int = 4
+    """Frames that wait for the host; older ones are dropped, so that what comes is new."""
+
+    def __post_init__(self) -> None:
+        if self.sync not in SYNCS:
+            raise CommandLineInvalid(
+                f"'{self.sync}' is not a way to synchronise OAKs.", hint=f"One of {', '.join(SYNCS)}."
+            )
+        if tuple(self.size) not in SIZES:
+            message = ", ".join(f"{w} x {h}" for w, h in SIZES)
+            raise CommandLineInvalid(
+                f"Pictures of {self.size} are not possible with an OAK's mono cameras.", hint=f"One of {message}."
+            )
+        if not (0 < self.fps <= 120 and 0.0 <= self.flood <= 1.0 and 100 <= self.iso <= 1600):
+            raise CommandLineInvalid(
+                f"{self.fps} frames a second, flood {self.flood} and ISO {self.iso} cannot be set.",
+                hint="Up to 120 frames a second, 0 to 1, 100 to 1600.",
+            )
+        if not 20 <= self.exposure_us <= 0.9e6 / self.fps:
+            raise CommandLineInvalid(
+                f"An exposure of {self.exposure_us} microseconds does not fit into {self.fps:g} frames a second.",
+                hint="500 to 1500 keep a moving marker sharp.",
+            )
 
 
 @dataclass
@@ -103,3 +355,64 @@ class Oak(OpenedDevice):
         stereo.setLeftRightCheck(True)
         stereo.setSubpixel(True)
         return stereo.rectifiedLeft, stereo.depth
+
+
+def oak_cameras(oaks: Sequence[Oak]) -> Cameras:
+    """Return the left mono cameras as the factory calibrated them, rectified, all at the origin.
+
+    Args:
+        oaks: closed devices; each is connected to for a moment.
+
+    Raises:
+        BackendMissing: depthai is not installed.
+        SensorFailed: a device is not there.
+        CalibrationMissing: a device has no calibration of its own.
+    """
+    dai = depthai()
+    K = np.stack([_intrinsics(dai, oak) for oak in oaks])
+    count = len(oaks)
+    return Cameras(
+        tuple(oak.name for oak in oaks), K, np.zeros((count, 8)), np.tile(np.eye(3), (count, 1, 1)),
+        np.zeros((count, 3)), np.array([oak.settings.size for oak in oaks]),
+    )  # fmt: skip
+
+
+def _intrinsics(dai: Any, oak: Oak) -> np.ndarray:
+    device = open_oak(oak.identifier, oak.name)
+    try:
+        found = device.readCalibration().getCameraIntrinsics(dai.CameraBoardSocket.CAM_B, *oak.settings.size)
+    except RuntimeError as error:
+        raise CalibrationMissing(
+            f"The device has no calibration of its own: {error}.", where=f"sensor {oak.name}",
+            hint="Film a board in infrared, and give --calibration.",
+        ) from error  # fmt: skip
+    finally:
+        device.close()
+    return np.array(found, dtype=np.float64)
+
+
+KINDS = ("oak",)
+
+
+def device_named(text: str, settings: OakSettings = OakSettings()) -> Oak:
+    """Return the device of ``KIND:IDENTIFIER`` or ``KIND:IDENTIFIER=NAME``, closed.
+
+    The name is the identifier if left out.
+
+    Args:
+        text: such as ``oak:192.168.1.20=left``.
+        settings: of OAKs.
+
+    Raises:
+        SensorUnknown: the kind is not known, or no identifier is given.
+    """
+    kind, _, rest = text.partition(":")
+    identifier, _, name = rest.partition("=")
+    if kind.lower() not in KINDS:
+        raise SensorUnknown(
+            f"There is no kind of sensor '{kind}'.", where=text,
+            hint=f"There are {', '.join(KINDS)}: write oak:IDENTIFIER=NAME, see the verb oaks.",
+        )  # fmt: skip
+    if not identifier:
+        raise SensorUnknown("The sensor's identifier is missing.", where=text, hint="The verb oaks lists them.")
+    return Oak(name or identifier, identifier, settings)

@@ -1,7 +1,7 @@
-"""Colour video of several OAKs in step: files that begin with one exposure and that the road from videos reads.
+"""Record and stream the colour cameras of several OAKs in step.
 
-The device compresses every picture by itself (MJPEG), so that a file may begin and end anywhere; the file is a
-fragmented MP4 with each picture's own time, readable up to where it was cut off.
+The device compresses every picture by itself (MJPEG), so a file may begin and end anywhere. The file is a fragmented
+MP4 with each picture's own time, readable up to where it was cut off.
 """
 
 from __future__ import annotations
@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from fractions import Fraction
+from functools import partial
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -18,10 +19,10 @@ import numpy as np
 
 from solver_backend.exchange.errors import OutputNotWritable
 from solver_backend.exchange.outputs import check_output, write_text
-from solver_backend.sensors.devices.device import OpenedDevice
-from solver_backend.sensors.devices.oak_module import depthai, open_oak, set_sync_role
-from solver_backend.sensors.errors import SensorFailed
-from solver_backend.videos.files.container import library
+from solver_backend.sensors.devices.device import OpenedDevice, SensorFailed
+from solver_backend.sensors.devices.oak import depthai, open_oak, set_sync_role
+from solver_backend.videos.files.video import library
+from solver_backend.videos.streaming.picture_sources import LivePicture
 from solver_backend.videos.sync.clocks import Clocks
 
 TICKS = 90_000
@@ -240,3 +241,61 @@ def _until(
                     del going[name]
         if idle and going:
             time.sleep(WAIT_S)
+
+
+class ColourCamera(ColourSource, Protocol):
+    """A camera that gives compressed pictures, such as ``OakColour``."""
+
+    name: str
+    size: tuple[int, int]
+    fps: float
+
+    def open(self) -> None:
+        """Connect and start."""
+        ...
+
+    def close(self) -> None:
+        """End."""
+        ...
+
+
+class OakPictures:
+    """Pictures as they come, with the times of their exposures, which the devices' clocks share with the host's."""
+
+    def __init__(self, camera: ColourCamera) -> None:
+        self._camera = camera
+        self.name, self.size, self.fps = camera.name, camera.size, camera.fps
+
+    def open(self) -> None:
+        """Connect.
+
+        Raises:
+            BackendMissing, SensorFailed: see ``OakColour.open``.
+        """
+        self._camera.open()
+
+    def pictures(self, start: float) -> Iterator[LivePicture]:
+        """Yield pictures as they come.
+
+        Raises:
+            SensorFailed: the device went away.
+        """
+        number = 0
+        for picture in self._camera.pictures():
+            if picture is None:
+                time.sleep(WAIT_S)
+                continue
+            arrived = time.perf_counter()
+            yield LivePicture(number, picture.time_s - start, arrived, partial(_decoded, picture.jpeg))
+            number += 1
+
+    def close(self) -> None:
+        """Let the device go."""
+        self._camera.close()
+
+
+def _decoded(jpeg: bytes) -> np.ndarray:
+    """Return (H, W, 3) of a compressed picture."""
+    codec: Any = library().CodecContext.create("mjpeg", "r")
+    [frame, *_] = [*codec.decode(library().Packet(jpeg)), *codec.decode(None)]
+    return frame.to_ndarray(format="rgb24")

@@ -1,16 +1,165 @@
-"""Sightings of all sensors at one moment, joined to points: by a test of their covariances, or by a radius."""
+"""Fuse the sightings of all sensors at one moment into one point per marker."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 
-from solver_backend.sensors.acquisition.components import joined
-from solver_backend.sensors.acquisition.sightings import SensorSightings
-from solver_backend.sensors.fusion.matching import matched
-from solver_backend.sensors.fusion.settings import DEFAULT, FusionSettings
-from solver_backend.sensors.fusion.triangulation import met_rays
+from solver_backend.sensors.acquisition.acquire import SensorSightings
+from solver_backend.sensors.acquisition.blobs import joined
+from solver_backend.videos.detect.detect_videos import least_cost_assignment
+
+
+@dataclass(frozen=True)
+class FusionSettings:
+    """Constants of fusion."""
+
+    clusters: str = "test"
+    """'test' joins sightings that differ no more than their covariances allow, 'radius' all within ``radius_m``."""
+    radius_m: float = 0.01
+    """Radius of the published clusters (paper, appendix K)."""
+    calibration_m: float = 0.0012
+    """Standard deviation, per axis, by which a sensor's place and lens are wrong; added in tests, not in the result."""
+    joined: float = 16.27
+    """Largest χ² of two sightings of one marker: 0.999 with three degrees of freedom."""
+    joined_ray: float = 13.82
+    """The same of a point and a ray: 0.999 with two."""
+    joined_rays: float = 6.63
+    """The same of two rays: 0.99 with one; chance brings rays together more often than points."""
+    reach_m: float = 0.05
+    """Sightings farther apart are never one marker, however unsure."""
+    closest_m: float = 0.028
+    """No two markers are closer: of two points that are, the surer one stays. Smaller for fingers."""
+    ray_range_m: tuple[float, float] = (0.3, 6.0)
+    """Where two rays may meet, from either sensor."""
+    least_angle: float = 0.17
+    """Radians between two rays that give a point."""
+
+    acceleration_m_s2: float = 40.0
+    """Standard deviation of a marker's acceleration from frame to frame."""
+    start_speed_m_s: float = 2.0
+    """Standard deviation of the speed of a marker that was not there before."""
+    follow: float = 16.27
+    """Largest χ² of a point and the track that it goes on from."""
+    lost_s: float = 0.12
+    """Time after which a track that is not seen is given up."""
+
+    hit_alone: float = 0.8
+    """Added to a track's log-odds of being a marker by a frame in which one sensor sees it."""
+    hit_together: float = 3.0
+    """The same of two or more sensors."""
+    hit_rays: float = 1.0
+    """The same of two rays alone."""
+    miss: float = 1.0
+    """Taken from it by a frame in which none does."""
+    start: float = -2.0
+    """Log-odds of a point that was not there before."""
+    most: float = 6.0
+    """Largest log-odds that are kept."""
+
+
+DEFAULT = FusionSettings()
+
+
+_NEVER = 1e6
+"""Cost of a pair that may not be: more than any sum of those that may."""
+
+
+def matched(a: np.ndarray, b: np.ndarray, cost: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return pairs (a, b) of candidates, each name at most once, as many as can be and of least ``Σ cost``.
+
+    Candidates fall into parts that share no name; a part of one pair is that pair, the others are solved by the
+    Hungarian method (Kuhn 1955).
+
+    Args:
+        a: (P,) names of the first set, not negative.
+        b: (P,) names of the second.
+        cost: (P,) of each candidate, far below 1e6.
+    """
+    if not len(a):
+        return a, b
+    _, of_a = np.unique(a, return_inverse=True)
+    _, of_b = np.unique(b, return_inverse=True)
+    number = int(of_a.max()) + 1
+    part, count = joined(number + int(of_b.max()) + 1, of_a, number + of_b)
+    of_pair = part[of_a]
+    size = np.bincount(of_pair, minlength=count)
+    chosen = size[of_pair] == 1
+    for several in np.flatnonzero(size > 1).tolist():
+        rows = np.flatnonzero(of_pair == several)
+        first, second = of_a[rows], of_b[rows]
+        if (first == first[0]).all() or (second == second[0]).all():
+            chosen[rows[cost[rows].argmin()]] = True
+            continue
+        _, i = np.unique(a[rows], return_inverse=True)
+        _, j = np.unique(b[rows], return_inverse=True)
+        table = np.full((int(i.max()) + 1, int(j.max()) + 1), _NEVER)
+        table[i, j] = cost[rows]
+        where = np.full(table.shape, -1)
+        where[i, j] = rows
+        pairs = np.array(least_cost_assignment(table))
+        picked = where[pairs[:, 0], pairs[:, 1]]
+        chosen[picked[picked >= 0]] = True
+    return a[chosen], b[chosen]
+
+
+Rays = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""Origin (3,), unit directions (R, 3) and standard deviations across (R,) in radians, of one sensor."""
+
+
+def met_rays(rays: list[Rays], settings: FusionSettings = DEFAULT) -> tuple[np.ndarray, np.ndarray]:
+    """Return (N, 3) points and (N, 3, 3) covariances where rays of two sensors meet and fit no others.
+
+    The midpoint of the shortest way between two rays (Hartley and Sturm 1997) stands if that way is no longer than
+    the rays' errors allow, and if neither of both meets a third: of several meetings all but one are ghosts.
+
+    Args:
+        rays: of each sensor.
+        settings: the constants.
+    """
+    first, second, points, covariances = [], [], [], []
+    begin = np.cumsum([0, *(len(direction) for _, direction, _ in rays)])
+    for a, b in combinations(range(len(rays)), 2):
+        i, j, point, covariance = _meetings(rays[a], rays[b], settings)
+        first.append(begin[a] + i)
+        second.append(begin[b] + j)
+        points.append(point)
+        covariances.append(covariance)
+    if not points or not sum(map(len, points)):
+        return np.zeros((0, 3)), np.zeros((0, 3, 3))
+    one, other = np.concatenate(first), np.concatenate(second)
+    met = np.bincount(np.concatenate([one, other]), minlength=int(begin[-1]))
+    only = (met[one] == 1) & (met[other] == 1)
+    return np.concatenate(points)[only], np.concatenate(covariances)[only]
+
+
+def _meetings(a: Rays, b: Rays, settings: FusionSettings) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Return indices of rays that meet, points and covariances."""
+    (at_a, way_a, sigma_a), (at_b, way_b, sigma_b) = a, b
+    cosine = way_a @ way_b.T
+    between = at_b - at_a
+    sine2 = np.maximum(1.0 - cosine**2, 1e-9)
+    of_a, of_b = way_a @ between, way_b @ between
+    far_a = (of_a[:, None] - cosine * of_b) / sine2
+    far_b = (cosine * of_a[:, None] - of_b) / sine2
+    near, far = settings.ray_range_m
+    inside = (
+        (far_a > near) & (far_a < far) & (far_b > near) & (far_b < far) & (sine2 > np.sin(settings.least_angle) ** 2)
+    )
+    i, j = np.nonzero(inside)
+    on_a = at_a + far_a[i, j, None] * way_a[i]
+    on_b = at_b + far_b[i, j, None] * way_b[j]
+    width = np.stack([sigma_a[i] * far_a[i, j], sigma_b[j] * far_b[i, j]])
+    gap2 = ((on_a - on_b) ** 2).sum(-1)
+    good = gap2 < settings.joined_rays * ((width**2).sum(0) + 2.0 * settings.calibration_m**2)
+    i, j, on_a, on_b, width = i[good], j[good], on_a[good], on_b[good], width[:, good]
+    planes = [np.eye(3) - way[k][:, :, None] * way[k][:, None, :] for way, k in ((way_a, i), (way_b, j))]
+    weights = [p / (w**2)[:, None, None] for p, w in zip(planes, width, strict=True)]
+    covariance = np.linalg.inv(weights[0] + weights[1]) if len(i) else np.zeros((0, 3, 3))
+    pulled = weights[0] @ on_a[..., None] + weights[1] @ on_b[..., None]
+    return i, j, (covariance @ pulled)[..., 0], covariance
 
 
 @dataclass(frozen=True)

@@ -1,29 +1,189 @@
-"""Sensors to tracked points while it happens; a chain that cannot keep up leaves moments out, and reports it.
+"""Run sensors live: one process per sensor, one fused moment at a time.
 
-Where no sensor is live, all of them can wait: every frame is taken, however long it takes.
+A chain that cannot keep up skips moments and reports it. If no sensor is live, all sensors wait and every frame is
+used.
 """
 
 from __future__ import annotations
 
 import multiprocessing
+import signal
+import threading
 import time
+from collections import Counter, deque
 from collections.abc import Iterator
 from contextlib import suppress
 from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
+from pathlib import Path
 from types import TracebackType
 from typing import Any
 
+import numpy as np
+
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.sensors.acquisition.sightings import SensorSightings
-from solver_backend.sensors.devices.record import Recording
-from solver_backend.sensors.fusion.clusters import fuse
-from solver_backend.sensors.fusion.gather import Finding, Gatherer
-from solver_backend.sensors.fusion.settings import DEFAULT, FusionSettings
-from solver_backend.sensors.fusion.tracks import MarkerTracks, TrackedPoints
-from solver_backend.sensors.streaming.statistics import ChainStatistics
-from solver_backend.sensors.streaming.worker import SensorEnd, SensorTask, run_sensor
+from solver_backend.exchange.errors import MocapError
+from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
+from solver_backend.sensors.devices.device import Device, SensorFrame
+from solver_backend.sensors.devices.record import Recording, SensorFiles, SensorRecorder
+from solver_backend.sensors.fusion.clusters import DEFAULT, FusionSettings, fuse
+from solver_backend.sensors.fusion.moments import Finding, Gatherer, MarkerTracks, TrackedPoints
 from solver_backend.types import Cameras
+
+KEPT = 4096
+"""Latencies that are kept; a chain that runs for days keeps no more."""
+
+
+class ChainStatistics:
+    """Counts moments; memory does not grow."""
+
+    def __init__(self) -> None:
+        self.moments, self.points = 0, 0
+        self.frames: Counter[str] = Counter()
+        self.lost: Counter[str] = Counter()
+        """Frames that a sensor counted and nobody got."""
+        self.skipped = 0
+        """Moments that were complete and not fused, because newer ones were."""
+        self._latency_ms: deque[float] = deque(maxlen=KEPT)
+        self._first_s, self._last_s = 0.0, 0.0
+
+    def add(self, latency_s: float, points: int, now: float) -> None:
+        """Count a moment."""
+        if not self.moments:
+            self._first_s = now
+        self.moments += 1
+        self.points += points
+        self._latency_ms.append(1e3 * latency_s)
+        self._last_s = now
+
+    def summary(self) -> dict[str, object]:
+        """Return plain values."""
+        data: dict[str, object] = {
+            "moments": self.moments, "points": self.points, "frames": dict(self.frames), "lost": dict(self.lost),
+            "skipped": self.skipped,
+        }  # fmt: skip
+        if self.moments > 1 and self._last_s > self._first_s:
+            data["fps"] = round((self.moments - 1) / (self._last_s - self._first_s), 2)
+        if self._latency_ms:
+            median, p99 = np.percentile(self._latency_ms, [50, 99])
+            data |= {"latency_ms": round(float(median), 2), "latency_p99_ms": round(float(p99), 2)}
+        return data
+
+
+RETRY_S = 1.0
+"""Time after which a sensor that went away is looked for again."""
+
+
+@dataclass(frozen=True)
+class SensorTask:
+    """What the process of one sensor does; everything in it can be sent to another process."""
+
+    device: Device
+    cameras: Cameras
+    mask: np.ndarray | None = None
+    record: Path | None = None
+    """Folder of a recording that has begun, or None."""
+    kind: str = "raw"
+    live: bool = True
+    """Frames come at their own time: a disk that is slow loses some, and a sensor that goes away may come back."""
+
+
+@dataclass(frozen=True)
+class SensorEnd:
+    """How the process of one sensor ended."""
+
+    frames: int
+    cpu_s: float
+    """Time that it computed for."""
+    written: int
+    dropped: int
+    """Frames that the disk was too slow for."""
+
+
+def run_sensor(task: SensorTask, out: Connection) -> None:
+    """Send what a sensor sees, until it ends or nobody reads.
+
+    First ``("ready",)`` is sent, and host's seconds are awaited at which a replay begins. Then are sent
+    ``("like", SensorFiles)`` once where it is recorded, ``("seen", Sightings)`` a frame,
+    ``("trouble", code, sentence)``, and at last ``("end", SensorEnd)``.
+    """
+    with suppress(ValueError):  # the one who began it ends it, and receives Ctrl-C as well
+        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    run = _SensorRun(task, out, threading.Event())
+    try:
+        run.go()
+    except (BrokenPipeError, ConnectionError, EOFError):
+        pass
+    finally:
+        run.close()
+
+
+def _watch(out: Connection, stop: threading.Event) -> None:
+    """Wait for the word to stop, or for the one who would send it to be gone."""
+    with suppress(EOFError, OSError):
+        out.recv()
+    stop.set()
+
+
+class _SensorRun:
+    def __init__(self, task: SensorTask, out: Connection, stop: threading.Event) -> None:
+        self._task, self._out, self._stop = task, out, stop
+        self._recorder: SensorRecorder | None = None
+        self._frames, self._end_reported = 0, False
+
+    def go(self) -> None:
+        task, device = self._task, self._task.device
+        try:
+            acquisition = Acquisition(task.cameras, task.device.name, task.mask)
+        except MocapError as error:
+            self._out.send(("trouble", error.code, str(error)))
+            return
+        self._out.send(("ready",))
+        start = self._out.recv()
+        if not isinstance(start, float):
+            return
+        threading.Thread(target=_watch, args=(self._out, self._stop), daemon=True).start()
+        if task.live:
+            device = device.starting(start)
+        while not self._stop.is_set():
+            ended = False
+            try:
+                device.open()
+                for frame in device.frames():
+                    if self._stop.is_set():
+                        return
+                    self._take(frame, acquisition)
+                ended = True
+            except MocapError as error:
+                self._out.send(("trouble", error.code, str(error)))
+            finally:
+                device.close()
+            if ended or not task.live or self._stop.wait(RETRY_S):
+                return
+
+    def _take(self, frame: SensorFrame, acquisition: Acquisition) -> None:
+        self._out.send(("seen", acquisition(frame)))
+        self._frames += 1
+        if self._task.record is None:
+            return
+        if self._recorder is None:
+            like = SensorFiles.of(frame)
+            self._out.send(("like", like))
+            self._recorder = SensorRecorder(self._task.record, like, self._task.kind, patient=not self._task.live)
+        self._recorder(frame)
+        if self._recorder.ended and not self._end_reported:
+            self._end_reported = True
+            self._out.send(("trouble", "recording_ended", f"recording ended: {self._recorder.ended}"))
+
+    def close(self) -> None:
+        written = dropped = 0
+        if self._recorder is not None:
+            self._recorder.close()
+            written, dropped = self._recorder.written, self._recorder.dropped
+        with suppress(OSError):
+            self._out.send(("end", SensorEnd(self._frames, time.process_time(), written, dropped)))
+            self._out.close()
+
 
 WAIT_S = 0.012
 """A moment waits this long for its last sensor."""

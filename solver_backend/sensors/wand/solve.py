@@ -1,20 +1,32 @@
-"""Sensors' poses, delays and the wand's path in one bundle adjustment, the first sensor held."""
+"""Calibrate sensors from the views of a waved wand."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
-from solver_backend.camera_calibration.adjustment.bundle import adjust
+from solver_backend.camera_calibration.adjustment.bundle import Adjusted, Bodies, BodySightings, Unknowns, adjust
 from solver_backend.camera_calibration.adjustment.lens import PARAMETERS
-from solver_backend.camera_calibration.adjustment.problem import Adjusted, Bodies, BodySightings, Unknowns
-from solver_backend.camera_calibration.extrinsics.two_views import intersected
+from solver_backend.camera_calibration.extrinsics.two_views import (
+    CalibratedCameras,
+    Pose,
+    chained,
+    essential_matrix,
+    intersected,
+    pose_from_essential,
+)
 from solver_backend.cameras.projection import project, undistort
+from solver_backend.exchange.diagnostics import diagnostic, sentence
+from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import umeyama
-from solver_backend.sensors.wand.views import Moments, WandView
+from solver_backend.sensors.wand.gamma import Ground
+from solver_backend.sensors.wand.views import Coverage, Moments, Wand, WandInvalid, WandNotSeen, WandView, distances
 from solver_backend.types import Cameras
+from solver_backend.types.shapes import Float
+from solver_backend.videos.sync.clocks import Clocks
 
 SIGMA_PX = 0.3
 """Standard deviation of a light's or a marker's pixel position, from which robust scales are set."""
@@ -112,3 +124,275 @@ def held_out(count: int) -> np.ndarray:
 def refitted(task: WandTask, found: Adjusted) -> WandTask:
     """Return the task that begins where a solution ended, its delays taken for known."""
     return replace(task, cameras=found.cameras, delays=found.delays, find_delays=False)
+
+
+LEAST_TOGETHER = 20
+"""Moments that a pair must have seen together."""
+HYPOTHESES = 200
+"""Samples of three pairs of points."""
+_REFINEMENTS = 15
+START_SIGMA_PX = 2.0
+"""Distance to an epipolar line at which a point loses its weight, before anything is refined."""
+
+
+def robust_umeyama(
+    source: Float[np.ndarray, "n 3"], target: Float[np.ndarray, "n 3"], sigma: Float[np.ndarray, " n"],
+    rng: np.random.Generator,
+) -> tuple[Pose, np.ndarray]:  # fmt: skip
+    """Return the rigid move that brings most points onto their partners, and which do, (n,).
+
+    Samples of three propose, Cauchy's penalty of ``|R x + t - y| / σ`` decides, the best is refined with its weights.
+
+    Args:
+        source: (n, 3) metres, n at least 3.
+        target: (n, 3) metres.
+        sigma: (n,) metres, standard deviation of a pair's distance.
+        rng: seeded.
+
+    Reference: Umeyama 1991; Fischler and Bolles 1981 (the samples).
+    """
+    picks = np.stack([rng.permutation(len(source))[:3] for _ in range(HYPOTHESES)])
+    _, R, t = umeyama(source[picks], target[picks])
+    square = ((np.einsum("hij,nj->hni", R, source) + t[:, None] - target) ** 2).sum(-1) / sigma**2
+    best = int(np.argmin(np.log1p(square / 9.0).sum(-1)))
+    R, t, square = R[best], t[best], square[best]
+    for _ in range(_REFINEMENTS):
+        weight = 1.0 / (1.0 + square / 9.0) / sigma**2
+        _, R, t = umeyama(source, target, weight)
+        square = ((source @ R.T + t - target) ** 2).sum(-1) / sigma**2
+    return (R, t), square < 25.0
+
+
+def poses_by_depth(
+    names: Sequence[str], points: Float[np.ndarray, "views moments 3"], sigma: Float[np.ndarray, "views moments"],
+    rng: np.random.Generator,
+) -> list[Pose]:  # fmt: skip
+    """Return each sensor's pose, the first one's axes to its own, from one marker's places in every sensor's axes.
+
+    Args:
+        names: of the C sensors, for messages.
+        points: (C, M, 3) metres, NaN where not seen.
+        sigma: (C, M) metres.
+        rng: seeded.
+
+    Raises:
+        WandNotSeen: a sensor saw it at no moment at which another one did.
+    """
+    together, relative = {}, {}
+    for i, j in combinations(range(len(names)), 2):
+        both = np.isfinite(points[[i, j]]).all((0, 2))
+        if both.sum() >= LEAST_TOGETHER:
+            spread = np.hypot(sigma[i, both], sigma[j, both])
+            relative[i, j], agree = robust_umeyama(points[i, both], points[j, both], spread, rng)
+            together[i, j] = int(agree.sum())
+    return _chained(names, together, relative)
+
+
+def poses_by_lights(
+    names: Sequence[str], flat: Float[np.ndarray, "views moments 3 2"], focal_px: float, wand: Wand,
+    rng: np.random.Generator,
+) -> list[Pose]:  # fmt: skip
+    """Return each camera's pose, the first one's axes to its own, in metres by the wand's lengths.
+
+    Args:
+        names: of the C cameras, for messages.
+        flat: (C, M, 3, 2) undistorted normalised coordinates of the lights in their order, NaN where not seen.
+        focal_px: of a typical camera.
+        wand: its lengths.
+        rng: seeded.
+
+    Raises:
+        WandNotSeen: a camera saw it at no moment at which another one did.
+    """
+    together, relative = {}, {}
+    for i, j in combinations(range(len(names)), 2):
+        both = np.isfinite(flat[[i, j]]).all((0, 2, 3))
+        if both.sum() < LEAST_TOGETHER:
+            continue
+        first, second = flat[i, both].reshape(-1, 2), flat[j, both].reshape(-1, 2)
+        E, agree = essential_matrix(first, second, START_SIGMA_PX / focal_px, rng)
+        R, t = pose_from_essential(E, first[agree], second[agree])
+        at = intersected(np.stack([np.eye(3), R]), np.stack([np.zeros(3), t]), np.stack([first, second]))
+        seen = np.nanmedian(distances(at.reshape(-1, 3, 3)), axis=0)
+        scale = wand.distances_m[2] / max(float(seen[2]), 1e-9)
+        relative[i, j], together[i, j] = (R, scale * t), int(agree.sum())
+    return _chained(names, together, relative)
+
+
+def require_proportion(wand: Wand, measured_m: Float[np.ndarray, " 3"]) -> None:
+    """Refuse a wand whose parts are seen in another proportion than was given.
+
+    Args:
+        wand: what the user gave.
+        measured_m: (3,) distances of the lights as triangulated.
+
+    Raises:
+        WandInvalid: the shorter part's share differs by more than a tenth.
+    """
+    share = float(min(measured_m[:2]) / measured_m[:2].sum())
+    if abs(share / wand.short_share - 1.0) > 0.1:
+        raise WandInvalid(
+            f"The lights are seen in a proportion of {share:.3f}; the stated lengths give {wand.short_share:.3f}.",
+            hint="Measure the wand from light to light, and give both lengths in metres: --wand 0.13 0.26",
+        )
+
+
+def _chained(names: Sequence[str], together: dict, relative: dict) -> list[Pose]:
+    try:
+        return chained(names, together, relative)
+    except CalibrationInvalid as error:
+        raise WandNotSeen(
+            error.message.replace("sees the same", "sees the wand"), where=", ".join(names),
+            hint=f"Wave it where both see it, for {LEAST_TOGETHER} frames and more.",
+        ) from error  # fmt: skip
+
+
+DEPTH_CONSTANT_M, DEPTH_QUADRATIC = 0.8e-3, 0.55e-3
+"""Standard deviation of one pixel's depth at no distance, and what 1 m adds, growing with the square (Tölgyessy et al.
+2021, about that of Azure Kinects)."""
+SENSOR_BIAS_M = 2e-3
+"""How far all depths of one sensor are off together, beyond what is seen here."""
+ROUNDS = 20
+"""Rounds of reweighting; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class DepthScale:
+    """How measured depths compare to those of the pictures."""
+
+    scale: float
+    """What the pictures' world is multiplied by."""
+    sigma: float
+    """Its standard deviation."""
+    rmse_m: float
+    """Root mean square of what is left, robustly."""
+
+
+def depth_sigma(depth_m: np.ndarray) -> np.ndarray:
+    """Return the standard deviation in metres of depths, ``σ = c + q z²``."""
+    return DEPTH_CONSTANT_M + DEPTH_QUADRATIC * depth_m**2
+
+
+def depth_scale(cameras: Cameras, at: np.ndarray, depth_m: np.ndarray) -> DepthScale:
+    """Return the scale ``s`` that minimises ``Σ ρ((d - s z) / σ(d))`` over all sensors, with its deviation.
+
+    Args:
+        cameras: C sensors.
+        at: (M, 3) metres, the marker in the pictures' world.
+        depth_m: (C, M) measured metres along each sensor's axis, NaN where there is none.
+
+    Reference: Beaton and Tukey 1974 (weights that fall with the residual; here Cauchy's).
+    """
+    z = np.einsum("cj,mj->cm", cameras.R[:, 2], at) + cameras.t[:, 2:]
+    known = np.isfinite(depth_m) & np.isfinite(z)
+    d, z = np.where(known, depth_m, 1.0), np.where(known, z, 1.0)
+    sigma = depth_sigma(d)
+    scale = float(np.median((d / z)[known]))
+    weight = np.zeros_like(d)
+    for _ in range(ROUNDS):
+        square = ((d - scale * z) / sigma) ** 2
+        weight = known / (1.0 + square / 9.0) / sigma**2
+        scale = float((weight * z * d).sum() / (weight * z * z).sum())
+    left = np.where(known, d - scale * z, np.nan)
+    rmse = float(1.4826 * np.nanmedian(np.abs(left)))
+    shared = np.array([(weight[c] * z[c]).sum() for c in range(len(d))]) * SENSOR_BIAS_M
+    alone = (weight**2 * z**2 * np.maximum(sigma, rmse) ** 2).sum()
+    return DepthScale(scale, float(np.sqrt((shared**2).sum() + alone) / (weight * z * z).sum()), rmse)
+
+
+@dataclass(frozen=True)
+class WandOptions:
+    """How a wand's recording is taken."""
+
+    wand: Wand | None = None
+    """Three lights; None is one marker with depth."""
+    clocks: Clocks | None = None
+    """Given by a trigger; None has them found from the wand's movement."""
+    every_sensor: bool = False
+    """Only moments at which all sensors saw it, as published; else two are enough."""
+
+
+@dataclass(frozen=True)
+class WandCalibration:
+    """The result, in the first sensor's axes until it is laid on a Γ."""
+
+    array: CalibratedCameras
+    """Cameras with deviations, findings and notes."""
+    clocks: Clocks
+    """Of the sensors."""
+    together: np.ndarray
+    """(C, C) moments that two sensors saw together."""
+    moments: int
+    """Moments that were solved."""
+    held_out_px: float
+    """Root mean squared reprojection error of stretches of time that were left out of the fit."""
+    length_rmse_m: np.ndarray
+    """(3,) root mean squared error of the lights' distances over those stretches; NaN without lights."""
+    depth_rmse_m: float
+    """Spread of measured depths about the marker; NaN without depth."""
+    coverage: Coverage
+    """Where the wand was."""
+
+    def lines(self) -> list[str]:
+        """Return what was found, a line each."""
+        array, cameras = self.array, self.array.cameras
+        held_out = f", {self.held_out_px:.2f} px held out" if np.isfinite(self.held_out_px) else ""
+        lines = [
+            f"{len(cameras)} sensors by {array.method} at {self.moments} moments, {array.rmse_px:.2f} px{held_out}"
+        ]
+        if np.isfinite(self.length_rmse_m).all():
+            first, second, whole = 1e3 * self.length_rmse_m
+            lines.append(f"  lengths     {first:.2f}, {second:.2f} and {whole:.2f} mm RMS, held out")
+        if np.isfinite(self.depth_rmse_m):
+            lines.append(f"  depth       {1e3 * self.depth_rmse_m:.1f} mm of one measurement")
+        for c, name in enumerate(cameras.names):
+            x, y, z = np.round(cameras.centres[c], 3) + 0.0
+            lines.append(
+                f"  {name:<11} {array.camera_rmse_px[c]:.2f} px, at ({x:.3f}, {y:.3f}, {z:.3f}) m "
+                f"± {1e3 * array.centre_sigma_m[c]:.1f} mm, ± {np.degrees(array.turn_sigma[c]):.3f}°"
+            )
+        lines += [f"  clock       {line}" for line in self.clocks.lines()]
+        lines += [f"  seen        {line}" for line in self.coverage.lines()]
+        if place := self.coverage.next_place():
+            lines.append(f"  next        {place}")
+        lines += [f"  note        {sentence(note)}" for note in array.notes]
+        return lines + [f"  finding     {sentence(found)}" for found in array.findings]
+
+    def as_dict(self) -> dict[str, object]:
+        """Return ``lines`` as plain JSON values; None where a number is not known."""
+        array, cameras = self.array, self.array.cameras
+        return {
+            "method": array.method, "moments": self.moments, "rmse_px": _number(array.rmse_px),
+            "held_out_px": _number(self.held_out_px), "depth_rmse_mm": _number(1e3 * self.depth_rmse_m),
+            "length_rmse_mm": [_number(1e3 * v) for v in self.length_rmse_m.tolist()],
+            "cameras": [
+                {
+                    "name": name, "rmse_px": _number(array.camera_rmse_px[c]), "centre_m": cameras.centres[c].tolist(),
+                    "centre_sigma_mm": _number(1e3 * array.centre_sigma_m[c]),
+                    "turn_sigma_deg": _number(np.degrees(array.turn_sigma[c])),
+                    "covered": float(self.coverage.shares[c]),
+                }
+                for c, name in enumerate(cameras.names)
+            ],
+            "together": self.together.tolist(), "clocks": self.clocks.as_dict(),
+            "next": self.coverage.next_place(), "volume_m3": self.coverage.volume_m3,
+            "findings": [sentence(item) for item in array.findings], "notes": [sentence(item) for item in array.notes],
+            "diagnostics": [item.as_dict() for item in (*array.findings, *array.notes)],
+        }  # fmt: skip
+
+
+def in_world(found: WandCalibration, array: CalibratedCameras, ground: Ground) -> WandCalibration:
+    """Return the result in the world of a Γ.
+
+    Args:
+        found: in the first sensor's axes.
+        array: the same cameras in the Γ's world.
+        ground: how it was found.
+    """
+    note = diagnostic("world_by_gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
+    array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
+    return replace(found, array=array)
+
+
+def _number(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

@@ -1,17 +1,208 @@
-"""The views of a wand's folder, whatever it holds: tables of points, or a recording of sensors."""
+"""Read wand recordings from sensor folders and point files."""
 
 from __future__ import annotations
 
+import io
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from types import MappingProxyType
 
+import numpy as np
+
+from solver_backend.camera_calibration.adjustment.lens import Lens, lens_of
 from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
-from solver_backend.exchange.errors import CommandLineInvalid, FileMissing
+from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid, FileDamaged, FileMissing
 from solver_backend.exchange.progress import Progress, silent
-from solver_backend.sensors.devices.source import open_folder
+from solver_backend.io.calibration import read_calibration
+from solver_backend.io.files import read_text
+from solver_backend.io.recognition.camera_names import natural_key
+from solver_backend.sensors.acquisition.acquire import Acquisition, SensorSightings
+from solver_backend.sensors.devices.record import ABOUT
+from solver_backend.sensors.devices.recorded import STUDIO_SHOT, SensorFolder, open_folder
 from solver_backend.sensors.take import masks_of
-from solver_backend.sensors.wand.from_sensors import is_sensor_folder, sensor_views
-from solver_backend.sensors.wand.points_files import points_files, read_points_folder
-from solver_backend.sensors.wand.views import WandView
+from solver_backend.sensors.wand.views import WandView, with_growing_times
+from solver_backend.types import Cameras
+
+
+def is_sensor_folder(path: Path) -> bool:
+    """Whether a folder is a recording of sensors, or a shot of the studio."""
+    return (path / ABOUT).is_file() or all((path / name).exists() for name in STUDIO_SHOT)
+
+
+def sensor_views(
+    folder: SensorFolder, masks: Mapping[str, np.ndarray] = MappingProxyType({}), progress: Progress = silent
+) -> list[WandView]:
+    """Return the views of one marker: frames in which a sensor sees exactly one count, others are crowded or empty.
+
+    Args:
+        folder: with the sensors' lenses in its calibration; where they stand is not used.
+        masks: (h, w) bool a sensor, what is bright with nobody there, see ``masks_of``.
+        progress: called as frames are read.
+
+    Raises:
+        PicturesDiffer: infrared, depth and calibration are of different sizes.
+        RecordingInvalid, SensorFailed: the recording is damaged.
+        TimesInvalid: a sensor's times do not grow.
+    """
+    views = []
+    for index, name in enumerate(folder.cameras.names):
+        rows, crowded = [], 0
+        for seen in sightings_of(folder, folder.cameras, name, masks):
+            alone = len(seen) == 1
+            crowded += len(seen) > 1
+            px, depth = (seen.px[0], seen.depth[0]) if alone else (np.full(2, np.nan), np.nan)
+            rows.append((seen.time, *px, depth))
+            progress(f"The wand before {name}", len(rows), len(rows))
+        if rows:
+            table = np.array(rows)
+            view = WandView(
+                name, lens_of(folder.cameras, index), table[:, 0], table[:, None, 1:3], table[:, 3:], crowded
+            )
+            views.append(with_growing_times(view))
+    return views
+
+
+def sensor_clouds(path: Path, cameras: Cameras, empty: Path | None = None) -> list[np.ndarray]:
+    """Return the points of each frame of each sensor, (N, 3) metres in the cameras' world, where three and more are.
+
+    Args:
+        path: a recording of the calibrated sensors.
+        cameras: where they stand.
+        empty: a recording of the scene with nothing in it, whose lamps are left out.
+
+    Raises:
+        MocapError: see ``open_folder`` and ``sensor_views``.
+    """
+    folder, masks = open_folder(path), {} if empty is None else masks_of(open_folder(empty))
+    clouds = []
+    for name in folder.cameras.names:
+        for seen in sightings_of(folder, cameras, name, masks):
+            points = seen.points[np.isfinite(seen.points).all(1)]
+            if len(points) >= 3:
+                clouds.append(points)
+    return clouds
+
+
+def sightings_of(
+    folder: SensorFolder, cameras: Cameras, name: str, masks: Mapping[str, np.ndarray] = MappingProxyType({})
+) -> Iterator[SensorSightings]:
+    """Yield what one sensor of a folder sees; nothing where the folder has not got it.
+
+    Args:
+        folder: the recording.
+        cameras: lens and place of the sensors.
+        name: of the sensor.
+        masks: (h, w) bool a sensor.
+    """
+    device = next((device for device in folder.devices if device.name == name), None)
+    if device is None:
+        return
+    find = Acquisition(cameras, name, masks.get(name))
+    yield from (find(frame) for frame in device.frames())
+
+
+DEPTH_HEADER = "t_ns;u;v;depth_mm"
+LENS_SUFFIXES = (".yaml", ".yml", ".toml")
+LIGHTS_COLUMNS, DEPTH_COLUMNS = 7, 4
+
+
+def points_files(folder: Path) -> list[Path]:
+    """Return the tables of a folder, in the order of their names."""
+    return sorted(folder.glob("*.csv"), key=lambda path: natural_key(path.name)) if folder.is_dir() else []
+
+
+def read_points_folder(folder: Path, lenses: Mapping[str, Lens] | None = None) -> list[WandView]:
+    """Return the views of a folder's tables.
+
+    Args:
+        folder: with ``NAME.csv`` a sensor, and ``NAME.yaml`` or ``NAME.toml`` of its lens where no lenses are given.
+        lenses: by the sensors' names.
+
+    Raises:
+        FileMissing: there is no table.
+        CalibrationMissing: a sensor has no lens.
+        FileDamaged: a row is none of either kind, or both kinds are mixed; names file and line.
+        TimesInvalid: see ``with_growing_times``.
+    """
+    files = points_files(folder)
+    if not files:
+        raise FileMissing("There is no table (.csv) of a wand here.", where=str(folder))
+    views = [_view(path, lens_beside(path, lenses)) for path in files]
+    if len({view.depth_m is None for view in views}) > 1:
+        raise FileDamaged(
+            "Some tables have depth, others three lights.", where=str(folder), hint="Keep them in folders of their own."
+        )
+    return [with_growing_times(view) for view in views]
+
+
+def lens_beside(path: Path, lenses: Mapping[str, Lens] | None) -> Lens:
+    """Return the lens of a table's sensor: given by its name, or in a calibration file beside the table.
+
+    Raises:
+        CalibrationMissing: it is neither.
+    """
+    name = path.stem
+    if lenses is not None and name in lenses:
+        return lenses[name]
+    beside = next((p for s in LENS_SUFFIXES if (p := path.with_suffix(s)).is_file()), None)
+    if beside is None:
+        raise CalibrationMissing(
+            "The sensor has no lens.", where=f"sensor {name}",
+            hint=f"Put it beside the table as {name}.yaml, or give --lenses FILE.",
+        )  # fmt: skip
+    return lens_of(read_calibration(beside).cameras, 0)
+
+
+def read_table(path: Path) -> tuple[np.ndarray, bool]:
+    """Return the numbers of a table, a row a moment or a marker, and whether it is of markers with depth.
+
+    Raises:
+        FileMissing, FileDamaged: there is no such file, or a row is of neither kind.
+    """
+    text = read_text(path)
+    first = text.split("\n", 1)[0].strip().lstrip("\ufeff").replace(" ", "").lower()
+    with_depth = first == DEPTH_HEADER
+    if not with_depth and first[:1].isalpha():
+        raise FileDamaged(
+            f"The first line is '{first[:60]}'.", where=str(path),
+            hint=f"It is '{DEPTH_HEADER}' for a marker with depth, and left out for three lights.",
+        )  # fmt: skip
+    return _table(text, DEPTH_COLUMNS if with_depth else LIGHTS_COLUMNS, path, skip=int(with_depth)), with_depth
+
+
+def _view(path: Path, lens: Lens) -> WandView:
+    table, with_depth = read_table(path)
+    return (_with_depth if with_depth else _lights)(path.stem, lens, table)
+
+
+def _table(text: str, columns: int, path: Path, *, skip: int) -> np.ndarray:
+    """Return the (rows, columns) numbers."""
+    if not text.strip() or len(text.splitlines()) <= skip:
+        raise FileDamaged("The table is empty.", where=str(path))
+    try:
+        table = np.loadtxt(io.StringIO(text), delimiter=";", skiprows=skip, ndmin=2)
+    except ValueError as error:
+        raise FileDamaged(f"A row is not numbers between semicolons: {error}.", where=str(path)) from error
+    if table.shape[1] != columns:
+        raise FileDamaged(f"Rows have {table.shape[1]} numbers; {columns} are expected.", where=str(path))
+    return table
+
+
+def _lights(name: str, lens: Lens, table: np.ndarray) -> WandView:
+    px = table[:, 1:].reshape(-1, 3, 2)
+    px = np.where((px < 0).any(-1, keepdims=True), np.nan, px)
+    return WandView(name, lens, 1e-9 * table[:, 0], px)
+
+
+def _with_depth(name: str, lens: Lens, table: np.ndarray) -> WandView:
+    """Return the view of rows of one time each, where a row is alone at its time."""
+    starts = np.flatnonzero(np.r_[True, table[1:, 0] != table[:-1, 0]])
+    alone = np.diff(np.r_[starts, len(table)]) == 1
+    rows = table[starts]
+    seen = alone & np.isfinite(rows[:, 1:3]).all(1) & (rows[:, 1:3] >= 0).all(1)
+    px = np.where(seen[:, None], rows[:, 1:3], np.nan)[:, None]
+    depth = np.where(seen & (rows[:, 3] > 0), 1e-3 * rows[:, 3], np.nan)[:, None]
+    return WandView(name, lens, 1e-9 * rows[:, 0], px, depth, crowded=int((~alone).sum()))
 
 
 def wand_views(

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.camera_calibration.opencv import opencv
+from solver_backend.camera_calibration.pictures import opencv
 from solver_backend.cameras.projection import undistort
 from solver_backend.cameras.refinement import rotated_back
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
@@ -17,8 +17,7 @@ from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.calibration import Calibration
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.assemble import in_video_pixels
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.files.video import probe, read_pictures
 from solver_backend.videos.video_detections import VideoDetections
 
 WIDTH_PX = 640

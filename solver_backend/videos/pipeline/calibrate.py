@@ -10,13 +10,15 @@ import numpy as np
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.camera_calibration.adjustment.lens import Lens
 from solver_backend.camera_calibration.boards.board import Board, board_named
-from solver_backend.camera_calibration.extrinsics.board_session import calibrate_by_board, calibrate_lenses
+from solver_backend.camera_calibration.extrinsics.board_session import (
+    BoardFootage,
+    calibrate_by_board,
+    calibrate_lenses,
+)
 from solver_backend.camera_calibration.extrinsics.person_session import PersonOptions, calibrate_by_person
-from solver_backend.camera_calibration.extrinsics.result import CalibratedCameras
-from solver_backend.camera_calibration.extrinsics.session_folders import BoardFootage
-from solver_backend.camera_calibration.formats.write import write_calibration
-from solver_backend.camera_calibration.intrinsics.focal_length import FocalLength, find_focal_length
-from solver_backend.camera_calibration.intrinsics.known_lenses import known_lenses
+from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras
+from solver_backend.camera_calibration.formats import write_calibration
+from solver_backend.camera_calibration.intrinsics.known_lenses import FocalLength, find_focal_length, known_lenses
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress

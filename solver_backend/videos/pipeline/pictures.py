@@ -1,23 +1,182 @@
-"""The picture of each step: detections over footage, clocks as curves, cameras from above, how the cameras fit."""
+"""Draw the picture of each step, and videos with their detections."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import islice
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.camera_calibration.check.calibration_check import CalibrationCheck
-from solver_backend.camera_calibration.opencv import opencv
-from solver_backend.types import Cameras
-from solver_backend.videos.detect.preview import draw_people
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import read_pictures
-from solver_backend.videos.pipeline.canvas import COLOURS, FAINT, INK, SIDE, Canvas, mosaic
+from solver_backend.camera_calibration.pictures import opencv
+from solver_backend.exchange.errors import OutputNotWritable
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.types import Cameras, JointSet
+from solver_backend.videos.files.video import probe, read_pictures, write_video
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.speeds import speeds
 from solver_backend.videos.video_detections import VideoDetections
+
+SIDE = 768
+"""Pixels of a picture's longer side."""
+PAPER, INK, FAINT = (30, 32, 36), (225, 225, 225), (80, 84, 90)
+COLOURS = ((236, 112, 70), (82, 178, 255), (122, 204, 92), (214, 120, 230), (240, 204, 80), (120, 220, 220),
+           (250, 140, 170), (170, 150, 250))  # fmt: skip
+"""RGB, one a camera in turn."""
+
+Colour = tuple[int, int, int]
+
+
+class Canvas:
+    """An RGB picture to draw on; pixels from the top left."""
+
+    def __init__(self, width: int = SIDE, height: int = SIDE) -> None:
+        self._cv2 = opencv()
+        self.rgb = np.full((height, width, 3), PAPER, dtype=np.uint8)
+
+    def line(self, points: np.ndarray, colour: Colour, width: int = 1, *, closed: bool = False) -> None:
+        """Draw lines through points (N, 2), interrupted where they are NaN."""
+        known = np.isfinite(points).all(-1)
+        for part in np.split(np.arange(len(points)), np.flatnonzero(np.diff(known.astype(int))) + 1):
+            if len(part) > 1 and known[part[0]]:
+                where = np.round(8 * points[part]).astype(np.int32)[:, None]
+                self._cv2.polylines(self.rgb, [where], closed, colour, width, self._cv2.LINE_AA, 3)
+
+    def dots(self, points: np.ndarray, colour: Colour, radius: int = 3) -> None:
+        """Draw dots at points (N, 2)."""
+        for x, y in np.round(points[np.isfinite(points).all(-1)]).astype(int).tolist():
+            self._cv2.circle(self.rgb, (x, y), radius, colour, -1, self._cv2.LINE_AA)
+
+    def box(self, x: float, y: float, width: float, height: float, colour: Colour) -> None:
+        """Fill a rectangle."""
+        a, b = (round(x), round(y)), (round(x + width) - 1, round(y + height) - 1)
+        self._cv2.rectangle(self.rgb, a, b, colour, -1)
+
+    def text(self, x: float, y: float, words: str, colour: Colour = INK, size: float = 0.5) -> None:
+        """Write words, their base line beginning at (x, y); letters beyond ASCII become '?'."""
+        plain = words.encode("ascii", "replace").decode()
+        font = self._cv2.FONT_HERSHEY_SIMPLEX
+        self._cv2.putText(self.rgb, plain, (round(x), round(y)), font, size, colour, 1, self._cv2.LINE_AA)
+
+    def text_width(self, words: str, size: float = 0.5) -> float:
+        """Return how many pixels words take from left to right."""
+        plain = words.encode("ascii", "replace").decode()
+        (width, _), _ = self._cv2.getTextSize(plain, self._cv2.FONT_HERSHEY_SIMPLEX, size, 1)
+        return float(width)
+
+    def picture(self, x: float, y: float, width: float, height: float, rgb: np.ndarray) -> None:
+        """Lay a picture into a rectangle, as large as fits, its proportions kept."""
+        scale = min(width / rgb.shape[1], height / rgb.shape[0])
+        size = max(1, int(rgb.shape[1] * scale)), max(1, int(rgb.shape[0] * scale))
+        small = self._cv2.resize(rgb, size, interpolation=self._cv2.INTER_AREA)
+        left, top = round(x + (width - size[0]) / 2), round(y + (height - size[1]) / 2)
+        self.rgb[top : top + size[1], left : left + size[0]] = small
+
+    def save(self, path: Path) -> Path:
+        """Write a PNG over what is there and return its path.
+
+        Raises:
+            OutputNotWritable: it cannot be written.
+        """
+        fine, data = self._cv2.imencode(".png", self.rgb[:, :, ::-1])
+        if not fine:
+            raise OutputNotWritable("The picture cannot be made.", where=str(path))
+        with atomic_output(path, overwrite=True) as place:
+            place.write_bytes(data.tobytes())
+        return path
+
+
+def grid(count: int) -> tuple[int, int]:
+    """Return columns and rows of a grid that holds so many, nearly square."""
+    columns = int(np.ceil(np.sqrt(count)))
+    return columns, int(np.ceil(count / columns))
+
+
+def mosaic(pictures: Sequence[np.ndarray], titles: Sequence[str]) -> Canvas:
+    """Return pictures side by side, each below its title; an empty canvas where there is none."""
+    if not pictures:
+        return Canvas()
+    columns, rows = grid(len(pictures))
+    canvas = Canvas()
+    width, height = SIDE / columns, SIDE / rows
+    for i, (rgb, title) in enumerate(zip(pictures, titles, strict=True)):
+        x, y = width * (i % columns), height * (i // columns)
+        canvas.picture(x + 3, y + 22, width - 6, height - 25, rgb)
+        canvas.text(x + 6, y + 16, title, COLOURS[i % len(COLOURS)])
+    return canvas
+
+
+PREVIEW_HEIGHT = 720
+"""Pixels of a preview's shorter side at most."""
+PEOPLE_COLOURS = np.array(
+    [[60, 220, 90], [255, 140, 40], [70, 160, 255], [240, 80, 220], [250, 230, 60], [120, 240, 240]]
+)
+"""Of the people, by their track."""
+_CHAINS = (
+    ("left_shoulder", "right_shoulder"), ("left_hip", "right_hip"), ("left_shoulder", "left_hip"),
+    ("right_shoulder", "right_hip"), ("left_shoulder", "left_elbow"), ("left_elbow", "left_wrist"),
+    ("right_shoulder", "right_elbow"), ("right_elbow", "right_wrist"), ("left_hip", "left_knee"),
+    ("left_knee", "left_ankle"), ("right_hip", "right_knee"), ("right_knee", "right_ankle"),
+    ("left_ankle", "left_big_toe"), ("right_ankle", "right_big_toe"),
+)  # fmt: skip
+
+
+def write_previews(
+    found: Sequence[VideoDetections], folder: Path, progress: Progress = silent, *, overwrite: bool = False
+) -> list[Path]:
+    """Write a preview of each video into a folder and return their paths.
+
+    Raises:
+        OutputExists, OutputNotWritable, VideoUnreadable: see ``write_video`` and ``read_pictures``.
+    """
+    written, total, done = [], sum(item.num_frames for item in found), 0
+    for item in found:
+        path = folder / f"{item.name}_detections.mp4"
+        progress("Drawing previews", done, total)
+        write_video(path, _drawn(item), max(item.fps, 1.0), overwrite=overwrite)
+        written.append(path)
+        done += item.num_frames
+    progress("Drawing previews", total, total)
+    return written
+
+
+def _drawn(item: VideoDetections) -> Iterator[np.ndarray]:
+    step = max(1, min(item.size) // PREVIEW_HEIGHT)
+    for picture in read_pictures(probe(item.video)):
+        if picture.number >= item.num_frames:
+            return
+        small = np.ascontiguousarray(picture.rgb[::step, ::step])
+        yield draw_people(small, item, picture.number, step)
+
+
+def draw_people(rgb: np.ndarray, item: VideoDetections, frame: int, step: int = 1) -> np.ndarray:
+    """Return a picture, every ``step``-th pixel of the video's, with the people of a frame drawn into it."""
+    for slot in np.flatnonzero(item.track[frame] >= 0):
+        colour = PEOPLE_COLOURS[item.track[frame, slot] % len(PEOPLE_COLOURS)]
+        points, sure = item.xy[frame, slot] / step, item.confidence[frame, slot]
+        for a, b in _bones(item.joint_set):
+            if sure[a] > 0 and sure[b] > 0:
+                count = int(np.abs(points[b] - points[a]).max()) + 2
+                _dots(rgb, np.linspace(points[a], points[b], count), colour, 1)
+        _dots(rgb, points[sure > 0], np.array([255, 255, 255]), 2)
+    return rgb
+
+
+def _bones(joint_set: JointSet) -> list[tuple[int, int]]:
+    names = joint_set.keypoints
+    return [(names.index(a), names.index(b)) for a, b in _CHAINS if a in names and b in names]
+
+
+def _dots(rgb: np.ndarray, points: np.ndarray, colour: np.ndarray, radius: int) -> None:
+    """Paint squares around points (N, 2)."""
+    reach = np.arange(-radius, radius + 1)
+    x, y = (np.round(points[:, axis]).astype(int)[:, None, None] for axis in (0, 1))
+    x, y = np.broadcast_arrays(x + reach[:, None], y + reach)
+    inside = (x >= 0) & (y >= 0) & (x < rgb.shape[1]) & (y < rgb.shape[0])
+    rgb[y[inside], x[inside]] = colour
+
 
 LOOKED_AT = 240
 """The picture that is shown is one of so many first ones, so that a long video is not read to its middle."""

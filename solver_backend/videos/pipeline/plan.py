@@ -1,12 +1,17 @@
-"""What is to be done for every take of a folder, listed before anything is."""
+"""Plan the steps from videos to a motion for every take of a folder."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from solver_backend.exchange.errors import MocapError
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.io.calibration import Calibration
+from solver_backend.videos.detect.detector import DetectorChoice
+from solver_backend.videos.files.video import PICTURES_FPS
+from solver_backend.videos.pipeline.calibrate import KnownOfCameras
 from solver_backend.videos.pipeline.layout import FoundFolder, FoundTake
 
 STEPS = ("detect", "sync", "calibrate", "capture", "solve")
@@ -87,3 +92,31 @@ def _calibration_words(plan: TakePlan, found: FoundFolder) -> str:
         return f"kept: {plan.made_calibration.name}"
     source = "the board footage" if found.footage else "the person alone"
     return f"cameras from {source}" + (f"; {plan.problem}" if plan.problem else "")
+
+
+@dataclass(frozen=True)
+class RoadSettings:
+    """How the road is gone."""
+
+    detector: DetectorChoice
+    """What finds keypoints."""
+    sync: str = "auto"
+    """How clocks are found: see ``synchronise``."""
+    until: str = "solve"
+    """The last step."""
+    jobs: int = 0
+    """Detectors at a time; 0 is one a core."""
+    pictures_fps: float = PICTURES_FPS
+    """Rate of cameras whose footage is a folder of pictures."""
+    redo: tuple[str, ...] = ()
+    """Steps that are done again even if nothing has changed."""
+    overwrite: bool = False
+    """Replace files that this road did not make."""
+    solve: SolveSettings = field(default_factory=SolveSettings)
+    """How the capture is solved."""
+    world: WorldSettings = field(default_factory=WorldSettings)
+    """How the world of the cameras is scaled and levelled."""
+    cameras: KnownOfCameras = field(default_factory=KnownOfCameras)
+    """What is known of cameras that have no calibration."""
+    hands: DetectorChoice | None = None
+    """What finds hands where the body has its wrists; None for the hands that ``detector`` finds, or none."""

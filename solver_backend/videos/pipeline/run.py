@@ -1,4 +1,7 @@
-"""Goes the road: detections, clocks, calibration, capture, motion; what is there and still true is kept."""
+"""Run the steps from videos to a motion: detections, clocks, calibration, capture, solve.
+
+Results whose inputs have not changed are kept.
+"""
 
 from __future__ import annotations
 
@@ -30,16 +33,49 @@ from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled
 from solver_backend.videos.detect.camera_turns import steadied
 from solver_backend.videos.detect.detect_videos import detect_videos
+from solver_backend.videos.detect.detector import DetectorChoice
+from solver_backend.videos.detect.find_hands import find_hands, seen_by
 from solver_backend.videos.pipeline import pictures
 from solver_backend.videos.pipeline.calibrate import ONE_CAMERA, CalibrationRequest, calibrate_take
-from solver_backend.videos.pipeline.hands import hands_found, made_of_hands, with_hands
 from solver_backend.videos.pipeline.layout import FoundFolder
-from solver_backend.videos.pipeline.plan import STEPS, TakePlan
-from solver_backend.videos.pipeline.records import Records
-from solver_backend.videos.pipeline.settings import RoadSettings
-from solver_backend.videos.pipeline.step_reports import Steps
+from solver_backend.videos.pipeline.plan import STEPS, RoadSettings, TakePlan
+from solver_backend.videos.pipeline.records import Records, Steps
 from solver_backend.videos.sync.clocks import read_clocks
 from solver_backend.videos.sync.synchronise import synchronise
+
+
+def with_hands(capture: Capture, detector: DetectorChoice | None, progress: Progress) -> Capture:
+    """Return the capture with the hands that a detector finds; as it is without one.
+
+    Args:
+        capture: put together from the videos.
+        detector: of hands in crops, or None.
+        progress: called with the pictures that are done.
+
+    Raises:
+        MocapError: see ``find_hands``.
+    """
+    if detector is None:
+        return capture
+    return find_hands(capture, detector, progress)
+
+
+def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagnostic]:
+    """Return in how many frames two views, or the only one, show the hands that were looked for."""
+    if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
+        return []
+    least, code = (1, "hands_found_one_view") if capture.is_one_view else (2, "hands_found")
+    shares = seen_by(capture, least)
+    return [diagnostic(code, left=shares["left"], right=shares["right"])]
+
+
+def made_of_hands(detector: DetectorChoice | None) -> list[str]:
+    """Return what a capture with hands is made of besides: a model, which another file replaces."""
+    if detector is None:
+        return []
+    model = Path(str(detector.options["model"]))
+    return [f"hands by {model.name}, {model.stat().st_size} bytes"]
+
 
 FOUND_SHARE = 0.5
 """Somebody found in a smaller share of a video's pictures is a warning; chosen by hand."""

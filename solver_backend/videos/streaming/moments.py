@@ -1,26 +1,176 @@
-"""Moments of several cameras as they come: each is what its views show, of the newest pictures that they share.
+"""Join the newest detections of several filming cameras into moments.
 
-A machine that is too slow for all leaves views out first, down to two, and then moments; what it makes is never late.
+A machine that is too slow for all views leaves out views first, down to two, and then moments. No moment is late.
 """
 
 from __future__ import annotations
 
 import threading
 import time
-from collections.abc import Iterator, Sequence
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from types import TracebackType
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
-from solver_backend.exchange.errors import TooFewViews
+from solver_backend.exchange.errors import MocapError, SolverFailed, TooFewViews
 from solver_backend.exchange.live_lines import EventLine, event_line
 from solver_backend.live.views_session import ViewMoment
-from solver_backend.videos.detect.errors import DetectorFailed
-from solver_backend.videos.streaming.live_view import LiveView, MakeDetector
-from solver_backend.videos.streaming.pictures import LivePicture, PictureSource
-from solver_backend.videos.streaming.view_budget import FEWEST, ViewBudget
+from solver_backend.videos.detect.detector import DetectorFailed
+from solver_backend.videos.streaming.picture_sources import LivePicture, PictureSource
+
+KEPT = 4
+"""Pictures that are kept, the newest, so that cameras meet at a moment that all of them have."""
+
+
+class KeypointDetector(Protocol):
+    """What finds keypoints: a detector's process, see ``DetectorProcess``."""
+
+    about: dict[str, Any]
+    """What it reports of itself."""
+
+    def detect(self, rgb: np.ndarray, time_s: float) -> dict[str, np.ndarray]:
+        """Return ``keypoints`` (P, K, 3): x, y in pixels and confidence."""
+        ...
+
+
+MakeDetector = Callable[[], AbstractContextManager[KeypointDetector]]
+"""Makes a detector for one camera; entering it makes it ready."""
+
+
+class LiveView:
+    """A camera and its detector; what changes is announced by a condition, under which all is read."""
+
+    def __init__(self, source: PictureSource, make: MakeDetector, changed: threading.Condition) -> None:
+        self.source, self._make, self.changed = source, make, changed
+        self.newest: deque[LivePicture] = deque(maxlen=KEPT)
+        self.about: dict[str, Any] = {}
+        """What the detector reports of itself; {} until it is ready."""
+        self.busy = False
+        """Whether a picture is being detected."""
+        self.used = -1
+        """Number of the last moment that it was asked for."""
+        self.answer: tuple[int, np.ndarray] | None = None
+        """The moment that was asked for last, and the (P, K, 3) people found there."""
+        self.failure: MocapError | None = None
+        """Why there is nothing more to come, if it is no end of a video."""
+        self.ended = False
+        self._asked: tuple[int, LivePicture] | None = None
+        self._stopped = False
+
+    def make_ready(self) -> None:
+        """Start the detector."""
+        threading.Thread(target=self._detect, name=f"detect {self.source.name}", daemon=True).start()
+
+    def begin(self, start: float) -> None:
+        """Take pictures in, on a clock that is 0 at ``start``."""
+        threading.Thread(target=self._read, args=(start,), name=f"film {self.source.name}", daemon=True).start()
+
+    def ask(self, moment: int, picture: LivePicture) -> None:
+        """Have a picture detected; the condition is held."""
+        self.busy, self.used, self._asked = True, moment, (moment, picture)
+        self.changed.notify_all()
+
+    def stop(self) -> None:
+        """End both threads; what they are at is not waited for."""
+        with self.changed:
+            self._stopped = self.ended = True
+            self.changed.notify_all()
+        self.source.close()
+
+    def _read(self, start: float) -> None:
+        try:
+            for picture in self.source.pictures(start):
+                with self.changed:
+                    if self._stopped:
+                        return
+                    self.newest.append(picture)
+                    self.changed.notify_all()
+        except Exception as error:
+            self._end(_named(error, self.source.name))
+        else:
+            self._end(None)
+
+    def _detect(self) -> None:
+        try:
+            with self._make() as detector:
+                width, height = self.source.size
+                detector.detect(np.zeros((height, width, 3), np.uint8), 0.0)  # no first picture is late by loading
+                self._announce(about=detector.about)
+                while (asked := self._wait()) is not None:
+                    moment, picture = asked
+                    found = detector.detect(picture.rgb(), picture.time_s)["keypoints"]
+                    self._announce(answer=(moment, np.asarray(found, np.float64)), busy=False)
+        except Exception as error:
+            self._end(_named(error, self.source.name))
+
+    def _wait(self) -> tuple[int, LivePicture] | None:
+        with self.changed:
+            while self._asked is None and not self._stopped:
+                self.changed.wait()
+            asked, self._asked = self._asked, None
+            return None if self._stopped else asked
+
+    def _announce(self, **values: Any) -> None:
+        with self.changed:
+            for name, value in values.items():
+                setattr(self, name, value)
+            self.changed.notify_all()
+
+    def _end(self, failure: MocapError | None) -> None:
+        with self.changed:
+            self.ended, self.failure, self.busy = True, self.failure or failure, False
+            self.changed.notify_all()
+
+
+def _named(error: Exception, camera: str) -> MocapError:
+    """Return an error with a name: a thread that broke without one would leave the others waiting for it."""
+    if isinstance(error, MocapError):
+        return error
+    return SolverFailed(f"The camera's thread failed: {type(error).__name__}: {error}", where=camera)
+
+
+FEWEST = 2
+"""Views without which nothing is triangulated."""
+_NEW = 0.2
+"""Share of a moment in the usual time of one."""
+_EASY = 0.8
+"""Another view is added where the moment would take less than this share of the interval."""
+
+
+class ViewBudget:
+    """The number of views that are detected at a time."""
+
+    def __init__(self, views: int, interval_s: float) -> None:
+        """Begin with all.
+
+        Args:
+            views: C.
+            interval_s: seconds from a moment to the next that are wanted.
+        """
+        self.most, self.interval_s, self.count = views, interval_s, views
+        self._usual_s: float | None = None
+
+    def took(self, count: int, seconds: float) -> None:
+        """Learn how long a moment of so many views took; what was begun under another number teaches nothing."""
+        if count != self.count:
+            return
+        before = self._usual_s
+        self._usual_s = seconds if before is None else before + _NEW * (seconds - before)
+        if self._usual_s > self.interval_s and count > FEWEST:
+            self._set(count - 1)
+        elif count < self.most and self._usual_s * (count + 1) / count < _EASY * self.interval_s:
+            self._set(count + 1)
+
+    def _set(self, count: int) -> None:
+        """Take another number; processors are shared, so that a moment's time goes with it."""
+        assert self._usual_s is not None
+        self._usual_s *= count / self.count
+        self.count = count
+
 
 RATE_HZ = 30.0
 """Moments a second that are wanted of cameras that are faster."""

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.videos.files.probe import VideoInfo
-from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.files.video import VideoInfo, read_pictures
 from solver_backend.videos.sync.signals import Signal
 
 RATE_HZ = 240.0

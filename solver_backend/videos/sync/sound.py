@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.videos.files.sound import Sound
+from solver_backend.videos.files.video import Sound
 from solver_backend.videos.sync.signals import Signal
 
 RATE_HZ = 2000

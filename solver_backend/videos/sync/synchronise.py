@@ -12,9 +12,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.types import Cameras
-from solver_backend.videos.files.errors import VideoWithoutSound
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.sound import read_sound
+from solver_backend.videos.files.video import VideoWithoutSound, probe, read_sound
 from solver_backend.videos.sync.clap import WRISTS, claps, clocks_by_claps
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.errors import SyncUnknown

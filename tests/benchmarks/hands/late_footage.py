@@ -12,7 +12,7 @@ from unittest.mock import patch
 
 import numpy as np
 
-from solver_backend.videos.detect import footage_shift as module
+from solver_backend.videos.detect import find_hands as module
 from solver_backend.videos.detect.find_hands import arms_of
 from tests.support.handed_take import handed_take
 

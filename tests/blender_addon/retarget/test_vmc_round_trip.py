@@ -18,10 +18,9 @@ from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.live.motion_replay import rest_joints
 from solver_backend.live.pose_recording import PoseRecorder
-from solver_backend.live.vmc_frames import FrameAssembly
-from solver_backend.live.vmc_source import BonesOnBody, pose_lines
+from solver_backend.live.sending import rest_joints
+from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 from solver_backend.types import Motion
 from tests.support.foreign_characters import skinned_rig
 from tests.support.own_skeleton import own_skeleton

@@ -11,8 +11,8 @@ import pytest
 
 from blender_addon.ui.operators.base import current
 from blender_addon.ui.operators.live import live
-from solver_backend.camera_calibration.formats.write import write_calibration
-from solver_backend.sensors.devices.source import open_folder
+from solver_backend.camera_calibration.formats import write_calibration
+from solver_backend.sensors.devices.recorded import open_folder
 from tests.support.narrow_layout import draw_panel
 from tests.support.recorded_markers import recorded
 from tests.support.waved_wand import Waving, as_tables, sensors, waved

@@ -21,8 +21,7 @@ from solver_backend.exchange.vmc.bones import BONE_OF
 from solver_backend.exchange.vmc.osc import encode_message
 from solver_backend.exchange.vmc.t_pose import t_pose
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.live.motion_replay import replayed_poses, rest_joints
-from solver_backend.live.sending import PoseSender
+from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from solver_backend.types import Motion
 from tests.support.narrow_layout import draw_panel
 from tests.support.short_motion import short_motion

@@ -15,11 +15,9 @@ from blender_addon.solving.road_file import read_road
 from blender_addon.ui.operators.base import SolverOperator, current
 from blender_addon.ui.panels.videos import Previews, VIEW3D_PT_mocap_videos
 from solver_backend.exchange.diagnostics import diagnostic, sentence
-from solver_backend.videos.detect.choice import chosen_detector
-from solver_backend.videos.detect.errors import DetectorMissing
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import read_pictures
-from solver_backend.videos.pipeline.step_reports import Steps
+from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
+from solver_backend.videos.files.video import probe, read_pictures
+from solver_backend.videos.pipeline.records import Steps
 from tests.support.pose_models import write_rtmpose
 from tests.support.videos import write_dots, write_timed_video
 
@@ -192,7 +190,7 @@ def test_steps_hold_diagnostics(tmp_path):
 
 
 def test_a_picture_is_loaded_again_when_its_file_changes(tmp_path):
-    from solver_backend.videos.pipeline.canvas import Canvas
+    from solver_backend.videos.pipeline.pictures import Canvas
 
     pytest.importorskip("cv2")
     path = Canvas(64, 64).save(tmp_path / "picture.png")

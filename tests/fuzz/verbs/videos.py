@@ -11,9 +11,8 @@ from unittest import mock
 import numpy as np
 
 from solver_backend.videos.detect import detect_videos
-from solver_backend.videos.detect.choice import chosen_detector
-from solver_backend.videos.detect.errors import DetectorFailed
-from solver_backend.videos.files.identity import recording_hash
+from solver_backend.videos.detect.detector import DetectorFailed, chosen_detector
+from solver_backend.videos.files.video import recording_hash
 from solver_backend.videos.video_detections import VideoDetections, write_detections
 from tests.fuzz.target import Target, Write
 from tests.fuzz.verbs.running import in_a_copy, run_verb, verb_target

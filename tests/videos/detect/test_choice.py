@@ -10,7 +10,7 @@ import pytest
 import solver_backend.videos.detect.child.pose_workers as workers
 from solver_backend.exchange.detectors import DETECTORS, NamedDetector
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.detector import chosen_detector
 
 
 @pytest.mark.parametrize("name", DETECTORS)

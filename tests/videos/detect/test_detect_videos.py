@@ -16,10 +16,9 @@ from solver_backend.io.calibration import Calibration
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.types import JointSet
 from solver_backend.videos.detect.assemble import assembled, in_video_pixels
-from solver_backend.videos.detect.choice import chosen_detector
 from solver_backend.videos.detect.detect_videos import detect_videos, joint_set_of
-from solver_backend.videos.detect.errors import DetectorOutputsUnknown
-from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable
+from solver_backend.videos.detect.detector import DetectorOutputsUnknown, chosen_detector
+from solver_backend.videos.files.video import SameVideoTwice, VideoUnreadable
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.sync.speeds import speeds
 from solver_backend.videos.video_detections import VideoDetections

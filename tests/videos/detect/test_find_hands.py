@@ -14,12 +14,22 @@ from solver_backend.cameras.projection import project
 from solver_backend.types import Cameras
 from solver_backend.videos.detect.child.pose_workers import litert_hands
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
-from solver_backend.videos.detect.choice import chosen_hand_detector
-from solver_backend.videos.detect.errors import DetectorMissing
+from solver_backend.videos.detect.detector import DetectorMissing, chosen_hand_detector
 from solver_backend.videos.detect.find_hands import arms_of, is_due, pictures_of, seen_by_two
-from solver_backend.videos.detect.hand_crops import HAND_M, SIDE, HandCrop, first_crop, second_crop
-from solver_backend.videos.detect.search_hands import LEAST_TRUST, RIGHT, Arms, HandInCrop, Look, search_hands
-from solver_backend.videos.files.read import Picture
+from solver_backend.videos.detect.search_hands import (
+    HAND_M,
+    LEAST_TRUST,
+    RIGHT,
+    SIDE,
+    Arms,
+    HandCrop,
+    HandInCrop,
+    Look,
+    first_crop,
+    search_hands,
+    second_crop,
+)
+from solver_backend.videos.files.video import Picture
 from tests.support.fake_litert import FakeModel, install, sha256
 from tests.support.handed_take import handed_take
 from tests.support.scenes import ring_of_cameras

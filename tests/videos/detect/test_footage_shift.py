@@ -14,9 +14,8 @@ import pytest
 import solver_backend.videos.detect.find_hands as find_hands_module
 from solver_backend.exchange.diagnostics import Remedy
 from solver_backend.types import Capture
-from solver_backend.videos.detect.choice import DetectorChoice
-from solver_backend.videos.detect.find_hands import arms_of, find_hands
-from solver_backend.videos.detect.footage_shift import footage_shift, in_time
+from solver_backend.videos.detect.detector import DetectorChoice
+from solver_backend.videos.detect.find_hands import arms_of, find_hands, footage_shift, in_time
 from tests.support.handed_take import handed_take
 
 

@@ -14,9 +14,8 @@ import pytest
 import solver_backend.videos.detect.find_hands as find_hands_module
 from solver_backend.cameras.projection import project
 from solver_backend.types import Cameras
-from solver_backend.videos.detect.choice import DetectorChoice
-from solver_backend.videos.detect.find_hands import arms_of, find_hands
-from solver_backend.videos.detect.footage_size import footage_scale
+from solver_backend.videos.detect.detector import DetectorChoice
+from solver_backend.videos.detect.find_hands import arms_of, find_hands, footage_scale
 from solver_backend.videos.detect.search_hands import Arms
 from tests.support.handed_take import handed_take
 

@@ -23,8 +23,7 @@ from solver_backend.videos.detect.child.pose_workers.person_box import (
     whole_picture,
 )
 from solver_backend.videos.detect.child.pose_workers.serve import Refused
-from solver_backend.videos.detect.choice import chosen_detector
-from solver_backend.videos.detect.errors import DetectorMissing
+from solver_backend.videos.detect.detector import DetectorMissing, chosen_detector
 from tests.support.fake_litert import FakeModel, install, sha256
 
 WIDE, HIGH, SCALE = 960, 540, 3.8

@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 
 from solver_backend.io.load import load_capture
-from solver_backend.videos.detect.choice import DetectorChoice, chosen_detector
 from solver_backend.videos.detect.detect_videos import joint_set_of
-from solver_backend.videos.detect.errors import DetectorMissing
-from solver_backend.videos.detect.process import DetectorProcess
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import read_pictures
+from solver_backend.videos.detect.detector import DetectorChoice, DetectorMissing, DetectorProcess, chosen_detector
+from solver_backend.videos.files.video import probe, read_pictures
 
 TRIAL = "multiview/pose2sim/S00_P00_SingleParticipant/S00_P00_T01_BalancingTrial"
 PARTS = ("shoulder", "elbow", "wrist", "knee", "ankle")

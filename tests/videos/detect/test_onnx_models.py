@@ -8,9 +8,14 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.videos.detect.choice import PYTHON_VARIABLE, chosen_detector
-from solver_backend.videos.detect.errors import DetectorFailed, DetectorMissing, DetectorOutputsUnknown
-from solver_backend.videos.detect.process import DetectorProcess
+from solver_backend.videos.detect.detector import (
+    PYTHON_VARIABLE,
+    DetectorFailed,
+    DetectorMissing,
+    DetectorOutputsUnknown,
+    DetectorProcess,
+    chosen_detector,
+)
 from tests.support.pose_models import KEYPOINTS, write_constant, write_movenet, write_rtmpose
 from tests.support.videos import dots
 

@@ -7,8 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from solver_backend.videos.detect.assignment import least_cost_assignment
-from solver_backend.videos.detect.tracking import tracked
+from solver_backend.videos.detect.detect_videos import least_cost_assignment, tracked
 
 
 @given(st.integers(1, 5), st.integers(1, 5), st.integers(0, 2**31))

@@ -5,12 +5,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.videos.files.errors import SameVideoTwice, VideoUnreadable, VideoWithoutSound
-from solver_backend.videos.files.identity import file_hash, require_different
-from solver_backend.videos.files.probe import probe
-from solver_backend.videos.files.read import read_pictures
-from solver_backend.videos.files.sound import read_sound
-from solver_backend.videos.files.write import write_video
+from solver_backend.videos.files.video import (
+    SameVideoTwice,
+    VideoUnreadable,
+    VideoWithoutSound,
+    file_hash,
+    probe,
+    read_pictures,
+    read_sound,
+    require_different,
+    write_video,
+)
 from tests.support.videos import dots, turned_by_header, write_dots, write_timed_video
 
 pytest.importorskip("av")

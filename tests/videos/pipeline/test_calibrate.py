@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from research.simulation.benchmark import BenchmarkSettings, benchmark_capture
-from solver_backend.camera_calibration.formats.write import write_calibration
+from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.exchange.diagnostics import sentence, warnings_in
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import silent

@@ -6,10 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.camera_calibration.extrinsics.session_folders import board_footage
+from solver_backend.camera_calibration.extrinsics.board_session import board_footage
 from solver_backend.io.footage import join_chapters, parts_of
-from solver_backend.videos.pipeline.errors import NoVideos
-from solver_backend.videos.pipeline.layout import look_through
+from solver_backend.videos.pipeline.layout import NoVideos, look_through
 
 
 def touch(root: Path, *names: str) -> Path:
@@ -90,8 +89,7 @@ def test_chapters_are_read_one_after_the_other(tmp_path):
     import numpy as np
 
     pytest.importorskip("av")
-    from solver_backend.videos.files.probe import probe
-    from solver_backend.videos.files.read import read_pictures
+    from solver_backend.videos.files.video import probe, read_pictures
     from tests.support.videos import write_dots
 
     tracks = np.random.default_rng(0).uniform(20, 100, (6, 3, 2))

@@ -12,8 +12,8 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.progress import silent
 from solver_backend.types import Capture
-from solver_backend.videos.detect.choice import DetectorChoice
-from solver_backend.videos.pipeline.hands import hands_found, made_of_hands, with_hands
+from solver_backend.videos.detect.detector import DetectorChoice
+from solver_backend.videos.pipeline.run import hands_found, made_of_hands, with_hands
 from tests.support.handed_take import handed_take
 from tests.support.videos import write_dots
 

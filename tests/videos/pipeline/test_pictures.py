@@ -8,8 +8,16 @@ import numpy as np
 import pytest
 
 from solver_backend.types import JointSet
-from solver_backend.videos.pipeline.canvas import COLOURS, PAPER, Canvas, mosaic
-from solver_backend.videos.pipeline.pictures import cameras_picture, clocks_picture, detections_picture, draw_boards
+from solver_backend.videos.pipeline.pictures import (
+    COLOURS,
+    PAPER,
+    Canvas,
+    cameras_picture,
+    clocks_picture,
+    detections_picture,
+    draw_boards,
+    mosaic,
+)
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.camera_ring import ring

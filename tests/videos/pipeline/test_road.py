@@ -12,15 +12,13 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.diagnostics import diagnostic, read_diagnostics
 from solver_backend.exchange.errors import NoDetections, OutputExists
-from solver_backend.videos.detect.choice import chosen_detector
+from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
 from solver_backend.videos.pipeline.calibrate import CalibrationRequest, KnownOfCameras, TakeCalibration
-from solver_backend.videos.pipeline.errors import NoVideos
-from solver_backend.videos.pipeline.layout import look_through
-from solver_backend.videos.pipeline.plan import planned
+from solver_backend.videos.pipeline.layout import NoVideos, look_through
+from solver_backend.videos.pipeline.plan import RoadSettings, planned
 from solver_backend.videos.pipeline.records import Records
 from solver_backend.videos.pipeline.run import go
-from solver_backend.videos.pipeline.settings import RoadSettings
 from solver_backend.videos.sync.clocks import Clocks
 from solver_backend.videos.video_detections import VideoDetections
 from tests.support.pose_models import write_rtmpose
@@ -211,7 +209,7 @@ def test_convert_takes_a_folder_of_videos_down_the_road(
     session: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     chosen = settings(tmp_path).detector
-    monkeypatch.setattr("solver_backend.videos.detect.choice.chosen_detector", lambda: chosen)
+    monkeypatch.setattr("solver_backend.videos.detect.detector.chosen_detector", lambda: chosen)
     out = tmp_path / "demo" / "capture.npz"
     assert main(["convert", str(session), "--out", str(out)]) == 3
     assert "30 are needed" in capsys.readouterr().err and not out.exists()

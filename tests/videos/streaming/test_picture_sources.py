@@ -11,11 +11,9 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import CommandLineInvalid
-from solver_backend.sensors.devices.oak_colour import ColourPicture
-from solver_backend.sensors.devices.oak_pictures import OakPictures
-from solver_backend.videos.files.errors import VideoUnreadable
-from solver_backend.videos.streaming.replayed_video import ReplayedVideo
-from solver_backend.videos.streaming.webcam import Webcam
+from solver_backend.sensors.devices.oak_colour import ColourPicture, OakPictures
+from solver_backend.videos.files.video import VideoUnreadable
+from solver_backend.videos.streaming.picture_sources import ReplayedVideo, Webcam
 from tests.support.videos import write_timed_video
 
 RED = np.full((48, 64, 3), (250, 10, 10), np.uint8)

@@ -12,8 +12,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.types import JointSet
-from solver_backend.videos.files.errors import VideoWithoutSound
-from solver_backend.videos.files.sound import Sound
+from solver_backend.videos.files.video import Sound, VideoWithoutSound
 from solver_backend.videos.sync.clocks import Clocks, read_clocks
 from solver_backend.videos.sync.errors import SyncUnknown
 from solver_backend.videos.sync.geometry import FilmedTracks, clocks_by_geometry

@@ -1,19 +1,66 @@
-"""A webcam of this machine, by OpenCV where it is there, else by PyAV."""
+"""Read pictures of live cameras: webcams, and videos played at their own rate."""
 
 from __future__ import annotations
 
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
+from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
 from solver_backend.exchange.errors import BackendMissing
-from solver_backend.videos.files.container import library
-from solver_backend.videos.files.errors import VideoUnreadable
-from solver_backend.videos.streaming.pictures import LivePicture
+from solver_backend.videos.files.video import VideoUnreadable, decoded_frames, library, picture_of, probe
+
+
+@dataclass(frozen=True)
+class LivePicture:
+    """A picture of one camera; its pixels are made only if they are asked for."""
+
+    number: int
+    """Count of the camera's pictures, from 0."""
+    time_s: float
+    """Seconds on the clock that all cameras share."""
+    arrived: float
+    """``time.perf_counter()`` when it came, or when a replay lets it come."""
+    rgb: Callable[[], np.ndarray]
+    """Returns (H, W, 3) uint8."""
+
+
+class PictureSource(Protocol):
+    """A camera, or a video in the place of one."""
+
+    name: str
+    """Of the camera, as the calibration has it."""
+    size: tuple[int, int]
+    """Width and height, px; known once it is open."""
+    fps: float
+    """Pictures a second; known once it is open."""
+
+    def open(self) -> None:
+        """Connect, so that no picture has to wait for it.
+
+        Raises:
+            MocapError: it is not there.
+        """
+        ...
+
+    def pictures(self, start: float) -> Iterator[LivePicture]:
+        """Yield pictures as they come, until the camera ends.
+
+        Args:
+            start: ``time.perf_counter()`` at which the shared clock is 0.
+        """
+        ...
+
+    def close(self) -> None:
+        """End; may be called several times, and from another thread."""
+        ...
+
 
 SIZE, FPS = (1280, 720), 30.0
 """What is asked of a webcam; it may give another size."""
@@ -106,3 +153,41 @@ def _missing(index: int) -> VideoUnreadable:
         "The webcam cannot be opened.", where=f"webcam:{index}",
         hint="Check that it is plugged in, its number, and that no other program uses it.",
     )  # fmt: skip
+
+
+class ReplayedVideo:
+    """A video file, played once or again and again."""
+
+    def __init__(self, name: str, path: Path, *, repeat: bool = False) -> None:
+        self.name, self.path = name, path
+        self.size, self.fps = (0, 0), 0.0
+        self._repeat, self._closed = repeat, threading.Event()
+
+    def open(self) -> None:
+        """Read what the video is.
+
+        Raises:
+            BackendMissing, VideoUnreadable: see ``probe``.
+        """
+        info = probe(self.path)
+        self.size, self.fps, self._first_s = info.size, info.fps, float(info.times_s[0])
+        self._length_s = float(info.times_s[-1] - info.times_s[0]) + 1.0 / max(info.fps, 1.0)
+
+    def pictures(self, start: float) -> Iterator[LivePicture]:
+        """Yield each picture when it is due; one that is decoded late comes late."""
+        number, late_s = 0, 0.0
+        while not self._closed.is_set():
+            for frame in decoded_frames(self.path):
+                at = float(frame.time) - self._first_s + late_s
+                self._closed.wait(max(start + at - time.perf_counter(), 0.0))
+                if self._closed.is_set():
+                    return
+                yield LivePicture(number, at, start + at, partial(picture_of, frame))
+                number += 1
+            if not self._repeat:
+                return
+            late_s += self._length_s
+
+    def close(self) -> None:
+        """End the replay."""
+        self._closed.set()

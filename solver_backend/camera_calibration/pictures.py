@@ -1,16 +1,33 @@
-"""Grey pictures of a video or of a folder of pictures, one after the other."""
+"""Read calibration pictures with OpenCV, from videos or folders."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from solver_backend.camera_calibration.opencv import opencv
-from solver_backend.exchange.errors import FileDamaged, FileMissing
+from solver_backend.exchange.errors import BackendMissing, FileDamaged, FileMissing
 from solver_backend.io.footage import parts_of
 from solver_backend.io.recognition.camera_names import natural_key
+
+
+def opencv() -> Any:
+    """Return the module ``cv2``.
+
+    Raises:
+        BackendMissing: it is not installed; it belongs to the extra ``capture``.
+    """
+    try:
+        return import_module("cv2")
+    except ImportError as error:
+        raise BackendMissing(
+            "Pictures and videos are read by OpenCV, which is not installed.",
+            hint="Install it with: pip install opencv-contrib-python-headless.",
+        ) from error
+
 
 VIDEOS = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm")
 PICTURES = (".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff")

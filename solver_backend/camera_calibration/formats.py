@@ -1,0 +1,271 @@
+"""Write calibrations in the formats of other programs."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from solver_backend.exchange.errors import CalibrationInvalid, CommandLineInvalid
+from solver_backend.exchange.lens import DEFAULT_MODEL, LENS_MODELS
+from solver_backend.exchange.outputs import atomic_output, atomic_outputs
+from solver_backend.geometry.quaternions import quat_from_matrix
+from solver_backend.geometry.rotations import log_so3
+from solver_backend.io.calibration.qualisys import SUBPIXELS, TO_OPENCV_AXES
+from solver_backend.types import Cameras
+
+
+def pose2sim_toml(cameras: Cameras, rmse_px: float | None = None, *, scale: float = 1.0, tool: str = "") -> str:
+    """Return the text of a calibration as Pose2Sim and anipose have it; ours too.
+
+    Args:
+        cameras: C cameras.
+        rmse_px: of the calibration, for people.
+        scale: units of length a metre: 1 for Pose2Sim, 1000 for FreeMoCap.
+        tool: goes into the metadata.
+    """
+    parts = []
+    for c, name in enumerate(cameras.names):
+        rotation = log_so3(cameras.R[c])
+        parts.append(
+            f"[{_key(name)}]\n"
+            f"name = {_text(name)}\n"
+            f"size = {_list(cameras.image_size[c].astype(float))}\n"
+            f"matrix = {_matrix(cameras.K[c])}\n"
+            f"distortions = {_list(coefficients(cameras, c))}\n"
+            f"rotation = {_list(rotation)}\n"
+            f"translation = {_list(scale * cameras.t[c])}\n"
+            f"fisheye = {str(cameras.models[c] == 'fisheye').lower()}\n"
+            f"{_model(cameras.models[c])}"
+        )
+    error = "" if rmse_px is None else f"error = {rmse_px:.6g}\n"
+    program = f"tool = {_text(tool)}\n" if tool else ""
+    return "\n".join([*parts, f"[metadata]\nadjusted = false\n{error}{program}"])
+
+
+def caliscope_toml(cameras: Cameras, rmse_px: float | None = None) -> str:
+    """Return the text of caliscope's ``camera_array.toml``; cameras are numbered in their order."""
+    parts = []
+    for c in range(len(cameras)):
+        fisheye = "fisheye = true\n" if cameras.models[c] == "fisheye" else _model(cameras.models[c])
+        parts.append(
+            f"[cameras.{c}]\n"
+            f"cam_id = {c}\n"
+            "rotation_count = 0\n"
+            f"error = {0.0 if rmse_px is None else rmse_px:.6g}\n"
+            "ignore = false\n"
+            f"{fisheye}"
+            f"size = [{cameras.image_size[c, 0]}, {cameras.image_size[c, 1]}]\n"
+            f"matrix = {_matrix(cameras.K[c])}\n"
+            f"distortions = {_list(coefficients(cameras, c))}\n"
+            f"translation = {_list(cameras.t[c])}\n"
+            f"rotation = {_matrix(cameras.R[c])}\n"
+        )
+    return "\n".join(parts)
+
+
+def coefficients(cameras: Cameras, index: int) -> np.ndarray:
+    """Return as many coefficients as the lens needs: 4 of a fisheye, else 5, or 8 where the last are not zero."""
+    return LENS_MODELS[cameras.models[index]].listed(cameras.distortion[index])
+
+
+def _model(name: str) -> str:
+    """Return the line that names a lens model which is neither OpenCV's nor the fisheye."""
+    return "" if name in ("opencv", "fisheye") else f"distortion_model = {_text(name)}\n"
+
+
+def _key(name: str) -> str:
+    plain = name.replace("-", "").replace("_", "")
+    return name if plain.isascii() and plain.isalnum() else _text(name)
+
+
+def _text(value: str) -> str:
+    escaped = value.replace("\\", "\\\\").replace('"', '\\"')
+    return f'"{"".join(c for c in escaped if c.isprintable())}"'
+
+
+def _list(values: Sequence[float] | np.ndarray) -> str:
+    return "[" + ", ".join(_number(float(v)) for v in values) + "]"
+
+
+def _matrix(values: np.ndarray) -> str:
+    return "[" + ", ".join(_list(row) for row in values) + "]"
+
+
+def _number(value: float) -> str:
+    return repr(float(value) + 0.0)
+
+
+LEAST_TERMS = 4
+"""Simpler models of COLMAP are not written: they have one focal length, or no tangential terms."""
+
+
+def colmap_texts(cameras: Cameras) -> dict[str, str]:
+    """Return the three files' texts by their names; metres, one image a camera, no points.
+
+    COLMAP's pixel (0.5, 0.5) is the centre of the first pixel, so its principal point is half a pixel further. Lenses
+    are OPENCV (k1 k2 p1 p2), FULL_OPENCV (k1 k2 p1 p2 k3 k4 k5 k6) or OPENCV_FISHEYE.
+
+    Reference: COLMAP, "Output Format" (text).
+    """
+    lenses = ["# CAMERA_ID, MODEL, WIDTH, HEIGHT, PARAMS[]"]
+    images = ["# IMAGE_ID, QW, QX, QY, QZ, TX, TY, TZ, CAMERA_ID, NAME", "# (an empty line for the image's points)"]
+    turns = np.asarray(quat_from_matrix(cameras.R))
+    for c, name in enumerate(cameras.names):
+        K, bent = cameras.K[c], cameras.distortion[c]
+        model, more = _lens(cameras.models[c], bent, name)
+        numbers = [K[0, 0], K[1, 1], K[0, 2] + 0.5, K[1, 2] + 0.5, *more]
+        width, height = cameras.image_size[c].tolist()
+        lenses.append(f"{c + 1} {model} {width} {height} " + " ".join(repr(float(v)) for v in numbers))
+        pose = " ".join(repr(float(v)) for v in (*turns[c], *cameras.t[c]))
+        images += [f"{c + 1} {pose} {c + 1} {name.replace(' ', '_')}", ""]
+    return {
+        "cameras.txt": "\n".join([*lenses, ""]),
+        "images.txt": "\n".join([*images, ""]),
+        "points3D.txt": "# no points\n",
+    }
+
+
+def _lens(model: str, terms: np.ndarray, camera: str) -> tuple[str, np.ndarray]:
+    """Return COLMAP's name of a lens with two focal lengths and its terms.
+
+    Raises:
+        CalibrationInvalid: COLMAP has no such lens.
+    """
+    for name, focals, places in LENS_MODELS[model].colmap:
+        if focals == 2 and len(places) >= LEAST_TERMS and not np.delete(terms, places).any():
+            return name, terms[list(places)]
+    raise CalibrationInvalid(f"COLMAP has no lens model '{model}'.", where=f"camera {camera}")
+
+
+def opencv_yaml(cameras: Cameras) -> str:
+    """Return the text of one file for all cameras, lengths in metres."""
+    lines = ["%YAML:1.0", "---"]
+    for c, name in enumerate(cameras.names):
+        key = re.sub(r"[^A-Za-z0-9_]", "_", name)
+        key = key if key[:1].isalpha() else f"cam_{key}"
+        lines += [f"{key}:", f'   name: "{_plain(name)}"']
+        lines += [f"   image_width: {cameras.image_size[c, 0]}", f"   image_height: {cameras.image_size[c, 1]}"]
+        if cameras.models[c] != DEFAULT_MODEL:
+            lines.append(f'   distortion_model: "{cameras.models[c]}"')
+        lines += _opencv_matrix("camera_matrix", cameras.K[c])
+        lines += _opencv_matrix("distortion_coefficients", coefficients(cameras, c)[:, None])
+        lines += _opencv_matrix("R", cameras.R[c]) + _opencv_matrix("T", cameras.t[c][:, None])
+    return "\n".join([*lines, ""])
+
+
+def _opencv_matrix(key: str, values: np.ndarray) -> list[str]:
+    data = ", ".join(f"{float(v):.17g}" if float(v) % 1 else f"{float(v):.1f}" for v in values.ravel())
+    head = [f"   {key}: !!opencv-matrix", f"      rows: {values.shape[0]}", f"      cols: {values.shape[1]}"]
+    return [*head, "      dt: d", f"      data: [ {data} ]"]
+
+
+def _plain(name: str) -> str:
+    return "".join(c for c in name if c.isprintable() and c not in "\"'\\")
+
+
+def qualisys_xml(cameras: Cameras, rmse_px: float | None = None) -> str:
+    """Return the text of the file: mm, 1/64 px, camera axes right, up and backward.
+
+    Raises:
+        CalibrationInvalid: a lens has more than k1 k2 p1 p2 k3, or is a fisheye.
+    """
+    root = ElementTree.Element("calibration", source="Manifold MoCap", type="regular")
+    group = ElementTree.SubElement(root, "cameras")
+    for c, name in enumerate(cameras.names):
+        bent = cameras.distortion[c]
+        if cameras.models[c] != DEFAULT_MODEL or bent[5:].any():
+            raise CalibrationInvalid(
+                "Qualisys' file holds the coefficients k1 k2 p1 p2 k3 alone; the lens has others.",
+                where=f"camera {name}",
+                hint="Calibrate with --lens pinhole5, or write another format.",
+            )
+        width, height = cameras.image_size[c].tolist()
+        node = ElementTree.SubElement(
+            group, "camera", {"active": "1", "serial": name, "viewrotation": "0", "model": "none",
+                              "avg-residual": f"{rmse_px or 0.0:.6f}"}
+        )  # fmt: skip
+        view = {"left": "0", "top": "0", "right": str(width - 1), "bottom": str(height - 1)}
+        for tag in ("fov_marker", "fov_marker_max", "fov_video", "fov_video_max"):
+            ElementTree.SubElement(node, tag, view)
+        rows = TO_OPENCV_AXES @ cameras.R[c]
+        centre = 1000.0 * cameras.centres[c]
+        place = {f"r{i + 1}{j + 1}": repr(float(rows[i, j])) for i in range(3) for j in range(3)}
+        ElementTree.SubElement(
+            node, "transform", place | {axis: repr(float(v)) for axis, v in zip("xyz", centre, strict=True)}
+        )
+        K = cameras.K[c] * SUBPIXELS
+        numbers = {
+            "focalLengthU": K[0, 0], "focalLengthV": K[1, 1], "centerPointU": K[0, 2], "centerPointV": K[1, 2],
+            "skew": K[0, 1], "radialDistortion1": bent[0], "radialDistortion2": bent[1], "radialDistortion3": bent[4],
+            "tangentalDistortion1": bent[2], "tangentalDistortion2": bent[3], "sensorMinU": 0.0, "sensorMinV": 0.0,
+            "sensorMaxU": (width - 1) * SUBPIXELS, "sensorMaxV": (height - 1) * SUBPIXELS,
+        }  # fmt: skip
+        ElementTree.SubElement(node, "intrinsic", {key: repr(float(v)) for key, v in numbers.items()})
+    ElementTree.indent(root)
+    return "<?xml version='1.0' encoding='UTF-8'?>\n" + ElementTree.tostring(root, encoding="unicode") + "\n"
+
+
+TOOL = "Manifold MoCap"
+_TEXTS: dict[str, Callable[[Cameras, float | None], str]] = {
+    "pose2sim": lambda cameras, rmse: pose2sim_toml(cameras, rmse, tool=TOOL),
+    "anipose": lambda cameras, rmse: pose2sim_toml(cameras, rmse),
+    "freemocap": lambda cameras, rmse: pose2sim_toml(cameras, rmse, scale=1000.0),
+    "caliscope": caliscope_toml,
+    "qualisys": qualisys_xml,
+    "opencv": lambda cameras, rmse: opencv_yaml(cameras),
+}
+FORMATS = (*_TEXTS, "colmap")
+"""Names of the formats; lengths are metres, but mm in FreeMoCap's and Qualisys'."""
+
+
+def format_of(path: Path) -> str:
+    """Return the format that a file's name stands for: TOML is Pose2Sim's, no suffix is a COLMAP folder.
+
+    Raises:
+        CommandLineInvalid: the name ends like none of them.
+    """
+    name = path.name.lower()
+    if name.endswith((".qca.txt", ".qca")):
+        return "qualisys"
+    found = {".toml": "pose2sim", ".yml": "opencv", ".yaml": "opencv", "": "colmap"}.get(path.suffix.lower())
+    if found is None:
+        raise CommandLineInvalid(
+            "A calibration is written as .toml, .yml, .qca.txt, or a folder (COLMAP).", where=str(path)
+        )
+    return found
+
+
+def write_calibration(
+    path: Path, cameras: Cameras, kind: str | None = None, rmse_px: float | None = None, *, overwrite: bool = False
+) -> str:
+    """Write cameras to a file, or a folder for COLMAP, and return the format's name.
+
+    Args:
+        path: file or folder.
+        cameras: metres, Z up.
+        kind: one of ``FORMATS``; taken from the name if left out.
+        rmse_px: of the calibration, for people.
+        overwrite: replace what is there.
+
+    Raises:
+        CommandLineInvalid: the format is unknown.
+        CalibrationInvalid: the format cannot hold a lens.
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    kind = kind or format_of(path)
+    if kind not in FORMATS:
+        raise CommandLineInvalid(f"There is no calibration format '{kind}'.", hint=f"There are {', '.join(FORMATS)}.")
+    if kind == "colmap":
+        texts = colmap_texts(cameras)
+        with atomic_outputs(path, tuple(texts), overwrite=overwrite) as places:
+            for name, text in texts.items():
+                places[name].write_text(text, encoding="utf-8")
+        return kind
+    text = _TEXTS[kind](cameras, rmse_px)
+    with atomic_output(path, overwrite=overwrite) as place:
+        place.write_text(text, encoding="utf-8")
+    return kind

@@ -1,1 +1,0 @@
-"""Calibrations written as other programs read them."""

@@ -1,0 +1,331 @@
+"""Join sightings into moments, follow the fused points over time and collect them in a marker cloud."""
+
+from __future__ import annotations
+
+import math
+from collections import deque
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
+from solver_backend.sensors.acquisition.acquire import SensorSightings
+from solver_backend.sensors.devices.device import RecordingInvalid
+from solver_backend.sensors.fusion.clusters import DEFAULT, FusedPoints, FusionSettings, chi_square, matched
+from solver_backend.types import MarkerCloud
+
+SILENT_S = 0.25
+"""A sensor from which nothing came for so long is reported, and not waited for."""
+JUMP_S = 0.5
+"""A step of a sensor's clock that differs by more from the host's is a jump; the host's step takes its place."""
+WAITING = 30
+"""Frames of one sensor that may wait for the others; older ones are dropped."""
+MOST_FINDINGS = 1000
+"""Findings that are kept until somebody takes them."""
+
+
+@dataclass(frozen=True)
+class Finding:
+    """Something that happened to a sensor."""
+
+    kind: str
+    """'sensor_silent', 'sensor_back', 'time_jumped', 'sunlight', 'recording_ended', or an error's code."""
+    sensor: int
+    time: float
+    """Seconds on the sensors' clock."""
+    found: Diagnostic
+    """What was found."""
+
+    @property
+    def message(self) -> str:
+        """What was found, for people."""
+        return sentence(self.found)
+
+
+class Gatherer:
+    """Puts frames of sensors together that were taken at one moment.
+
+    Args:
+        names: of the sensors, by index.
+        period_s: seconds from frame to frame; frames closer than half of it are of one moment.
+        wait_s: seconds of the host's clock that a moment waits for the last sensor, None for as long as it takes.
+    """
+
+    def __init__(self, names: tuple[str, ...], period_s: float, wait_s: float | None = None) -> None:
+        self._names, self._period, self._wait = names, period_s, wait_s
+        self._queues: list[deque[SensorSightings]] = [deque() for _ in names]
+        self._last: list[SensorSightings | None] = [None] * len(names)
+        self._offset = [0.0] * len(names)
+        self._expected = [True] * len(names)
+        self._ended = [False] * len(names)
+        self._gone: float | None = None
+        """Time of the last moment that went out."""
+        self.findings: list[Finding] = []
+
+    def push(self, seen: SensorSightings) -> None:
+        """Take a frame; one whose times are no numbers is reported and dropped."""
+        if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
+            self._report("time_jumped", seen, "sensor_time_missing")
+            return
+        seen = self._on_our_clock(seen)
+        index = seen.sensor
+        if not self._expected[index]:
+            self._expected[index] = True
+            self._report("sensor_back", seen, "sensor_back")
+        if seen.finding:
+            self._report("sunlight", seen, seen.finding)
+        if self._gone is not None and seen.time < self._gone + 0.5 * self._period:
+            return  # its moment is gone: what comes late is dropped
+        self._queues[index].append(seen)
+        if len(self._queues[index]) > WAITING:
+            self._queues[index].popleft()
+
+    def _on_our_clock(self, seen: SensorSightings) -> SensorSightings:
+        """Return the frame with a time that goes on from the one before, whatever its clock does."""
+        index = seen.sensor
+        seen = replace(seen, time=seen.time + self._offset[index])
+        before, self._last[index] = self._last[index], seen
+        if before is None:
+            return seen
+        step, host = seen.time - before.time, max(seen.host_s - before.host_s, 0.0)
+        if step <= 0.0 or step > JUMP_S + host:
+            moved = max(host, self._period) - step
+            self._offset[index] += moved
+            self._last[index] = replace(seen, time=seen.time + moved)
+            self._report("time_jumped", before, "sensor_clock_jumped", step=step)
+            return replace(seen, time=seen.time + moved)
+        if step > SILENT_S and self._expected[index]:
+            self._report("sensor_silent", before, "sensor_gap", gap=step)
+        return seen
+
+    def waiting(self, index: int) -> int:
+        """Return how many frames of a sensor wait for the others."""
+        return len(self._queues[index])
+
+    def ended(self, index: int) -> None:
+        """Mark that a sensor has no more frames."""
+        self._ended[index] = True
+
+    def moments(self, now: float | None = None) -> list[list[SensorSightings]]:
+        """Return the moments that are complete, or that have waited long enough at host's seconds ``now``."""
+        found = []
+        while (moment := self._next(now)) is not None:
+            found.append(moment)
+        return found
+
+    def _next(self, now: float | None) -> list[SensorSightings] | None:
+        heads = [queue[0] for queue in self._queues if queue]
+        if not heads:
+            return None
+        lacking = [k for k, queue in enumerate(self._queues) if not queue and self._expected[k] and not self._ended[k]]
+        for k in lacking:
+            last = self._last[k]
+            if now is not None and last is not None and now - last.host_s > SILENT_S:
+                self._expected[k] = False
+                self._report("sensor_silent", last, "sensor_silent")
+        lacking = [k for k in lacking if self._expected[k]]
+        first = min(head.time for head in heads)
+        waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait
+        if lacking and not waited:
+            return None
+        # The earliest goes out whatever its time is: half a period is lost in rounding beside a very large one.
+        moment = [min((queue for queue in self._queues if queue), key=lambda queue: queue[0].time).popleft()]
+        others = (queue for queue in self._queues if queue and queue[0].sensor != moment[0].sensor)
+        moment += [queue.popleft() for queue in others if queue[0].time < first + 0.5 * self._period]
+        moment.sort(key=lambda seen: seen.sensor)
+        self._gone = first
+        return moment
+
+    def _report(self, kind: str, seen: SensorSightings, code: str, **values: Any) -> None:
+        found = diagnostic(code, cameras=[self._names[seen.sensor]], when="", **values)
+        self.findings.append(Finding(kind, seen.sensor, seen.time, found))
+        del self.findings[:-MOST_FINDINGS]
+
+
+_LONGEST_STEP_S = 0.5
+"""Seconds from one frame to the next, above which tracks begin anew; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class TrackedPoints:
+    """N points of one moment with the tracks that they belong to."""
+
+    time: float
+    points: np.ndarray
+    """(N, 3) world metres, as measured in this frame."""
+    covariance: np.ndarray
+    """(N, 3, 3) m²."""
+    track: np.ndarray
+    """(N,) number of the track; it stays with a marker while it is seen."""
+    score: np.ndarray
+    """(N,) log-odds that the track is a marker; ghosts are below 0."""
+
+
+class MarkerTracks:
+    """Kalman filters of constant velocity, all at once (Bar-Shalom and Li 1993; white noise of acceleration)."""
+
+    def __init__(self, settings: FusionSettings = DEFAULT) -> None:
+        self._settings = settings
+        self._next = 0
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget all tracks; numbers are not used again."""
+        self._time: float | None = None
+        self._state = np.zeros((0, 6))
+        self._covariance = np.zeros((0, 6, 6))
+        self._number = np.zeros(0, int)
+        self._score, self._unseen_s = np.zeros(0), np.zeros(0)
+
+    def update(self, found: FusedPoints) -> TrackedPoints:
+        """Return the points of a moment with their tracks.
+
+        Args:
+            found: later than the moment before; where time ran back or stood still, tracks begin anew.
+        """
+        settings = self._settings
+        dt = 0.0 if self._time is None else found.time - self._time
+        if self._time is not None and not 0.0 < dt <= _LONGEST_STEP_S:
+            self.clear()
+        self._time = found.time
+        if len(self._state):
+            self._predict(dt)
+        points, covariance = found.points, found.covariance
+        off = self._state[:, None, :3] - points
+        reach = 3.0 * np.sqrt(np.trace(self._covariance[:, :3, :3], axis1=1, axis2=2)) + settings.reach_m
+        i, j = np.nonzero((off * off).sum(-1) < reach[:, None] ** 2)
+        square = chi_square(off[i, j], self._covariance[i, :3, :3] + covariance[j])
+        near = square < settings.follow
+        i, j = matched(i[near], j[near], square[near])
+        self._correct(i, points[j], covariance[j])
+        gained = np.where(found.depths >= 2, settings.hit_together, settings.hit_alone)
+        gained = np.where((found.depths == 1) & (found.rays > 0), settings.hit_together, gained)
+        gained = np.where(found.depths == 0, settings.hit_rays, gained)
+        hit = np.zeros(len(self._state), dtype=bool)
+        hit[i] = True
+        self._score[i] += gained[j]
+        self._score[~hit] -= settings.miss
+        self._score = np.minimum(self._score, settings.most)
+        self._unseen_s = np.where(hit, 0.0, self._unseen_s + dt)
+        row = np.full(len(points), -1)
+        row[j] = i
+        row[row < 0] = self._begin(points[row < 0], covariance[row < 0], gained[row < 0])
+        tracked = TrackedPoints(found.time, points, covariance, self._number[row], self._score[row])
+        self._keep(self._unseen_s <= settings.lost_s)
+        return tracked
+
+    def _predict(self, dt: float) -> None:
+        F = np.eye(6)
+        F[:3, 3:] = dt * np.eye(3)
+        noise = self._settings.acceleration_m_s2**2
+        step = np.array([[dt**4 / 4, dt**3 / 2], [dt**3 / 2, dt**2]]) * noise
+        self._state = self._state @ F.T
+        self._covariance = F @ self._covariance @ F.T + np.kron(step, np.eye(3))
+
+    def _correct(self, rows: np.ndarray, points: np.ndarray, covariance: np.ndarray) -> None:
+        P = self._covariance[rows]
+        gain = P[:, :, :3] @ np.linalg.inv(P[:, :3, :3] + covariance)
+        self._state[rows] += (gain @ (points - self._state[rows, :3])[..., None])[..., 0]
+        updated = P - gain @ P[:, :3, :]
+        self._covariance[rows] = 0.5 * (updated + np.swapaxes(updated, 1, 2))
+
+    def _begin(self, points: np.ndarray, covariance: np.ndarray, gained: np.ndarray) -> np.ndarray:
+        """Add tracks and return their rows."""
+        count, first = len(points), len(self._state)
+        state = np.concatenate([points, np.zeros((count, 3))], axis=1)
+        P = np.zeros((count, 6, 6))
+        P[:, :3, :3] = covariance
+        P[:, 3:, 3:] = self._settings.start_speed_m_s**2 * np.eye(3)
+        self._state = np.concatenate([self._state, state])
+        self._covariance = np.concatenate([self._covariance, P])
+        self._number = np.concatenate([self._number, self._next + np.arange(count)])
+        self._score = np.concatenate([self._score, self._settings.start + gained])
+        self._unseen_s = np.concatenate([self._unseen_s, np.zeros(count)])
+        self._next += count
+        return first + np.arange(count)
+
+    def _keep(self, rows: np.ndarray) -> None:
+        for name in ("_state", "_covariance", "_number", "_score", "_unseen_s"):
+            setattr(self, name, getattr(self, name)[rows])
+
+
+_MOST_UNSEEN, _PAUSE = 20, 36_000
+"""Frames for each moment with markers, and beside them (ten minutes at 60 a second), beyond which the times are wrong:
+milliseconds for seconds would take 6 GB for three moments. Chosen by hand."""
+
+
+@dataclass
+class CloudBuilder:
+    """Collects the moments of a take."""
+
+    moments: list[TrackedPoints] = field(default_factory=list)
+
+    def add(self, moment: TrackedPoints) -> None:
+        """Take a moment."""
+        self.moments.append(moment)
+
+    def cloud(self, fps: float) -> MarkerCloud:
+        """Return the take on frames of equal length.
+
+        A track is a marker if its log-odds ever rose above 0; it takes the first column that is free. The cloud's
+        residual is each point's standard deviation, ``√(tr Σ / 3)``.
+
+        Raises:
+            RecordingInvalid: the moments are so far apart that hardly a frame of the take would have one.
+        """
+        rows, track, score, points, covariance = self._table(fps)
+        if not len(rows):
+            return MarkerCloud(np.full((0, 0, 3), np.nan), fps)
+        names, of_point = np.unique(track, return_inverse=True)
+        best = np.full(len(names), -np.inf)
+        np.maximum.at(best, of_point, score)
+        kept = (best > 0)[of_point]
+        rows, of_point, points, covariance = rows[kept], of_point[kept], points[kept], covariance[kept]
+        column = _columns(rows, of_point, len(names))
+        frames, width = self._frames(fps), int(column.max(initial=-1)) + 1
+        positions = np.full((frames, width, 3), np.nan)
+        spread = np.full((frames, width, 3, 3), np.nan)
+        positions[rows, column[of_point]] = points
+        spread[rows, column[of_point]] = covariance
+        residual = np.sqrt(np.trace(spread, axis1=-2, axis2=-1) / 3.0)
+        return MarkerCloud(positions, fps, None, residual, spread)
+
+    def _frames(self, fps: float) -> int:
+        span_s = self.moments[-1].time - self.moments[0].time
+        if span_s * fps > _MOST_UNSEEN * len(self.moments) + _PAUSE:
+            raise RecordingInvalid(
+                f"{len(self.moments)} moments with markers span {span_s:.0f} s at {fps:g} a second.",
+                where="index.csv", hint="Times of an index are in seconds; record what has long pauses in parts.",
+            )  # fmt: skip
+        return round(span_s * fps) + 1
+
+    def _table(self, fps: float) -> tuple[np.ndarray, ...]:
+        start = self.moments[0].time if self.moments else 0.0
+        rows = [np.full(len(m.points), round((m.time - start) * fps)) for m in self.moments]
+        empty = np.zeros(0, int)
+        return (
+            np.concatenate([empty, *rows]), np.concatenate([empty, *(m.track for m in self.moments)]),
+            np.concatenate([np.zeros(0), *(m.score for m in self.moments)]),
+            np.concatenate([np.zeros((0, 3)), *(m.points for m in self.moments)]),
+            np.concatenate([np.zeros((0, 3, 3)), *(m.covariance for m in self.moments)]),
+        )  # fmt: skip
+
+
+def _columns(rows: np.ndarray, track: np.ndarray, count: int) -> np.ndarray:
+    """Return the column of each of ``count`` tracks: the first whose last track has ended."""
+    first, last = np.full(count, np.iinfo(int).max), np.full(count, -1)
+    np.minimum.at(first, track, rows)
+    np.maximum.at(last, track, rows)
+    column, ends = np.full(count, -1), np.zeros(0, int)
+    for one in np.argsort(first, kind="stable").tolist():
+        if last[one] < 0:
+            continue
+        free = np.flatnonzero(ends < first[one])
+        if len(free):
+            column[one] = free[0]
+            ends[free[0]] = last[one]
+        else:
+            column[one] = len(ends)
+            ends = np.append(ends, last[one])
+    return column

@@ -1,0 +1,400 @@
+"""Read and write video files: picture times, pictures, sound and hashes.
+
+PyAV is imported here alone. The extra ``capture`` installs it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
+from fractions import Fraction
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from solver_backend.exchange.errors import BackendMissing, MocapError
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.io.footage import parts_of
+
+if TYPE_CHECKING:
+    from av.container import InputContainer
+
+
+class VideoUnreadable(MocapError):
+    """A video is missing, empty, broken or no video at all."""
+
+    code = "video_unreadable"
+
+
+class VideoWithoutSound(MocapError):
+    """A video has no sound, or only silence, where sound is needed."""
+
+    code = "video_without_sound"
+
+
+class SameVideoTwice(MocapError):
+    """Two cameras have the very same video."""
+
+    code = "same_video_twice"
+
+
+AGAIN = "Copy the file from the camera again, or leave this camera out."
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[InputContainer]:
+    """Yield the open container of a video; what goes wrong inside is reported in our own words.
+
+    Raises:
+        BackendMissing: PyAV is not installed.
+        VideoUnreadable: the file is missing, empty, broken or no video.
+    """
+    av = library()
+    if not path.is_file():
+        raise VideoUnreadable("There is no such video.", where=str(path), hint="Check the path.")
+    if path.stat().st_size == 0:
+        raise VideoUnreadable("The video is empty: its file has no bytes.", where=str(path), hint=AGAIN)
+    try:
+        with av.open(str(path)) as container:
+            yield container
+    except av.error.FFmpegError as error:
+        raise VideoUnreadable(
+            f"The video cannot be read: {error.strerror}.", where=str(path),
+            hint=f"It may have been cut off while it was recorded or copied. {AGAIN}",
+        ) from error  # fmt: skip
+
+
+def video_stream(container: InputContainer) -> Any:
+    """Return the first stream of pictures.
+
+    Raises:
+        VideoUnreadable: there is none.
+    """
+    if not container.streams.video:
+        raise VideoUnreadable(
+            "The file holds no pictures, perhaps sound alone.", where=str(container.name), hint="Choose the video."
+        )
+    return container.streams.video[0]
+
+
+def library() -> Any:
+    """Return PyAV.
+
+    Raises:
+        BackendMissing: it is not installed.
+    """
+    try:
+        import av
+        import av.error
+        import av.logging
+    except ModuleNotFoundError as error:
+        raise BackendMissing(
+            "Videos are read with PyAV, which is not installed.", hint="Install it with: pip install av."
+        ) from error
+    av.logging.set_level(None)
+    return av
+
+
+VARIABLE_SHARE = 0.02
+"""A video has a variable rate where more than this share of its intervals is off ..."""
+OFF_SHARE = 0.2
+"""... the median interval by more than this share of it."""
+
+
+@dataclass(frozen=True)
+class VideoInfo:
+    """A video of F pictures."""
+
+    path: Path
+    """The file, the first of several chapters, or a folder of pictures."""
+    size: tuple[int, int]
+    """Width and height in pixels as a player shows it, that is, after the rotation."""
+    times_s: np.ndarray
+    """(F,) when each picture is shown, ascending, on the file's clock."""
+    parts: tuple[Path, ...] = ()
+    """Its files in order, see ``parts_of``; () where it is one file."""
+    timed: bool = True
+    """Whether the file times its pictures; else they are taken as even, at the rate that it states."""
+
+    @property
+    def num_frames(self) -> int:
+        """Number of pictures."""
+        return len(self.times_s)
+
+    @property
+    def fps(self) -> float:
+        """Pictures a second, see ``rate_of``."""
+        return rate_of(self.times_s)
+
+    @property
+    def variable(self) -> bool:
+        """Whether the pictures come at uneven intervals, as phones film in poor light."""
+        gaps = np.diff(self.times_s)
+        if len(gaps) < 2:
+            return False
+        usual = float(np.median(gaps))
+        return bool((np.abs(gaps - usual) > OFF_SHARE * usual).mean() > VARIABLE_SHARE)
+
+
+UNTIMED_SHARE = 0.5
+"""A file whose pictures have at most this share of different times, such as 0 for all, does not time them."""
+PICTURES_FPS = 30.0
+"""Pictures a second of a folder of pictures, which does not state it."""
+
+
+def probe(path: Path | str, pictures_fps: float = PICTURES_FPS) -> VideoInfo:
+    """Return what a video is; its packets are counted and its first picture is decoded.
+
+    Chapters of one recording are one video, and so are the pictures of a folder.
+
+    Args:
+        path: a video, the first chapter of a recording, or a folder of pictures.
+        pictures_fps: rate of pictures.
+
+    Raises:
+        BackendMissing: PyAV is not installed.
+        VideoUnreadable: the file is missing, empty, broken, holds no pictures or none that can be decoded.
+    """
+    path = Path(path)
+    parts = parts_of(path)
+    if path.is_dir():
+        if not parts:
+            raise VideoUnreadable("The folder holds no picture.", where=str(path), hint="Check the path.")
+        first = _probe_file(parts[0])
+        return replace(first, path=path, times_s=np.arange(len(parts)) / pictures_fps, parts=parts)
+    found = [_probe_file(part) for part in parts]
+    if any(item.size != found[0].size for item in found):
+        raise VideoUnreadable("Its chapters differ in size.", where=str(path), hint="Keep recordings apart.")
+    times = [found[0].times_s]
+    for item in found[1:]:
+        times.append(item.times_s - item.times_s[0] + times[-1][-1] + 1.0 / max(found[0].fps, 1.0))
+    return replace(found[0], times_s=np.concatenate(times), parts=parts if len(parts) > 1 else ())
+
+
+def _probe_file(path: Path) -> VideoInfo:
+    with opened(path) as container:
+        stream = video_stream(container)
+        base = stream.time_base
+        stated = float(stream.codec_context.framerate or stream.base_rate or 0.0)
+        stamps = [packet.pts for packet in container.demux(stream) if packet.pts is not None and packet.size]
+    if not stamps:
+        raise VideoUnreadable("The video holds no picture.", where=str(path), hint=AGAIN)
+    with opened(path) as container:
+        first = next(container.decode(video_stream(container)), None)
+    if first is None:
+        raise VideoUnreadable("No picture of the video can be decoded.", where=str(path), hint=AGAIN)
+    size = (first.height, first.width) if quarter_turn(first.rotation) % 180 else (first.width, first.height)
+    times = np.unique(np.array(stamps, dtype=np.float64)) * float(base)
+    if len(times) <= UNTIMED_SHARE * len(stamps) and stated > 0:
+        return VideoInfo(path, size, np.arange(len(stamps)) / stated, timed=False)
+    return VideoInfo(path, size, times)
+
+
+def rate_of(times_s: np.ndarray) -> float:
+    """Return pictures a second: one over the mean of the usual intervals (times may be rounded, pictures dropped).
+
+    Args:
+        times_s: (F,) ascending; 0 comes back of fewer than two.
+    """
+    if len(times_s) < 2:
+        return 0.0
+    gaps = np.diff(times_s)
+    usual = float(np.median(gaps))
+    return float(1.0 / gaps[np.abs(gaps - usual) <= OFF_SHARE * usual].mean())
+
+
+def quarter_turn(degrees: float) -> int:
+    """Return the nearest of 0, 90, 180 and 270 degrees."""
+    return round(degrees / 90.0) * 90 % 360
+
+
+LOST_SHARE = 0.02
+"""So large a share of the pictures may be broken; beyond it the video is refused."""
+
+
+@dataclass(frozen=True)
+class Picture:
+    """One picture of a video."""
+
+    number: int
+    """From 0, in the order they are shown."""
+    time_s: float
+    """When it is shown, on the file's clock; uneven where the rate is."""
+    rgb: np.ndarray
+    """(H, W, 3) uint8, turned as a player shows it."""
+
+
+def read_pictures(info: VideoInfo) -> Iterator[Picture]:
+    """Yield the pictures of a video.
+
+    A picture that cannot be decoded is passed over: the next one keeps its own time.
+
+    Args:
+        info: of the video, from ``probe``.
+
+    Raises:
+        VideoUnreadable: more than ``LOST_SHARE`` of the pictures are broken or missing.
+    """
+    number = 0
+    for time_s, rgb in _pictures_of_folder(info) if info.path.is_dir() else _pictures_of_files(info):
+        yield Picture(number, time_s, rgb)
+        number += 1
+    if number < (1.0 - LOST_SHARE) * info.num_frames:
+        raise VideoUnreadable(
+            f"Only {number} of the video's {info.num_frames} pictures can be decoded.", where=str(info.path), hint=AGAIN
+        )
+
+
+def _pictures_of_folder(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+    for part, time_s in zip(info.parts, info.times_s.tolist(), strict=True):
+        yield from ((time_s, rgb) for _, rgb in _pictures_of_file(part))
+
+
+def _pictures_of_files(info: VideoInfo) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times and pictures of files one after the other, a picture's time after the last of the file before."""
+    gap_s, count = 1.0 / max(info.fps, 1.0), 0
+    late_s = last_s = 0.0
+    for part in info.parts or (info.path,):
+        begun = count
+        for time_s, rgb in _pictures_of_file(part):
+            if begun and count == begun:
+                late_s = last_s + gap_s - time_s
+            last_s = time_s + late_s if info.timed else float(info.times_s[min(count, info.num_frames - 1)])
+            yield last_s, rgb
+            count += 1
+
+
+def _pictures_of_file(path: Path) -> Iterator[tuple[float, np.ndarray]]:
+    """Yield times and pictures of one file."""
+    for frame in decoded_frames(path):
+        yield float(frame.time), picture_of(frame)
+
+
+def decoded_frames(path: Path) -> Iterator[Any]:
+    """Yield PyAV's frames of a file that have a time; what cannot be decoded is passed over."""
+    invalid = library().error.InvalidDataError
+    with opened(path) as container:
+        stream = video_stream(container)
+        stream.thread_type = "AUTO"
+        for packet in container.demux(stream):
+            try:
+                frames = packet.decode()
+            except invalid:
+                continue
+            yield from (frame for frame in frames if frame.time is not None)
+
+
+def picture_of(frame: Any) -> np.ndarray:
+    """Return (H, W, 3) uint8 of a frame of PyAV's, turned as its video asks."""
+    return upright(frame.to_ndarray(format="rgb24"), frame.rotation)
+
+
+def upright(rgb: np.ndarray, rotation_deg: float) -> np.ndarray:
+    """Return a stored picture (H, W, 3) turned counter-clockwise as its video states."""
+    turns = quarter_turn(rotation_deg) // 90
+    return np.ascontiguousarray(np.rot90(rgb, turns)) if turns else rgb
+
+
+_PIECE = 1 << 22
+"""Bytes that are read at a time; chosen by hand."""
+
+
+def file_hash(path: Path | str) -> str:
+    """Return the BLAKE2b hash of a file's bytes, 16 bytes in hexadecimal."""
+    digest = hashlib.blake2b(digest_size=16)
+    with open(path, "rb") as stream:
+        while piece := stream.read(_PIECE):
+            digest.update(piece)
+    return digest.hexdigest()
+
+
+def recording_hash(parts: Sequence[Path]) -> str:
+    """Return the hash of a recording's files in their order; that of the file where it is one."""
+    if len(parts) == 1:
+        return file_hash(parts[0])
+    return hashlib.blake2b("".join(map(file_hash, parts)).encode(), digest_size=16).hexdigest()
+
+
+def require_different(hashes: Mapping[Path, str]) -> None:
+    """Check that no two videos have the same bytes.
+
+    Raises:
+        SameVideoTwice: two have; names both.
+    """
+    first: dict[str, Path] = {}
+    for path, digest in hashes.items():
+        if digest in first:
+            raise SameVideoTwice(
+                f"{first[digest].name} and {path.name} are the same video.", where=str(path),
+                hint="Two cameras cannot have filmed the same pictures: copy the second camera's video again.",
+            )  # fmt: skip
+        first[digest] = path
+
+
+RATE_HZ = 16_000
+"""Samples a second that sound is brought to."""
+SILENCE = 1e-5
+"""Root mean square, of full scale 1, below which there is only silence."""
+
+
+@dataclass(frozen=True)
+class Sound:
+    """Sound of one channel."""
+
+    samples: np.ndarray
+    """(N,) float32, full scale 1."""
+    start_s: float
+    """When the first sample is heard, on the clock of the pictures."""
+    rate_hz: int = RATE_HZ
+    """Samples a second."""
+
+
+def read_sound(path: Path | str) -> Sound:
+    """Return the sound of a video, mixed to one channel.
+
+    Raises:
+        BackendMissing, VideoUnreadable: see ``opened``.
+        VideoWithoutSound: there is none, or it is silent.
+    """
+    path, parts, start = Path(path), [], None
+    hint = "Film with the microphone on, or synchronise by keypoints."
+    with opened(path) as container:
+        if not container.streams.audio:
+            raise VideoWithoutSound("The video has no sound.", where=str(path), hint=hint)
+        resampler = library().AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
+        for frame in container.decode(container.streams.audio[0]):
+            start = frame.time if start is None else start
+            parts += [piece.to_ndarray()[0] for piece in resampler.resample(frame)]
+        if parts:
+            parts += [piece.to_ndarray()[0] for piece in resampler.resample(None)]
+    samples = np.concatenate(parts).astype(np.float32) if parts else np.zeros(0, np.float32)
+    if not len(samples) or float(np.sqrt(np.mean(samples.astype(np.float64) ** 2))) < SILENCE:
+        raise VideoWithoutSound("The sound of the video is silence.", where=str(path), hint=hint)
+    return Sound(samples, float(start or 0.0), RATE_HZ)
+
+
+def write_video(path: Path | str, pictures: Iterable[np.ndarray], fps: float, *, overwrite: bool = False) -> int:
+    """Write (H, W, 3) uint8 pictures as H.264 in MP4 and return their number; odd sizes lose a row or column.
+
+    Raises:
+        BackendMissing: PyAV is not installed.
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    av, count = library(), 0
+    with atomic_output(path, overwrite=overwrite) as temporary, av.open(str(temporary), "w", format="mp4") as container:
+        stream = None
+        for rgb in pictures:
+            height, width = (n - n % 2 for n in rgb.shape[:2])
+            if stream is None:
+                stream = container.add_stream("libx264", rate=Fraction(fps).limit_denominator(1001))
+                stream.width, stream.height, stream.pix_fmt = width, height, "yuv420p"
+                stream.options = {"crf": "23", "preset": "veryfast"}
+            frame = av.VideoFrame.from_ndarray(np.ascontiguousarray(rgb[:height, :width]), format="rgb24")
+            container.mux(stream.encode(frame))
+            count += 1
+        if stream is not None:
+            container.mux(stream.encode())
+    return count
