@@ -18,7 +18,7 @@ from ..conventions.timing import TakeTiming
 from .curves import CurveTarget, create_action, key_type_values, write_curves, write_smooth_curves
 from .key_reduction import thin_channels
 from .lanes import write_confidence, write_resting
-from .layers import keep_users_action
+from .layers import keep_users_action, reset_root
 from .retiming import mark_laid
 
 _EDITED = 1e-4
@@ -50,6 +50,8 @@ def bake_action(
     """
     with keep_users_action(armature):
         target = create_action(name, armature)
+    if edited is None:
+        reset_root(armature)
     action, times = target.action, timing.scene_frames(motion.num_frames, motion.fps)
     channels, columns = pose_channels(motion, armature, rest_pelvis), [*pose_columns(layout_of(armature.data.bones))]
     wanted = channels if edited is None else edited

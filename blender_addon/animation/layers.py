@@ -1,4 +1,4 @@
-"""Layers: actions of the user's own that play on top of a take, and takes exchanged below them."""
+"""What an animator adds to takes: actions that play on top of them, and where each take was placed."""
 
 from __future__ import annotations
 
@@ -7,8 +7,18 @@ from contextlib import contextmanager
 
 import bpy
 
-from .curves import exchange_strip, fit_strip, is_take, play_action, playing_strips, take_strip
+from ..body.controls.limbs import ROOT
+from .curves import current_action, exchange_strip, fit_strip, is_take, play_action, playing_strips, take_strip
 
+PLACE = "place"
+"""Custom property of a take: location, rotation and scale of its object and of the root control, where not keyed."""
+_PLACE_FIELDS = {
+    "location": 3,
+    "rotation_euler": 3,
+    "rotation_quaternion": 4,
+    "rotation_axis_angle": 4,
+    "scale": 3,
+}
 LAYER_SUFFIX = " layer"
 """Ending of the name of an action that ``add_layer`` makes."""
 
@@ -30,6 +40,7 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
     user's goes to a muted NLA track of its name and keeps a fake user.
     """
     animation = obj.animation_data or obj.animation_data_create()
+    remember_place(obj)
     own, slot = animation.action, getattr(animation, "action_slot", None)
     strip = take_strip(obj) if has_layers(obj) else None
     users = own if own is not None and not is_take(own) else None
@@ -44,6 +55,36 @@ def keep_users_action(obj: bpy.types.Object) -> Iterator[None]:
         play_action(obj, own if own is None or users is not None else None, slot)
     elif users is not None:
         lay_aside(obj, users, slot)
+
+
+def remember_place(obj: bpy.types.Object) -> None:
+    """Keep on the take that an object plays where the object and its root control stand."""
+    take = current_action(obj)
+    if take is not None and is_take(take) and take.is_editable:
+        take[PLACE] = [float(v) for owner in _placed(obj) for name in _PLACE_FIELDS for v in getattr(owner, name)]
+
+
+def restore_place(obj: bpy.types.Object, take: bpy.types.Action) -> None:
+    """Put an object and its root control where they stood when the take was last played."""
+    values = [float(value) for value in take.get(PLACE, ())]
+    if len(values) != len(_placed(obj)) * sum(_PLACE_FIELDS.values()):
+        return
+    for owner in _placed(obj):
+        for name, width in _PLACE_FIELDS.items():
+            part, values = values[:width], values[width:]
+            if list(getattr(owner, name)) != part:  # assigning alone counts as a change of the object
+                setattr(owner, name, part)
+
+
+def reset_root(obj: bpy.types.Object) -> None:
+    """Put the root control where it rests, for a take that was just solved."""
+    if (root := obj.pose.bones.get(ROOT)) is not None:
+        root.matrix_basis.identity()
+
+
+def _placed(obj: bpy.types.Object) -> list[bpy.types.Object | bpy.types.PoseBone]:
+    root = obj.pose.bones.get(ROOT) if obj.type == "ARMATURE" else None
+    return [obj] if root is None else [obj, root]
 
 
 def lay_aside(obj: bpy.types.Object, action: bpy.types.Action, slot: object | None) -> bpy.types.NlaStrip:

@@ -15,7 +15,7 @@ from ..body.shape import body_mesh, set_betas
 from ..conventions.file_paths import file_of, stored
 from ..conventions.kept_findings import findings_in
 from .curves import action_curves, play_action
-from .layers import keep_users_action, lay_aside
+from .layers import keep_users_action, lay_aside, restore_place
 
 PATHS = ("motion_file", "capture_file", "report_file", "job_file")
 """Custom properties of an action: the files it came from and went to."""
@@ -117,6 +117,7 @@ def show_take(armature: bpy.types.Object, action: bpy.types.Action) -> None:
     """Let a body play a take in its shape, below the user's layers if there are any."""
     with keep_users_action(armature):
         play_action(armature, action)
+    restore_place(armature, action)
     _show_controls(armature, action)
     mesh = body_mesh(armature)
     if mesh is not None and BETAS in action:

@@ -10,7 +10,7 @@ import numpy as np
 from .._exchange.motion_file import MotionFile, read_motion
 from ..animation.action import bake_action
 from ..animation.curves import current_action, curve_target
-from ..animation.layers import without_layers
+from ..animation.layers import PLACE, without_layers
 from ..animation.range_merge import RangeTimes, carry_curves, merge_range
 from ..animation.retiming import laid_rate, relay_take, same_rate
 from ..animation.takes import BETAS, PATHS, PERSON, show_take, take_file
@@ -159,7 +159,8 @@ def keep_edits(
     for key in ("keys_deviation", "keys_deviation_mm", "keys_deviation_degrees"):
         merged.pop(key, None)
     for key, value in solved.items():
-        merged[key] = value
+        if key != PLACE:
+            merged[key] = value
     name = solved.name
     show_take(armature, merged)  # before the solved one goes, whose place below layers it takes
     bpy.data.actions.remove(solved)

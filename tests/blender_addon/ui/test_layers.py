@@ -10,6 +10,7 @@ import pytest
 
 from blender_addon.animation.deviation import evaluated_joints
 from blender_addon.animation.layers import add_layer, has_layers
+from blender_addon.body.controls.limbs import ROOT
 from blender_addon.ui.operators.import_results import take_motion
 from tests.blender_addon.ui.test_hand_edits import resolve
 
@@ -88,3 +89,26 @@ def test_work_on_a_take_leaves_the_layers_on_top(mocap, solved_take, work: str) 
     found = joints_at(armature)
     np.testing.assert_allclose(found[[0, 2]], seen[[0, 2]], atol=1e-5 if work == "range" else 0.006)
     assert np.abs(found[1] - seen[1]).max() < 0.05, "0.2 m if the layer counted twice"
+
+
+def place(armature: bpy.types.Object, x: float) -> None:
+    armature.pose.bones[ROOT].location.x = x
+    armature.location.y = 0.5 * x
+
+
+def test_each_take_keeps_where_it_was_placed(mocap, solved_take, solved) -> None:
+    armature = mocap.review.armature
+    place(armature, 0.3)
+    first = joints_at(armature)
+    take_motion(bpy.context, solved.files)
+    second = mocap.review.take
+    assert armature.pose.bones[ROOT].location.length == 0.0, "a new take stands as it was solved"
+    place(armature, -0.2)
+    other = joints_at(armature)
+    for take, seen in ((solved_take, first), (second, other), (solved_take, first)):
+        assert bpy.ops.mocap.show_take(name=take.name) == {"FINISHED"}
+        np.testing.assert_allclose(joints_at(armature), seen, atol=1e-5)
+    resolve(mocap.review, 8, 16)
+    np.testing.assert_allclose(joints_at(armature)[[0, 2]], first[[0, 2]], atol=1e-5, err_msg="a range stays in place")
+    assert bpy.ops.mocap.thin_take(by="TOLERANCE", tolerance_mm=5.0) == {"FINISHED"}
+    np.testing.assert_allclose(joints_at(armature)[[0, 2]], first[[0, 2]], atol=6e-3)
