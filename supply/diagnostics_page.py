@@ -3,47 +3,56 @@
 from __future__ import annotations
 
 import re
+from itertools import groupby
 
-from solver_backend.exchange.diagnostics import REFUSALS, DiagnosticEntry, Remedy
-from solver_backend.exchange.diagnostics.table import GROUPS
+from solver_backend.exchange.diagnostics import DiagnosticEntry, Remedy, list_refusals, load_table
 
 _NOTICE = "<!-- Made by python3 dev.py docs from {source}; edit that. -->"
 
 _HEAD = """# Diagnostics
 
-What the reader of a capture, a solve and the check of its result can find. The console, the report, Blender's panel
-and `--json` show the same list; the words below are the ones they use, with the names and figures of the take.
+A diagnostic is something that a reader, a solve or the check of its result found. The console, the report, Blender's
+panel and `--json` show the same list. The texts below are the ones they use, with names and figures of the take.
 
-- **error**: the input or the result is refused, nothing is written. Some results are surely useless: {refusals}.
-  To take one as a warning instead, use `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in
-  the `settings` of a job, or *Accepted Faults* in the panel.
-- **warning**: the result may be wrong. `solve` ends with every warning on a line and "Look at …". With `--strict`,
-  `"strict": true` in a job file, or with `batch --strict` it refuses the result: exit code 3, nothing is written.
-- **note**: worth knowing. A solve whose last line is "OK" may have notes.
+- **error**: the input or the result is refused, and no file is written. A solve refuses results that are surely
+  useless: {refusals}. The same code is a warning if the fault is small. To accept a result anyway, use
+  `--accept CODE` of `solve`, `from-videos` and `batch`, `"accept": ["CODE"]` in the `settings` of a job, or
+  *Accepted Faults* in the panel.
+- **warning**: the result may be wrong. `solve` ends with one line per warning and "Look at …". With `--strict`,
+  `"strict": true` in a job file, or `batch --strict`, warnings refuse the result: exit code 3, no file is written.
+- **note**: worth knowing. A solve that ends with "OK" may have notes.
 
-With `--json` each is an object with `code`, `severity`, `where`, `values` and `remedy`. `where` holds `file`, `frames`
-as pairs of first and last, `cameras`, `markers`, `joints` and `person`; empty ones are left out. `remedy` is what the
-program did about it: {remedies}. A motion file holds the list in `provenance` under `diagnostics`.
-A program of another version shows a code that it does not know by its name."""
+With `--json` each diagnostic is an object with `code`, `severity`, `where`, `values` and `remedy`. `where` has `file`,
+`frames` as pairs of first and last, `cameras`, `markers`, `joints` and `person`. Empty ones are omitted. `remedy`
+states what the program did: {remedies}. A motion file has the list in `provenance` under `diagnostics`.
+A program of another version shows an unknown code by its name.
+
+*Slanted* words are parameters. If a parameter has named values, the text of each value follows in a list."""
 
 
 def diagnostics_page() -> str:
     """Return the page that lists every diagnostic."""
     remedies = ", ".join(f"`{remedy.value}`" for remedy in Remedy)
-    head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{code}`" for code in REFUSALS))
-    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics"), "", head]
-    for title, group in GROUPS.items():
+    head = _HEAD.replace("{remedies}", remedies).replace("{refusals}", ", ".join(f"`{c}`" for c in list_refusals()))
+    parts = [_NOTICE.format(source="solver_backend/exchange/diagnostics.json"), "", head]
+    for title, rows in groupby(load_table().items(), key=lambda item: item[1].group):
         parts += [
             "",
             f"## {title}",
             "",
-            "| code | severity | words | usual cause | what to do |",
+            "| code | severity | text | usual cause | what to do |",
             "|---|---|---|---|---|",
         ]
-        parts += [_row(code, entry) for code, entry in sorted(group.items())]
+        parts += [_row(code, entry) for code, entry in sorted(rows)]
     return "\n".join([*parts, ""])
 
 
 def _row(code: str, entry: DiagnosticEntry) -> str:
-    words = [re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text).replace("|", "\\|") for text in (entry.what, entry.advice)]
-    return f"| `{code}` | {entry.severity.value} | {words[0]} | {entry.cause} | {words[1] or '–'} |"
+    text = _slanted(entry.text)
+    for name, words in entry.words.items():
+        text += f"<br>*{name}*:" + "".join(f"<br>`{value}` {_slanted(word)}".rstrip() for value, word in words.items())
+    return f"| `{code}` | {entry.severity.value} | {text} | {entry.cause} | {_slanted(entry.remedy) or '–'} |"
+
+
+def _slanted(text: str) -> str:
+    return re.sub(r"\{(\w+)[^}]*\}", r"*\1*", text).replace("|", "\\|")

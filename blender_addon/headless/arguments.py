@@ -8,7 +8,7 @@ from collections.abc import Callable
 from itertools import groupby
 from pathlib import Path
 
-from .._exchange.diagnostics import REFUSALS
+from .._exchange.diagnostics import list_refusals
 from .._exchange.marker_formats import MARKER_FORMATS
 from ..conventions.naming import LOOKS
 from ..conventions.skeleton import NUM_BETAS
@@ -205,7 +205,7 @@ def _add_batch_options(batch: argparse.ArgumentParser) -> None:
     )
     batch.add_argument("--strict", action="store_true", help="refuse takes whose solves have warnings")
     batch.add_argument(
-        "--accept", action="append", choices=REFUSALS, default=[], metavar="CODE",
+        "--accept", action="append", choices=list_refusals(), default=[], metavar="CODE",
         help="accept results with this fault, which are refused otherwise; may be repeated",
     )  # fmt: skip
     batch.add_argument("--bake", action="store_true", help="write a Blender file of each take")

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from .._exchange.diagnostics import sentence
-from .._exchange.diagnostics.diagnostic import DiagnosticValues
+from .._exchange.diagnostics import DiagnosticValues, sentence
 from .._exchange.errors import FileDamaged, FileMissing, OutputExists
 from .._exchange.motion_file import read_motion
 from .._exchange.progress import Progress

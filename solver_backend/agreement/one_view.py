@@ -64,13 +64,13 @@ def select_in_one_view(detections: Detections, fps: float) -> tuple[SelectedPers
         keypoints = Keypoints2D(points[None], sure[None], detections.joint_set, fps, hands)
         notes = () if selected else _notes(kept, len(tracks), len(xy))
         own = [point.name for point in detections.own if not selected]
-        problems = (diagnostic("own_points_one_view", joints=own),) if own else ()
+        problems = (diagnostic("own_point_unused", reason="single", joints=own),) if own else ()
         selected.append(SelectedPerson(f"Person {number}", keypoints, chosen, notes, problems))
     return tuple(selected)
 
 
 def _notes(kept: list[_Track], count: int, frames: int) -> tuple[Diagnostic, ...]:
-    first = diagnostic("largest_person_chosen", seen=len(kept[0].frames), of=frames)
+    first = diagnostic("person_chosen", basis="largest", seen=len(kept[0].frames), of=frames)
     others = () if count == 1 else (diagnostic("other_tracks", count=count - 1, solvable=len(kept) - 1),)
     return (first, *others)
 

@@ -362,6 +362,7 @@ def _report(
     notes = [
         diagnostic(
             "person_chosen",
+            basis="views",
             views=float(views.mean()),
             cameras_count=len(cameras),
             seen=len(np.unique(space.frame[person.rows])),

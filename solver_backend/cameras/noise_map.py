@@ -25,7 +25,7 @@ MOST_STEPS = 1000
 """Steps of the confidence that a file may have."""
 LARGEST_MM = 10_000.0
 """No detector scatters further than this at the person's distance."""
-_APPLIED = ("noise_map_applied", "noise_map_of_another")
+_APPLIED = ("noise_map_applied",)
 """Codes of what is noted where a map weighted the confidences."""
 
 
@@ -57,8 +57,7 @@ class NoiseMap:
 
     def applied(self, keypoints: Keypoints2D, detector: str) -> tuple[Keypoints2D, Diagnostic]:
         """Return keypoints weighted by what their confidence means, and a note."""
-        code = "noise_map_applied" if detector == self.detector else "noise_map_of_another"
-        note = diagnostic(code, measured=self.detector, keypoints=self.detections, detector=detector)
+        note = diagnostic("noise_map_applied", measured=self.detector, keypoints=self.detections, detector=detector)
         return replace(keypoints, confidence=self.weight(keypoints.confidence)), note
 
     def as_dict(self) -> dict[str, object]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.rigs.rest_frames import bent_at_rest
 
@@ -79,7 +79,7 @@ def read_foreign_motion(
 def _found_in(done: ImportedMotion) -> list[Diagnostic]:
     found = list[Diagnostic]()
     if done.motion.num_frames == 1:
-        found.append(diagnostic("motion_one_frame"))
+        found.append(diagnostic("single_frame", severity=Severity.NOTE))
     if abs(done.raised_m) > _RAISED_M:
         way = "Raised" if done.raised_m > 0 else "Lowered"
         found.append(diagnostic("motion_on_floor", way=way, size=abs(done.raised_m)))
@@ -88,5 +88,5 @@ def _found_in(done: ImportedMotion) -> list[Diagnostic]:
         off = [f"{role.replace('_', ' ')} {size:.0f} mm" for role, size in far.items()]
         found.append(diagnostic("motion_joints_elsewhere", joints=list(far), off=off))
     if (size := np.abs(done.motion.betas).max()) > _STRANGE:
-        found.append(diagnostic("motion_lengths_strange", size=size))
+        found.append(diagnostic("shape_odd", size=size, limit=_STRANGE))
     return found

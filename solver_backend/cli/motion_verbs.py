@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from solver_backend.cli.outcome import Outcome, found_data, found_lines
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.verb_results import ClipResult
@@ -65,7 +65,10 @@ def _amass(args: argparse.Namespace, progress: Progress) -> Outcome:
     progress("reading the clip", 0, 1)
     clip = any_motion(args.clip, args.body, keep_shape=False)
     write_motion(args.out, clip, overwrite=bool(args.overwrite), name=args.clip.stem)
-    found = [diagnostic("motion_mean_shape"), *([diagnostic("motion_one_frame")] if clip.num_frames == 1 else [])]
+    found = [
+        diagnostic("motion_mean_shape"),
+        *([diagnostic("single_frame", severity=Severity.NOTE)] if clip.num_frames == 1 else []),
+    ]
     lines = [
         f"Motion {args.clip.stem}: {clip.num_frames} frames at {clip.fps:g} Hz (AMASS)",
         *found_lines(found), f"  written     {args.out}",

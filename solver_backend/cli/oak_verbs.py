@@ -103,7 +103,7 @@ def not_recorded(counts: Mapping[str, int]) -> list[Diagnostic]:
         counts: frames recorded by camera.
     """
     reason = "no frame of it was recorded"
-    return [diagnostic("sensor_trouble", cameras=[name], reason=reason) for name, count in counts.items() if not count]
+    return [diagnostic("sensor_failed", cameras=[name], reason=reason) for name, count in counts.items() if not count]
 
 
 def oak_devices(args: argparse.Namespace) -> tuple[list[Oak], Cameras]:

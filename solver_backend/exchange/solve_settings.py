@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from .diagnostics.refusal import check_accepted
+from .diagnostics import check_accepted
 from .setting import Choice, check_settings, defaults_of_class, known_values, setting, settings_of_class
 
 METHOD, CLEAN_UP, RECORDING, RESOURCES = "Method", "Clean-up", "Recording and result", "Body, files and arrays"

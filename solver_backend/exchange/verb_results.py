@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from typing import NotRequired, TypedDict
 
-from .diagnostics.diagnostic import DiagnosticValues
+from .diagnostics import DiagnosticValues
 from .errors import ErrorEvent
 
 

@@ -58,9 +58,9 @@ def labelled_like(
     there = np.isfinite(cloud.positions).all(-1)
     found = take.point_labels[there]
     unknown, places = float((found < 0).mean()), len(set(found[found >= 0].tolist()))
-    note = diagnostic("points_named_after", take=like.name, named=100.0 * (1.0 - unknown), count=places)
+    note = diagnostic("points_named", basis="take", take=like.name, named=100.0 * (1.0 - unknown), count=places)
     unsure = unknown > UNSURE_SHARE
-    doubts = [diagnostic("points_not_named_after", percent=100.0 * unknown)] if unsure else []
+    doubts = [diagnostic("points_not_named", extent="take", percent=100.0 * unknown)] if unsure else []
     kept = without_doubt_of_labels(capture.problems)
     return replace(
         capture, markers=take.cloud(cloud), notes=(*without_doubt_of_labels(capture.notes), note),
@@ -136,12 +136,16 @@ def labelled_as_person(
     body = load_chosen_body(settings.body)
     named = named_extras(capture.markers, person, body, load_sposer(), np.zeros(1), progress, kept)
     notes = [diagnostic("points_named_of_person", count=len(named.named), markers=named.named)] if named.named else []
-    doubts = [diagnostic("points_doubted_of_person", count=named.doubtful)] if named.doubtful else []
+    doubts = [diagnostic("points_not_named", extent="tracks", count=named.doubtful)] if named.doubtful else []
     problems = [item for item in capture.problems if item.code != "points_not_named" or not named.named]
     if len(problems) < len(capture.problems):
         seen = np.isfinite(named.cloud.positions).all(-1).sum(0)
         nameless = float(seen[[is_unnamed(label) for label in named.cloud.labels or ()]].sum() / seen.sum())
-        doubts += [diagnostic("points_not_named", percent=100.0 * nameless)] if nameless >= UNSURE_SHARE else []
+        doubts += (
+            [diagnostic("points_not_named", extent="solve", percent=100.0 * nameless)]
+            if nameless >= UNSURE_SHARE
+            else []
+        )
     return replace(capture, markers=named.cloud, notes=(*capture.notes, *notes), problems=(*problems, *doubts))
 
 

@@ -119,7 +119,7 @@ def labelled_capture(
             raise
         return capture, None
     if persistent and not (always or knows_layout(take)):
-        doubt = diagnostic("layout_unknown_to_network", percent=100.0 * float(_named(take).mean()))
+        doubt = diagnostic("network_not_used", reason="layout", percent=100.0 * float(_named(take).mean()))
         return replace(capture, problems=(*capture.problems, doubt)), None
     share = float(_named(take).mean()) if take.labels.size else 1.0
     if not (always or persistent) and share < LEAST_UNNAMED:
@@ -151,7 +151,7 @@ def _crowd(capture: Capture, *, persistent: bool) -> Capture | None:
     if count * (LEAST_NAMED if persistent else LEAST_UNNAMED) <= GHOST:
         return None
     if persistent:
-        doubt = diagnostic("more_points_than_a_person", count=count, most=GHOST)
+        doubt = diagnostic("network_not_used", reason="people", count=count, most=GHOST)
         return replace(capture, problems=(*capture.problems, doubt))
     return _by_own_names(capture, MarkersUnknown(
         f"The points have no names, and {count:.0f} of them are seen at a time: the labelling network names the "
@@ -174,7 +174,7 @@ def _by_own_names(capture: Capture, otherwise: MarkersUnknown) -> Capture:
         raise otherwise
     there = np.isfinite(cloud.positions).all(-1)
     nameless = there[:, [is_unnamed(label) for label in cloud.labels or ()]]
-    left_out = diagnostic("points_not_named", percent=100.0 * float(nameless.sum() / there.sum()))
+    left_out = diagnostic("points_not_named", extent="solve", percent=100.0 * float(nameless.sum() / there.sum()))
     return replace(capture, problems=(*capture.problems, left_out))
 
 
@@ -200,8 +200,9 @@ def named_in(take: LabelledTake, *, persistent: bool = False) -> Diagnostic:
     named, nobody, unknown = (
         100.0 * float(np.mean(group)) if len(labels) else 0.0 for group in (_named(take), labels == GHOST, labels < 0)
     )
-    code = "labels_named" if persistent else "points_named"
-    return diagnostic(code, count=len(_places(take)), named=named, nobody=nobody, unknown=unknown)
+    return diagnostic(
+        "points_named", basis="network", count=len(_places(take)), named=named, nobody=nobody, unknown=unknown
+    )
 
 
 def _named(take: LabelledTake) -> np.ndarray:
@@ -219,4 +220,4 @@ def unnamed_in(take: LabelledTake) -> tuple[Diagnostic, ...]:
     unknown = float((take.labels[there] < 0).mean()) if there.any() else 1.0
     if unknown < 0.05:
         return ()
-    return (diagnostic("points_not_named", percent=100.0 * unknown),)
+    return (diagnostic("points_not_named", extent="solve", percent=100.0 * unknown),)

@@ -103,12 +103,12 @@ def place_points(own: OwnViews, solved: SolvedFrames) -> PlacedPoints:
         at, where = own.points[:, own.column(point)], {"joints": [point.name], "bone": point.bone}
         seen = int(np.isfinite(at).all(-1).sum())
         if seen < LEAST_FRAMES or BONES[point.bone] not in body.layout.joints:
-            found.append(diagnostic("own_point_unseen", **where, count=seen))
+            found.append(diagnostic("own_point_unused", reason="unseen", **where, count=seen))
             continue
         joint = [body.layout.joints.index(BONES[point.bone])]
         offset, spread, reach = (values[0] for values in bone_offsets(at, posed.joints[:, joint], posed.G[:, joint]))
         if spread > LOOSE_M or reach > REACH_M:
-            found.append(diagnostic("own_point_loose", **where, size=100 * spread, reach=100 * reach))
+            found.append(diagnostic("own_point_unused", reason="loose", **where, size=100 * spread, reach=100 * reach))
             continue
         placed.append(point)
         offsets.append(offset)

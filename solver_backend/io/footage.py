@@ -16,7 +16,7 @@ import numpy as np
 
 from solver_backend.agreement.detections import Detections
 from solver_backend.cameras.camera_corrections import resized
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.regular_file import open_regular
 from solver_backend.io.calibration import Calibration
 from solver_backend.io.calibration.search import is_calibration_folder
@@ -184,18 +184,14 @@ def with_sizes_of(
             continue
         if _made_for_video(size, header.size, detections.xy[c]):
             cameras = resized(cameras, c, header.size)
-            notes.append(_of_sizes("calibration_resized", name, size, header.size))
+            made, filmed = ("{} x {}".format(*pair) for pair in (size, header.size))
+            notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
         else:
-            problems.append(_of_sizes("video_size_differs", name, size, header.size))
+            figures = dict(zip(("width", "height", "video_width", "video_height"), (*size, *header.size), strict=True))
+            problems.append(diagnostic("video_size_differs", cameras=[name], **figures))
     if guessed:
         problems.append(diagnostic("image_size_assumed", cameras=guessed))
     return replace(calibration, cameras=cameras, notes=tuple(notes), problems=tuple(problems))
-
-
-def _of_sizes(code: str, camera: str, calibrated: tuple[int, ...], video: tuple[int, int]) -> Diagnostic:
-    return diagnostic(
-        code, cameras=[camera], width=calibrated[0], height=calibrated[1], video_width=video[0], video_height=video[1],
-    )  # fmt: skip
 
 
 def _made_for_video(calibrated: tuple[int, ...], video: tuple[int, int], xy: np.ndarray) -> bool:

@@ -80,9 +80,11 @@ def marker_problems(cloud: MarkerCloud) -> tuple[Diagnostic, ...]:
     found: list[Diagnostic] = []
     unit = find_unit(cloud.positions, "m", None, "m")
     if unit.problem is not None:
-        code = "markers_not_in_metres" if unit.name == "m" else "markers_look_like_unit"
-        found.append(diagnostic(code, spread=spread(cloud.positions), unit=unit.name))
+        likely = "metres" if unit.name == "m" else "unit"
+        found.append(
+            diagnostic("marker_spread_unlikely", likely=likely, spread=spread(cloud.positions), unit=unit.name)
+        )
     axis = find_up_axis(cloud.positions * unit.metres, cloud.labels or ("",) * cloud.positions.shape[1], "z", None, "z")
     if axis.problem is not None:
-        found.append(diagnostic("markers_along_axis", along=axis.problem.values["along"]))
+        found.append(diagnostic("up_axis_doubted", conflict="capture", along=axis.problem.values["along"]))
     return tuple(found)

@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, read_diagnostics
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, read_diagnostics
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.io.motions.motion_checks import check_motion
@@ -70,14 +70,14 @@ def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
 def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
     if motion.flags is None:
         return
-    kind = "_markers" if motion.markers is not None else ""
     unseen, unsure = ((motion.flags & bit) > 0 for bit in (FLAG_UNSEEN, FLAG_UNSURE))
     if unseen.any():
-        code = "frames_unseen_one_view" if one_view else f"frames_unseen{kind}"
-        yield diagnostic(code, frames=true_runs(unseen))
+        reason = "single" if one_view else "views" if motion.markers is None else "markers"
+        yield diagnostic("frames_unseen", reason=reason, frames=true_runs(unseen))
     if unsure.any():
-        few = "few_" if unsure.mean() <= UNSURE_SHARE else ""
-        yield diagnostic(f"{few}frames_unsure{kind}", frames=true_runs(unsure), percent=100 * unsure.mean())
+        severity = Severity.NOTE if unsure.mean() <= UNSURE_SHARE else Severity.WARNING
+        data, percent = "views" if motion.markers is None else "markers", 100 * unsure.mean()
+        yield diagnostic("frames_unsure", severity=severity, data=data, frames=true_runs(unsure), percent=percent)
 
 
 def _cameras(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
@@ -101,13 +101,11 @@ def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagn
     assert capture.cameras is not None and capture.keypoints is not None
     agreement = residuals.agreement_percent(1)
     names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
-    least, code = (2, "keypoints_seldom_seen")
-    if capture.is_one_view:
-        least, code = 1, "keypoints_seldom_seen_one_view"
+    least = 1 if capture.is_one_view else 2
     often = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= least).mean(axis=0)
     rare = [f"{names[k]} ({often[k]:.0f} %)" for k in np.argsort(often, kind="stable") if often[k] < SELDOM_PERCENT]
     if rare:
-        yield diagnostic(code, shares=rare)
+        yield diagnostic("keypoints_seldom_seen", shares=rare)
     outliers = 100.0 - np.nan_to_num(agreement, nan=100.0)
     poor = sorted((-float(outliers[c, k]), c, k) for c, k in np.argwhere(outliers > OUTLIER_PERCENT))
     if poor:

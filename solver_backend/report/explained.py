@@ -6,11 +6,10 @@ from collections.abc import Iterable, Iterator
 from dataclasses import replace
 
 from solver_backend.agreement.epipolar_fit import report_focal_lengths
-from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.exchange.diagnostics.diagnostic import Remedy
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy
 from solver_backend.types import Capture
 
-EXPLANATIONS = ("image_mirrored", "sides_exchanged", "names_exchanged", "camera_turned", "camera_early", "camera_late")
+EXPLANATIONS = ("image_mirrored", "sides_exchanged", "names_exchanged", "camera_turned", "camera_late")
 """Codes of what a solve corrects in a camera."""
 MOST_FRAMES = 0.9
 """Share of the take in which a camera is corrected, from which it is explained."""

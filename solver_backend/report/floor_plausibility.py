@@ -8,7 +8,6 @@ import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
 from solver_backend.metrics import foot_skating_cm_per_frame
-from solver_backend.report.marker_plausibility import of_markers
 from solver_backend.types import Motion
 
 BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
@@ -24,17 +23,17 @@ def floor_plausibility(motion: Motion) -> Iterator[Diagnostic]:
     feet = joints_of(motion, "left_foot", "right_foot")
     if feet is None or rests(motion, "left_foot", "right_foot"):
         return
-    lowest, kind = feet[..., 2].min(axis=1), of_markers(motion)
+    lowest = feet[..., 2].min(axis=1)
     yield from _drift(motion)
     below, usual = -float(lowest.min()), float(np.median(lowest))
     if below > BELOW_FLOOR_M:
         code = "floor_too_high" if usual < -BELOW_FLOOR_M else "foot_below_floor"
-        yield diagnostic(code + kind, size=100 * below)
+        yield diagnostic(code, size=100 * below)
     if usual > ABOVE_FLOOR_M:
-        yield diagnostic("feet_above_floor" + kind, size=100 * usual)
+        yield diagnostic("feet_above_floor", size=100 * usual)
     skating = foot_skating_cm_per_frame(feet)
     if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
-        yield diagnostic("feet_slide" + kind, size=skating)
+        yield diagnostic("feet_slide", size=skating)
 
 
 def joints_of(motion: Motion, *names: str) -> np.ndarray | None:

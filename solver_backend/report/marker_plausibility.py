@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.label_choice import limb_of, of_one_limb
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.types import MARKER_GHOST, Capture, Motion
@@ -39,8 +39,8 @@ def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
     centres = centres_of(motion)
     size, limit = float(quantile(error[np.isfinite(error)], 0.5, axis=0)), CENTRES_FAR_MM if centres else FAR_MM
     if size > limit:
-        code = "markers_impossible" if size > USELESS * limit else "markers_far"
-        yield diagnostic(code, size=size, limit=limit, kind="joint centres" if centres else "markers")
+        severity, kind = useless(size > USELESS * limit), "joint centres" if centres else "markers"
+        yield diagnostic("markers_far", severity=severity, size=size, limit=limit, kind=kind)
     yield from _far_markers(motion, size, limit / FAR_MM)
     yield from _side_by_name(motion.layout or ())
 
@@ -52,12 +52,14 @@ def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
         return
     side, arm = named[0][0], any(limb_of(place, load_layouts()) == "arm" for place in named)
     if arm or not {side + place for place in ("ANK", "HEE", "TOE")} <= set(named):
-        yield diagnostic("limb_side_by_name", side="left" if side == "L" else "right", limb="arm" if arm else "leg")
+        yield diagnostic(
+            "limb_side_found", basis="label", side="left" if side == "L" else "right", limb="arm" if arm else "leg"
+        )
 
 
-def of_markers(motion: Motion) -> str:
-    """Return how codes of diagnostics end whose cause and remedy are others for markers than for cameras."""
-    return "_markers" if motion.markers is not None else ""
+def useless(is_useless: bool) -> Severity:
+    """Return an error, which refuses the result, or a warning."""
+    return Severity.ERROR if is_useless else Severity.WARNING
 
 
 def centres_of(motion: Motion) -> bool:
@@ -103,4 +105,4 @@ def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnos
             yield diagnostic("marker_far", markers=[label], size=always[m])
         elif runs := [run for run in true_runs(far) if run[1] + 1 - run[0] >= WHILE_S * motion.fps]:
             largest = max(float(np.nanmax(error[a : b + 1, m])) for a, b in runs)
-            yield diagnostic("marker_far_for_a_while", markers=[label], frames=runs, size=largest)
+            yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)

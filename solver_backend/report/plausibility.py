@@ -10,13 +10,13 @@ import numpy as np
 from solver_backend.agreement.detections import MIN_POINTS
 from solver_backend.agreement.left_out import left_out_views
 from solver_backend.cameras.projection import project
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.recognition.gravity import upright_from_person
 from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.report.floor_plausibility import floor_plausibility, joints_of, rests
-from solver_backend.report.marker_plausibility import centres_of, hips_never_move, marker_plausibility, of_markers
+from solver_backend.report.marker_plausibility import centres_of, hips_never_move, marker_plausibility, useless
 from solver_backend.report.statistics import KeypointResiduals
 from solver_backend.report.time_plausibility import frame_rate_plausibility
 from solver_backend.types import Capture, JointSet, Motion
@@ -73,9 +73,9 @@ def _stature(motion: Motion) -> Iterator[Diagnostic]:
     if leg is None:
         return
     stature = float(np.linalg.norm(np.diff(leg[0], axis=0), axis=-1).sum()) / LEG_SHARE
-    for code, (least, most) in (("stature_impossible", IMPOSSIBLE_STATURES_M), ("stature_odd", STATURES_M)):
+    for severity, (least, most) in ((Severity.ERROR, IMPOSSIBLE_STATURES_M), (Severity.WARNING, STATURES_M)):
         if not least <= stature <= most:
-            yield diagnostic(code + of_markers(motion), size=stature, least=least, most=most)
+            yield diagnostic("stature_odd", severity=severity, size=stature, least=least, most=most)
             return
 
 
@@ -145,19 +145,19 @@ def _views(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> It
     if agreement.percent < LEAST_VIEWS_PERCENT:
         assert capture.cameras is not None
         few = agreement.percent < USELESS_VIEWS_PERCENT and agreement.views < USELESS_VIEWS
-        useless = few or len(capture.cameras) == 2
+        severity = useless(few or len(capture.cameras) == 2)
         counted = np.maximum(agreement.counted.sum(1), 1)
         poor = agreement.agrees.sum(1) / counted < LEAST_VIEWS_PERCENT / 100
         names = [name for name, bad in zip(capture.cameras.names, poor, strict=True) if bad]
-        yield diagnostic("views_contradict" if useless else "views_apart", cameras=names, percent=agreement.percent)
+        yield diagnostic("views_contradict", severity=severity, cameras=names, percent=agreement.percent)
 
 
 def _residual(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
     extents = _extents(_body_px(capture, motion))[..., None]
     share = float(quantile((residuals.error_px / extents).ravel(), 0.5, axis=0))
     if share > DETECTOR_SHARE:
-        code = "residual_impossible" if share > USELESS_SHARE else "residual_large"
-        yield diagnostic(code, size=residuals.median_px, share=100 * share, limit=100 * DETECTOR_SHARE)
+        figures = {"size": residuals.median_px, "share": 100 * share, "limit": 100 * DETECTOR_SHARE}
+        yield diagnostic("residual_large", severity=useless(share > USELESS_SHARE), **figures)
 
 
 _STANCE = JointSet.COCO_17
@@ -187,4 +187,4 @@ def _tilt(motion: Motion) -> Iterator[Diagnostic]:
         lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
         tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
     if tilt > max(TILT_DEGREES, TILT_SIGMAS * sigma):
-        yield diagnostic("person_tilted" + of_markers(motion), size=float(tilt), sigma=float(sigma))
+        yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))

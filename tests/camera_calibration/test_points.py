@@ -45,7 +45,7 @@ def test_points_of_unknown_place_help_and_a_false_click_is_named() -> None:
     px = {c: dict(points) for c, points in clicks.px.items()}
     px["cam2"]["p3"] = px["cam2"]["p3"][0] + 60.0, px["cam2"]["p3"][1]
     found = calibrate_by_points(Clicks(px, known), lenses)
-    assert found.notes == (diagnostic("points_clicked", count=10, known=8),)
+    assert found.notes == (diagnostic("calibration_evidence", evidence="clicks", count=10, known=8),)
     clicks_far = [(item.values["point"], item.where.cameras) for item in found.findings if item.code == "click_far"]
     assert ("p3", ("cam2",)) in clicks_far
     assert np.linalg.norm(found.cameras.centres - cameras.centres, axis=1).max() < 0.04

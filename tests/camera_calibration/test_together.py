@@ -72,7 +72,7 @@ def test_all_sources_at_once_are_nearer_the_truth_than_each_and_as_sure_as_they_
         squares.append([(off(one.cameras, truth) ** 2).mean() for one in (alone, found)])
         told.append((found.centre_sigma_m**2).mean())
         assert found.findings == ()
-        assert len(found.notes) == 4 and found.notes[-1] == diagnostic("world_by_places")
+        assert len(found.notes) == 4 and found.notes[-1] == diagnostic("world_origin", source="places")
         assert (found.centre_sigma_m < alone.centre_sigma_m).all()
     clicks_alone, together = np.sqrt(np.mean(squares, axis=0))
     assert together < 0.8 * clicks_alone
@@ -107,7 +107,7 @@ def test_a_camera_moved_between_the_board_and_the_take_is_found() -> None:
     assert calibrate_together(truth, [board, person_evidence(truth, walked(truth, 0))]).findings == ()
     found = calibrate_together(truth, [board, person_evidence(truth, walked(moved, 0))])
     [finding] = found.findings
-    assert (finding.code, finding.where.cameras) == ("source_contradicts", ("cam3",))
+    assert (finding.code, finding.where.cameras) == ("observations_contradict", ("cam3",))
     assert sentence(finding).startswith("What cam3 saw of the person")
 
 
@@ -119,7 +119,7 @@ def test_a_calibration_that_is_held_holds_and_lets_a_moved_camera_go() -> None:
     found = calibrate_together(truth, [person_evidence(truth, walked(now, 0, noise_px=2.0))], hold_m=0.005)
     assert off(found.cameras, now).max() < 0.02
     [finding] = found.findings
-    assert (finding.code, finding.where.cameras) == ("camera_off_held", ("cam2",))
+    assert (finding.code, finding.where.cameras) == ("camera_off", ("cam2",))
     assert 200 <= finding.values["size"] < 300
     same = calibrate_together(truth, [person_evidence(truth, walked(truth, 0))], hold_m=0.002)
     free = calibrate_together(truth, [person_evidence(truth, walked(truth, 0))])

@@ -6,7 +6,7 @@ import pytest
 
 from solver_backend.cli.arguments import parse
 from solver_backend.cli.setting_options import READING_ROWS, ROWS, given_reading, given_settings, option
-from solver_backend.exchange.diagnostics import REFUSALS
+from solver_backend.exchange.diagnostics import list_refusals
 from solver_backend.exchange.errors import CommandLineInvalid
 from solver_backend.exchange.reading_settings import options_of
 from solver_backend.exchange.setting import defaults_of_class
@@ -28,7 +28,7 @@ def another(name: str) -> tuple[object, list[str]]:
         "choice": (row.choices[-1].value, row.choices[-1].value) if row.choices else (None, ""),
     }[row.kind]  # fmt: skip
     if name == "accept":
-        value, words = [REFUSALS[0]], REFUSALS[0]
+        value, words = [list_refusals()[0]], list_refusals()[0]
     return value, [f"{option(name)}={words}"]
 
 

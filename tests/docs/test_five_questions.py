@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from solver_backend.exchange.diagnostics import TABLE
+from solver_backend.exchange.diagnostics import load_table
 
 ROOT = Path(__file__).resolve().parents[2]
 README = ROOT / "README.md"
@@ -29,7 +29,7 @@ QUESTIONS = {
         ("add a detector",),
         ("--detector-worker mine.py", "joint_set", "solver_backend/exchange/detectors.py"),
     ),
-    "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in TABLE)),
+    "what does warning X mean": (("diagnostics",), tuple(f"| `{code}` |" for code in load_table())),
     "how do I get it onto my Mixamo character": (("retarget",), ("Mixamo's", "*Target*", "press *Retarget*")),
     "I have one phone video": (("one",), ("from-videos walk.mp4 --stature", "What is measured and what is estimated")),
     "can it do fingers": (("fingers",), ("find hands", "Gloves", "Markers on hands")),

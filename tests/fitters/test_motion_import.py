@@ -85,7 +85,7 @@ def test_joints_without_names_and_files_with_z_up_are_read(tmp_path: Path, body:
     source, roles, notes = read_foreign_bvh(path)
     done = import_motion(source, roles, body, keep_height=True)
     off = np.linalg.norm(done.motion.joints - known.posed.joints, axis=-1)[:, LIMBS]
-    assert off.max() < 0.01 and codes(notes) == ("motion_unit_estimated", "motion_up_detected")
+    assert off.max() < 0.01 and codes(notes) == ("unit_read", "up_axis_read")
     assert notes[0].values["unit"] == "mm" and notes[1].values["axis"] == "Z"
 
 

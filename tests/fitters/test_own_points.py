@@ -73,8 +73,8 @@ def test_a_point_on_the_wrong_bone_and_one_that_is_not_seen_are_left_out() -> No
     confidence[1:, :, -1] = 0.0
     wrong: Capture = replace(capture, keypoints=replace(keypoints, own=own, confidence=confidence), truth={})
     motion = solve(wrong, SolveSettings(method="frame")).motion
-    assert [item.where.joints for item in found_in(motion, "own_point_loose")] == [("mein_left_upper_arm",)]
-    assert [item.where.joints for item in found_in(motion, "own_point_unseen")] == [("mein_spine3",)]
+    assert [item.where.joints for item in found_in(motion, "own_point_unused")] == [("mein_left_upper_arm",)]
+    assert [item.where.joints for item in found_in(motion, "own_point_unused")] == [("mein_spine3",)]
     assert len(found_in(motion, "own_point_placed")) == len(PLACES) - 2
 
 

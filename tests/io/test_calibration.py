@@ -41,7 +41,7 @@ def test_toml(tmp_path: Path, cameras: Cameras, matrices: bool) -> None:
     found = read_calibration(tmp_path / "Calib.toml")
     assert_same(found, cameras)
     assert words(found.notes)[0] == "Calibration: 3 cameras from Calib.toml (TOML)."
-    assert [item.code for item in found.notes[1:]] == ["calibration_unit_assumed", "calibration_up_assumed"]
+    assert [item.code for item in found.notes[1:]] == ["unit_read", "up_axis_read"]
     assert "read as m (the cameras are up to" in words(found.notes)[1]
     assert "Z up" in words(found.notes)[2]
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.errors import (
     KeypointCountMismatch,
 )
@@ -164,4 +164,8 @@ def test_joint_set_from_config(trial: Path) -> None:
     )
     (trial / "Config.toml").write_text("[project]\nframe_range = [30, 40]\n")
     found = load_capture(trial)
-    assert found.num_frames == 20 and diagnostic("frames_configured_lacking", first=30, stop=40) in found.problems
+    assert (
+        found.num_frames == 20
+        and diagnostic("frames_configured", result="lacking", severity=Severity.WARNING, first=30, stop=40)
+        in found.problems
+    )

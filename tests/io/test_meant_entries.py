@@ -46,8 +46,8 @@ def mirrored(c: int, K: np.ndarray, R: np.ndarray) -> None:
 
 
 CASES = {
-    in_shares: "intrinsics_in_shares", without_middle: "principal_points_missing",
-    offsets: "principal_points_offsets", mirrored: "world_left_handed",
+    in_shares: "calibration_read_as", without_middle: "calibration_read_as",
+    offsets: "calibration_read_as", mirrored: "calibration_read_as",
 }  # fmt: skip
 
 
@@ -92,5 +92,5 @@ def test_rotation_vectors_in_degrees_are_read_as_such(tmp_path: Path) -> None:
     ]  # fmt: skip
     (tmp_path / "cameras.json").write_text(json.dumps({"cameras": listed}), encoding="utf-8")
     found = read_calibration(tmp_path / "cameras.json", unit="m")
-    assert [problem.code for problem in found.problems] == ["rotations_in_degrees"]
+    assert [problem.code for problem in found.problems] == ["calibration_read_as"]
     np.testing.assert_allclose(found.cameras.R, CAMERAS.R, atol=1e-9)

@@ -107,11 +107,11 @@ def test_what_stays_without_a_name_is_noted_in_percent() -> None:
     strays = rng.uniform([-3.0, -3.0, 0.0], [3.0, 3.0, 2.5], (len(bare.positions), 6, 3))
     with_strays = MarkerCloud(np.concatenate([bare.positions, strays], axis=1), bare.fps)
     clean, _ = labelled_like(Capture("take", markers=bare), Capture("like", markers=first))
-    assert codes(clean.notes) == ("points_named_after",) and not clean.problems
+    assert codes(clean.notes) == ("points_named",) and not clean.problems
     assert (clean.notes[0].values["take"], clean.notes[0].values["count"]) == ("like", len(CLUSTERS))
     noisy, take = labelled_like(Capture("take", markers=with_strays), Capture("like", markers=first))
     there = np.isfinite(with_strays.positions).all(-1)
     percent = 100.0 * float((take.point_labels[there] < 0).mean())
     [doubt] = noisy.problems
-    assert doubt.code == "points_not_named_after" and doubt.values["percent"] == pytest.approx(percent, rel=1e-5)
+    assert doubt.code == "points_not_named" and doubt.values["percent"] == pytest.approx(percent, rel=1e-5)
     assert f"{percent:.0f} % of the points could not be named surely." in words([doubt])[0] and percent > 10.0

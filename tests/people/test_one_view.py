@@ -8,7 +8,7 @@ import pytest
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.cameras.projection import project
-from solver_backend.exchange.diagnostics.table import TABLE
+from solver_backend.exchange.diagnostics import load_table
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.types import JointSet
 from tests.support.one_view_situations import filmed_walk
@@ -88,7 +88,10 @@ def test_a_mirror_on_the_wall_is_another_track_and_not_mixed_up_with_the_person(
     found = select_in_one_view(detections(people, np.ones(people.shape[:2], dtype=bool)), 30.0)
     for number, person in enumerate(found):
         np.testing.assert_allclose(person.keypoints.xy[0], people[:, number], atol=1e-3)
-    assert "reflection" in TABLE["other_tracks"].cause and found[0].notes[1].values == {"count": 1, "solvable": 1}
+    assert "reflection" in load_table()["other_tracks"].cause and found[0].notes[1].values == {
+        "count": 1,
+        "solvable": 1,
+    }
 
 
 def test_nobody_is_an_error() -> None:

@@ -4,8 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.diagnostics.diagnostic import Diagnostic, Remedy
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.report.explained import without_explained
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture

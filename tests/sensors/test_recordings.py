@@ -82,7 +82,7 @@ def test_a_sensor_that_was_unplugged_leaves_the_others(copy: Path) -> None:
     about["sensors"] = about["sensors"][:1]
     (copy / "recording.json").write_text(json.dumps(about))
     alone = cloud_of(open_folder(copy))
-    assert [(item.code, item.where.cameras) for item in alone.findings] == [("sensor_missing", ("sensor1",))]
+    assert [(item.code, item.where.cameras) for item in alone.findings] == [("sensor_failed", ("sensor1",))]
 
 
 @pytest.mark.parametrize("in_its_place", [None, os.mkfifo, Path.mkdir])
@@ -94,7 +94,7 @@ def test_a_sensor_without_its_frames_is_named(copy: Path, in_its_place: Callable
         if number == 0:
             take = cloud_of(open_folder(copy))
             assert take.frames == {"sensor1": FRAMES}
-            assert [(item.code, item.where.cameras) for item in take.findings] == [("sensor_ended", ("sensor0",))]
+            assert [(item.code, item.where.cameras) for item in take.findings] == [("sensor_failed", ("sensor0",))]
     with pytest.raises(NoMarkers) as caught:
         cloud_of(open_folder(copy))
     assert "frames.bin is missing" in caught.value.hint
@@ -109,7 +109,7 @@ def test_a_clock_of_its_own_and_one_that_jumps_are_put_right(copy: Path) -> None
     take = cloud_of(open_folder(copy))
     assert take.cloud.positions.shape == (FRAMES, 8, 3)
     [jump] = take.findings
-    assert jump.code == "sensor_clock_jumped" and jump.where.cameras == ("sensor1",)
+    assert jump.code == "sensor_time_wrong" and jump.where.cameras == ("sensor1",)
     assert "jumped" in sentence(jump) and "(at " in sentence(jump)
 
 
@@ -118,7 +118,7 @@ def test_a_picture_that_is_damaged_ends_its_sensor_only(tmp_path: Path) -> None:
     (folder / "sensor1" / "depth" / "000002.png").write_bytes(b"no picture")
     take = cloud_of(open_folder(folder))
     assert take.frames == {"sensor0": 4, "sensor1": 2}
-    assert [item.code for item in take.findings] == ["sensor_ended"] and "000002.png" in sentence(take.findings[0])
+    assert [item.code for item in take.findings] == ["sensor_failed"] and "000002.png" in sentence(take.findings[0])
 
 
 def test_a_sensor_in_the_sun_leaves_the_others_and_is_named(tmp_path: Path) -> None:

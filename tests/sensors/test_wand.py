@@ -218,7 +218,7 @@ def test_tables_round_trip_and_times_that_jump_are_left_out_or_named(tmp_path: P
     (tmp_path / "sensor1.csv").write_text("\n".join([*rows, *rows[60:64]]))
     again = read_points_folder(tmp_path, lenses)[0]
     assert len(again) == len(views[0])
-    assert [(item.code, item.values["lost"]) for item in again.findings] == [("wand_times_back", 4)]
+    assert [(item.code, item.values["lost"]) for item in again.findings] == [("wand_rows_ignored", 4)]
     (tmp_path / "sensor1.csv").write_text("\n".join([*rows, *rows[1:]]))
     with pytest.raises(TimesInvalid, match="sensor1"):
         read_points_folder(tmp_path, lenses)

@@ -104,7 +104,7 @@ def test_one_camera_runs_eight_milliseconds_before_the_others(ours: WandCalibrat
     others = ours.clocks.offset_s[1:]
     assert np.ptp(others) < 0.0003 and abs(others.mean() + 0.008) < 0.0005
     assert [i.where.cameras[1] for i in ours.array.findings if i.code == "sensor_clock_differs"] == ["frame_0"] * 3
-    assert [i.values["lost"] for i in ours.array.findings if i.code == "wand_times_back"] == [4]
+    assert [i.values["lost"] for i in ours.array.findings if i.code == "wand_rows_ignored"] == [4]
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from solver_backend.exchange.diagnostics import TABLE
+from solver_backend.exchange.diagnostics import load_table
 from supply.pages import FOLDER, PAGES
 
 
@@ -15,4 +15,4 @@ def test_the_page_is_up_to_date(name: str) -> None:
 
 def test_every_code_is_on_the_page() -> None:
     rows = [line for line in PAGES["reference/diagnostics.md"]().splitlines() if line.startswith("| `")]
-    assert sorted(row.split("`")[1] for row in rows) == sorted(TABLE)
+    assert sorted(row.split("`")[1] for row in rows) == sorted(load_table())

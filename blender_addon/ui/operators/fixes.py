@@ -96,12 +96,10 @@ _KEEP_LEVEL = _again("Keep Its Level", "level", "off")
 _LEVEL = _again("Level by the Person", "level", "on", is_choice=False)
 _AS_RECORDED = _again("As Recorded", "sync", "off")
 _FIXES = {
-    "camera_turned": _REFINE, "camera_disagrees": _REFINE, "camera_moved_since": _REFINE, "cameras_shifted": _REFINE,
+    "camera_turned": _REFINE, "camera_disagrees": _REFINE, "camera_moved": _REFINE, "cameras_shifted": _REFINE,
     "feet_above_floor": _FLOOR, "floor_too_high": _FLOOR, "foot_below_floor": _FLOOR,
-    "feet_above_floor_markers": _FLOOR, "floor_too_high_markers": _FLOOR, "foot_below_floor_markers": _FLOOR,
-    "calibration_corrected": _AS_WRITTEN, "calibration_corrected_out_of_step": _AS_WRITTEN,
-    "detections_corrected": _AS_WRITTEN, "camera_names_exchanged": _AS_WRITTEN,
-    "world_levelled": _KEEP_LEVEL, "floor_by_feet": _KEEP_LEVEL, "one_camera_up_by_person": _KEEP_LEVEL,
+    "calibration_corrected": _AS_WRITTEN, "detections_corrected": _AS_WRITTEN, "camera_names_exchanged": _AS_WRITTEN,
+    "world_levelled": _KEEP_LEVEL, "floor_by_feet": _KEEP_LEVEL,
     "floor_off": _LEVEL, "person_tilted": _LEVEL,
     "starts_apart": _AS_RECORDED, "start_ambiguous": _AS_RECORDED,
     "unit_by_person": _again("Read as {guessed}", "unit", "{guessed}"),

@@ -186,7 +186,9 @@ def _camera_words(
     worse = (by_camera > WORSE * best) & (by_camera - best > 1.0)
     if worse.any():
         c = int(np.nanargmax(np.where(worse, by_camera / best, 0.0)))
-        words.append(diagnostic("camera_moved_since", cameras=[cameras.names[c]], size=by_camera[c], best=best[c]))
+        words.append(
+            diagnostic("camera_moved", amount="check", cameras=[cameras.names[c]], size=by_camera[c], best=best[c])
+        )
     for c, name in enumerate(cameras.names):
         inner, rim = regions[c, 1, 1], np.nanmax(np.where(np.isfinite(regions[c]), regions[c], 0.0))
         if np.isfinite(inner) and rim > 3.0 * inner and rim > 2.0 * everything:
@@ -214,7 +216,7 @@ def _time_words(cameras: Cameras, epipolar: np.ndarray) -> list[Diagnostic]:
 def _world_words(stature: float, scale: float, tilt: float, tilt_sigma: float) -> list[Diagnostic]:
     words: list[Diagnostic] = []
     if abs(np.log(scale)) > SCALE_DOUBT:
-        words.append(diagnostic("scale_doubted", stature=stature))
+        words.append(diagnostic("world_doubted", kind="scale", stature=stature))
     if tilt > max(TILT_DOUBT_DEG, TILT_DOUBT_SIGMAS * tilt_sigma):
-        words.append(diagnostic("tilt_doubted", angle=tilt))
+        words.append(diagnostic("world_doubted", kind="tilt", angle=tilt))
     return words

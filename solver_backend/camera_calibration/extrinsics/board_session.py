@@ -218,16 +218,13 @@ def calibrate_by_board(
     R, t, note = _world(solved, options.origin_frame)
     measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
     advice = [item for lens in measured.values() for item in lens.advice]
+    figures = {"count": len(solved.moments), "left_out": solved.left_out}
     return replace(
         moved_world(found, R, t),
         findings=(*findings, *_doubts(names, found, solved), *zoom_doubts(solved), *found.findings, *advice),
-        notes=(
-            note,
-            *found.notes,
-            diagnostic("board_seen", board=str(board), count=len(solved.moments), left_out=solved.left_out),
-        ),
+        notes=(note, *found.notes, diagnostic("calibration_evidence", evidence="board", board=str(board), **figures)),
         lenses={n: _facts(lens) for n, lens in measured.items()},
-    )  # fmt: skip
+    )
 
 
 def _lenses(
@@ -282,14 +279,16 @@ def _doubts(names: Sequence[str], found: CalibratedCameras, solved: BoardCalibra
     words: list[Diagnostic] = []
     for c, name in enumerate(names):
         if found.camera_rmse_px[c] > GOOD_RMSE_PX:
-            words.append(diagnostic("camera_off_board", cameras=[name], size=found.camera_rmse_px[c]))
+            words.append(
+                diagnostic("camera_off", reference="board", unit="px", cameras=[name], size=found.camera_rmse_px[c])
+            )
         if abs(found.delays_s[c]) > 0.005:
             way = "later" if found.delays_s[c] > 0 else "earlier"
             late_ms = abs(found.delays_s[c]) * 1000
             words.append(diagnostic("camera_delayed", cameras=[name, names[0]], way=way, size=late_ms))
     share = solved.left_out / max(len(solved.seen.px) + solved.left_out, 1)
     if share > 0.1:
-        words.append(diagnostic("corners_contradict", percent=100 * share))
+        words.append(diagnostic("observations_contradict", kind="corners", percent=100 * share))
     return tuple(words)
 
 
@@ -304,7 +303,7 @@ def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np
             )
         i = solved.moments.index(origin)
         R = np.diag([1.0, -1.0, -1.0]) @ bodies.R[i].T
-        return R, -R @ bodies.t[i], diagnostic("world_by_board", frame=origin)
+        return R, -R @ bodies.t[i], diagnostic("world_origin", source="board", frame=origin)
     cameras = solved.adjusted.cameras
     up = -cameras.R[:, 1].mean(0)
     z = up / max(float(np.linalg.norm(up)), 1e-9)
@@ -312,4 +311,4 @@ def _world(solved: BoardCalibration, origin: int | None) -> tuple[np.ndarray, np
     x = x / max(float(np.linalg.norm(x)), 1e-9)
     R = np.stack([x, np.cross(z, x), z])
     centre = np.median(bodies.t, axis=0)
-    return R, -R @ centre, diagnostic("world_upright")
+    return R, -R @ centre, diagnostic("world_origin", source="cameras")

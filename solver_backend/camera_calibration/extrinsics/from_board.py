@@ -25,7 +25,7 @@ from solver_backend.camera_calibration.extrinsics.two_views import (
     relative_pose,
 )
 from solver_backend.camera_calibration.intrinsics.lens_fit import CORNER_SIGMA_PX, board_poses
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationInvalid
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import log_so3
@@ -226,9 +226,11 @@ def widen_by_halves(
             half = [{f: sighting for f, sighting in one.items() if f in kept} for one in seen]
             halves.append(calibrate_from_board(found.cameras.names, lenses, board, half).adjusted.cameras)
     except (CalibrationInvalid, np.linalg.LinAlgError):
-        return replace(found, findings=(*found.findings, diagnostic("halves_short")))
+        return replace(
+            found, findings=(*found.findings, diagnostic("halves_differ", result="short", severity=Severity.WARNING))
+        )
     apart, turned = _difference(*halves)
-    note = diagnostic("halves_differ", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
+    note = diagnostic("halves_differ", result="size", size=1000 * np.median(apart), angle=np.degrees(np.median(turned)))
     return replace(
         found, centre_sigma_m=_ratio(apart, found.centre_sigma_m) * found.centre_sigma_m,
         turn_sigma=_ratio(turned, found.turn_sigma) * found.turn_sigma, notes=(*found.notes, note),

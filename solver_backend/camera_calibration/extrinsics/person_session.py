@@ -71,14 +71,14 @@ def calibrate_by_person(
     if options.known_length is not None:
         a, b, length = options.known_length
         scale = scale_from_length(solved.points, joints, (a, b), length)
-        note, words = diagnostic("cameras_scale_by_length", joints=[a, b], length=length), list[Diagnostic]()
+        note, words = diagnostic("cameras_scale", source="length", joints=[a, b], length=length), list[Diagnostic]()
     else:
         scale, share = scale_from_stature(solved.points, joints, options.stature_m)
         percent = 100 * share
         if options.stature_m:
-            note, words = diagnostic("cameras_scale_by_stature", stature=options.stature_m, percent=percent), []
+            note, words = diagnostic("cameras_scale", source="stature", stature=options.stature_m, percent=percent), []
         else:
-            note = diagnostic("cameras_scale_by_mean", percent=percent)
+            note = diagnostic("cameras_scale", source="mean", percent=percent)
             words = [diagnostic("cameras_stature_unknown", percent=2 * percent)]
     upright = upright_from_person(scale * solved.points, joints)
     found = _result("person", solved)
@@ -92,7 +92,10 @@ def calibrate_by_person(
     return replace(
         calibration,
         findings=tuple(words),
-        notes=(note, diagnostic("cameras_keypoints_off", count=len(solved.frames), size=solved.sigma_px)),
+        notes=(
+            note,
+            diagnostic("calibration_evidence", evidence="keypoints", count=len(solved.frames), size=solved.sigma_px),
+        ),
     )
 
 
@@ -117,7 +120,7 @@ def refine_by_person(cameras: Cameras, keypoints: Keypoints2D, *, free_focal: bo
     before, after = (_mean_distance(view_distances(c, xy, confidence)) for c in (cameras, refined.cameras))
     if not after < (1.0 - LEAST_GAIN) * before:
         return replace(refined, cameras=cameras, notes=(diagnostic("cameras_kept", after=after, before=before),))
-    note = diagnostic("cameras_refined_by_person", after=after, before=before)
+    note = diagnostic("cameras_refined", after=after, before=before)
     return replace(refined, findings=_moved(refined, cameras), notes=(note,))
 
 
@@ -148,7 +151,7 @@ def _moved(refined: CalibratedCameras, cameras: Cameras) -> tuple[Diagnostic, ..
         if turned[c] > MOVED_SIGMAS * away[c]:
             parts.append(f"points {np.degrees(turned[c]):.1f}° (± {np.degrees(away[c]):.1f}) away from")
         if parts:
-            found.append(diagnostic("camera_moved", cameras=[name], moves=" and ".join(parts)))
+            found.append(diagnostic("camera_moved", amount="refined", cameras=[name], moves=" and ".join(parts)))
     return tuple(found)
 
 

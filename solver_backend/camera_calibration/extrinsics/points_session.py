@@ -118,7 +118,14 @@ def calibrate_by_points(clicks: Clicks, lenses: Mapping[str, Lens]) -> Calibrate
     return replace(
         result_of("points", found),
         findings=_far_clicks(found.error, seen, names, [p for p, u in zip(points, used, strict=True) if u]),
-        notes=(diagnostic("points_clicked", count=int(used.sum()), known=int(np.isfinite(known).all(-1).sum())),),
+        notes=(
+            diagnostic(
+                "calibration_evidence",
+                evidence="clicks",
+                count=int(used.sum()),
+                known=int(np.isfinite(known).all(-1).sum()),
+            ),
+        ),
     )
 
 

@@ -217,7 +217,13 @@ def calibrate_together(
         for word in _contradictions(e.name, start.names, before, after)
     ]
     notes = [
-        diagnostic("source_points", source=e.name, count=len(e.seen.px), size=s * float(np.median(e.seen.sigma)))
+        diagnostic(
+            "calibration_evidence",
+            evidence="source",
+            source=e.name,
+            count=len(e.seen.px),
+            size=s * float(np.median(e.seen.sigma)),
+        )
         for e, s in zip(sources, errors, strict=True)
     ]
     result = result_of("together", found, measured=True)
@@ -225,7 +231,7 @@ def calibrate_together(
     if hold_m is not None:
         moved = np.linalg.norm(result.cameras.centres - start.centres, axis=1)
         words += [
-            diagnostic("camera_off_held", cameras=[name], size=1000 * far)
+            diagnostic("camera_off", reference="held", unit="mm", cameras=[name], size=1000 * far)
             for name, far in zip(start.names, moved, strict=True)
             if far > _ROBUST * hold_m
         ]
@@ -284,7 +290,14 @@ def _contradictions(source: str, names: Sequence[str], before: np.ndarray, after
     grown = np.nan_to_num(after - before)
     far = (after > np.maximum(CONTRADICTION * before, LEAST_CONTRADICTION_PX)) & (grown > WORST_SHARE * grown.max())
     return [
-        diagnostic("source_contradicts", cameras=[names[int(c)]], source=source, after=after[c], before=before[c])
+        diagnostic(
+            "observations_contradict",
+            kind="source",
+            cameras=[names[int(c)]],
+            source=source,
+            after=after[c],
+            before=before[c],
+        )
         for c in np.flatnonzero(far)
     ]
 
@@ -305,7 +318,7 @@ def _in_world(
 ) -> tuple[CalibratedCameras, Diagnostic]:  # fmt: skip
     """Return the calibration in its world, and which that is."""
     if any(e.bodies.known is not None and np.isfinite(e.bodies.known).any() for e in sources):
-        return result, diagnostic("world_by_places")
+        return result, diagnostic("world_origin", source="places")
     if origin is not None:
         first = 0
         for e in sources:
@@ -316,14 +329,16 @@ def _in_world(
                     )
                 i = first + e.moments.index(origin)
                 R = np.diag([1.0, -1.0, -1.0]) @ found.bodies.R[i].T
-                return moved_world(result, R, -R @ found.bodies.t[i]), diagnostic("world_by_board", frame=origin)
+                return moved_world(result, R, -R @ found.bodies.t[i]), diagnostic(
+                    "world_origin", source="board", frame=origin
+                )
             first += len(e.bodies.t)
         raise CalibrationInvalid("Only a board gives an origin.", hint="Name its footage, or leave --origin out.")
     if held:
-        return result, diagnostic("world_held")
+        return result, diagnostic("world_origin", source="held")
     metric, cameras = any(e.metric for e in sources), result.cameras
     spread = [float(np.linalg.norm(c.centres - c.centres.mean(0))) for c in (start, cameras)]
     scale = 1.0 if metric else spread[0] / max(spread[1], 1e-9)
     R = np.asarray(nearest_rotation((np.swapaxes(start.R, 1, 2) @ cameras.R).sum(0)))
     t = (start.centres - scale * cameras.centres @ R.T).mean(0)
-    return moved_world(result, R, t, scale), diagnostic("world_of_start_scaled" if metric else "world_of_start")
+    return moved_world(result, R, t, scale), diagnostic("world_origin", source="start_scaled" if metric else "start")

@@ -301,7 +301,7 @@ def advice(
     """
     words: list[Diagnostic] = []
     if len(sightings) < 12:
-        words.append(diagnostic("board_pictures_few", cameras=[camera], count=len(sightings)))
+        words.append(diagnostic("board_views_weak", lack="pictures", cameras=[camera], count=len(sightings)))
     seen = coverage(sightings, image_size) > 0
     down, across = seen.shape
     parts = {
@@ -310,12 +310,12 @@ def advice(
     }  # fmt: skip
     bare = [name for name, part in parts.items() if part.mean() < 0.4]
     if bare:
-        words.append(diagnostic("board_parts_bare", cameras=[camera], parts=bare))
+        words.append(diagnostic("board_views_weak", lack="parts", cameras=[camera], parts=bare))
     if tilted < min(5, len(sightings)):
-        words.append(diagnostic("board_tilts_few", cameras=[camera], count=tilted))
+        words.append(diagnostic("board_views_weak", lack="tilts", cameras=[camera], count=tilted))
     share = float(np.median([_extent(v) for v in sightings])) / min(image_size) if sightings else 0.0
     if sightings and share < 0.25:
-        words.append(diagnostic("board_small", cameras=[camera], percent=100 * share))
+        words.append(diagnostic("board_views_weak", lack="small", cameras=[camera], percent=100 * share))
     return tuple(words)
 
 

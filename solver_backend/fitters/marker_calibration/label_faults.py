@@ -183,9 +183,7 @@ def gathered(found: Iterable[Diagnostic]) -> list[Diagnostic]:
             continue
         frames = {frame for item in alike for a, b in item.where.frames for frame in range(a, b + 1)}
         there = np.isin(np.arange(max(frames) + 1), list(frames))
-        several = diagnostic(
-            f"{code}s", markers=labels, frames=true_runs(there), remedy=alike[0].remedy, count=len(labels)
-        )
+        several = diagnostic(code, markers=labels, frames=true_runs(there), remedy=alike[0].remedy)
         items = [several if item is alike[0] else item for item in items if item is alike[0] or item.code != code]
     return items
 

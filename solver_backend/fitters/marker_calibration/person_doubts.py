@@ -11,8 +11,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.joint_names import is_joint_centre
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.markers import ON_BONE
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.exchange.diagnostics.wording import listed
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, listed
 from solver_backend.exchange.errors import MarkersMirrored, MarkersUnknown
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.labelling.names_over_takes import NameChange
@@ -56,7 +55,7 @@ def _side_found(person: MarkerSubject) -> list[Diagnostic]:
     found = person.provenance.get(SIDE_FOUND, ())
     labels = [label for label, _ in found]
     side = "right" if found and found[0][1].startswith("R") else "left"
-    return [diagnostic("limb_side_found", markers=labels, side=side)] if found else []
+    return [diagnostic("limb_side_found", basis="place", markers=labels, side=side)] if found else []
 
 
 def _misplaced(person: MarkerSubject) -> list[Diagnostic]:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -14,8 +15,7 @@ from solver_backend.agreement.synchronisation import LEAST_FRAMES, estimate_dela
 from solver_backend.agreement.view_faults import Mirrored, NamedLike
 from solver_backend.agreement.view_repair import ViewFault, exclude_views, repair_views
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge
-from solver_backend.exchange.diagnostics.wording import sentence
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic, merge, sentence
 from solver_backend.exchange.errors import NotSynchronised
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SYNC_AUTO, SYNC_OFF, SYNC_ON
@@ -29,7 +29,7 @@ LEAST_DELAY_FRAMES = 0.3
 """Smaller delays are not worth a word ..."""
 LEAST_DELAY_SIGMAS = 8.0
 """... nor those that are not sure: a detector's errors last longer than the deviation allows for."""
-_UNKNOWN = ("delay_unknown", "delays_unknown", "delay_beyond")
+_UNKNOWN = ("delay_unknown", "delay_beyond")
 """What is not confirmed where synchronisation is required."""
 AWAY_S = 0.25
 """Shorter absences are not named, only bridged and flagged."""
@@ -139,10 +139,10 @@ def _in_time(
 
     whole = [(0, last)]
 
-    def diagnose(code: str, which: np.ndarray, size: np.ndarray) -> list[Diagnostic]:
+    def diagnose(code: str, which: np.ndarray, size: np.ndarray, **more: str) -> list[Diagnostic]:
+        repaired: dict[str, Any] = {"frames": whole, "remedy": Remedy.REPAIRED, **more}
         return [
-            diagnostic(code, cameras=[cameras.names[v]], frames=whole, remedy=Remedy.REPAIRED, size=abs(size[v]))
-            for v in np.flatnonzero(which)
+            diagnostic(code, cameras=[cameras.names[v]], size=abs(size[v]), **repaired) for v in np.flatnonzero(which)
         ]
 
     seeing = (keypoints.confidence > 0).any(axis=(1, 2))
@@ -151,14 +151,15 @@ def _in_time(
         diagnostic("delay_beyond", cameras=[cameras.names[v]], frames=whole)
         for v in np.flatnonzero(delays.beyond & seeing)
     ]
-    found += diagnose("camera_late", late & ~drifting & (delays.frames > 0), delays.frames)
-    found += diagnose("camera_early", late & ~drifting & (delays.frames < 0), delays.frames)
+    for direction, sign in (("late", 1), ("early", -1)):
+        which = late & ~drifting & (sign * delays.frames > 0)
+        found += diagnose("camera_late", which, delays.frames, direction=direction)
     found += diagnose("rate_differs", drifting, 2 * delays.drift)
     if unknown[seeing].all() and unknown.any():
-        found.append(diagnostic("delays_unknown", frames=whole))
+        found.append(diagnostic("delay_unknown", extent="all", frames=whole))
     else:
         names = [cameras.names[v] for v in np.flatnonzero(unknown)]
-        found += [diagnostic("delay_unknown", cameras=[name], frames=whole) for name in names]
+        found += [diagnostic("delay_unknown", extent="camera", cameras=[name], frames=whole) for name in names]
     if moved.any():
         moving = moved | every
         keypoints = synchronised(keypoints, np.where(moving[:, None], np.nan_to_num(delays.at(last + 1)), 0.0))

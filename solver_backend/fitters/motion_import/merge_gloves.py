@@ -10,7 +10,7 @@ from solver_backend.body.body import Body
 from solver_backend.body.hand_angles import ANGLES, NUM_ANGLES, informed_joints
 from solver_backend.body.hand_on_body import JOINTS_OF_A_HAND, by_joint, hand_skeletons
 from solver_backend.body.hands import with_fingers
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.output.finger_turns import FINGERS, finger_turns_of, with_finger_turns
@@ -220,14 +220,22 @@ def _offset(motion: Motion, gloves: GloveTake) -> tuple[float, list[Diagnostic]]
     own = [wrist_speeds(turns, np.arange(motion.num_frames) / motion.fps) for turns in _wrists(motion)]
     clock = find_wrist_clock(own, theirs)
     if clock is None:
-        return 0.0, [diagnostic("gloves_time_unknown")]
+        return 0.0, [diagnostic("gloves_time", result="unknown", severity=Severity.WARNING)]
     other = find_wrist_clock(own, theirs[::-1])
     if other is not None and _is_sure(other) and other.agreement > clock.agreement + _CLEARLY:
         return 0.0, [diagnostic("gloves_sides_exchanged", agreement=100.0 * other.agreement)]
     if not _is_sure(clock):
-        return 0.0, [diagnostic("gloves_time_unsure", offset=clock.offset_s, agreement=100.0 * clock.agreement)]
+        return 0.0, [
+            diagnostic(
+                "gloves_time",
+                result="unsure",
+                severity=Severity.WARNING,
+                offset=clock.offset_s,
+                agreement=100.0 * clock.agreement,
+            )
+        ]
     return clock.offset_s, [
-        diagnostic("gloves_time_found", offset=clock.offset_s, agreement=100.0 * clock.agreement)
+        diagnostic("gloves_time", result="found", offset=clock.offset_s, agreement=100.0 * clock.agreement)
     ]  # fmt: skip
 
 

@@ -182,7 +182,7 @@ def measure_one_view(
     detected, found = bridge_repeats(cameras.names[view], keypoints.views([view]))
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
-        found.append(diagnostic("own_points_one_view", joints=[point.name for point in whole.own]))
+        found.append(diagnostic("own_point_unused", reason="single", joints=[point.name for point in whole.own]))
     hands = HandViews.of(camera, whole.views([view]))
     if hands is not None:
         found.append(diagnostic("hands_one_view"))

@@ -19,7 +19,7 @@ from solver_backend.body.kinematics import forward_kinematics, subtree_matrix
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.partial_body.resting_spread import (
     ANCHORS,
@@ -245,9 +245,9 @@ def _diagnose(shares: dict[str, np.ndarray], *, markers: bool) -> Iterator[Diagn
         several = " and " in words or words.endswith("s")
         lack = "have no markers" if several else "has no markers"
         if not markers:
-            lack = "are not seen" if several else "is not seen"
-        code = "parts_at_rest_markers" if markers else "parts_at_rest"
-        yield diagnostic(code, frames=runs, part=f"{words} {lack}")
+            lack = "are not seen by two cameras" if several else "is not seen by two cameras"
+        severity = Severity.NOTE if markers else Severity.WARNING
+        yield diagnostic("parts_at_rest", severity=severity, frames=runs, part=f"{words} {lack}")
 
 
 def listed(parts: list[str]) -> str:

@@ -204,12 +204,19 @@ def _in_its_own_axes(prop: Prop) -> Prop:
 
 
 def _found(prop: Prop, off: float) -> Iterator[Diagnostic]:
-    code = "prop_read" if prop.is_of_poses else "prop_found"
-    yield diagnostic(code, markers=prop.labels, prop=prop.name, count=len(prop.labels), size=1000 * off)
+    source = "poses" if prop.is_of_poses else "markers"
+    yield diagnostic(
+        "prop_found", source=source, markers=prop.labels, prop=prop.name, count=len(prop.labels), size=1000 * off
+    )
     unsure = (prop.sigma[:, 0] > UNSURE_M) | (prop.sigma[:, 1] > UNSURE_RAD)
     if unsure.all():
-        yield diagnostic("prop_turn_open", markers=prop.labels, prop=prop.name)
+        yield diagnostic("prop_pose_open", reason="line", markers=prop.labels, prop=prop.name)
     elif unsure.any():
         yield diagnostic(
-            "prop_hidden", markers=prop.labels, prop=prop.name, frames=true_runs(unsure), remedy=Remedy.BRIDGED
+            "prop_pose_open",
+            reason="hidden",
+            markers=prop.labels,
+            prop=prop.name,
+            frames=true_runs(unsure),
+            remedy=Remedy.BRIDGED,
         )

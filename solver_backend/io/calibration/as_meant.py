@@ -7,7 +7,7 @@ from dataclasses import replace
 from solver_backend.agreement.calibration_fit import CalibrationFit, fit_calibration
 from solver_backend.agreement.detections import Detections
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.io.calibration.entry import UNIT_ASSUMED, Calibration
+from solver_backend.io.calibration.entry import Calibration
 from solver_backend.io.recognition.person_unit import unit_by_person
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
 
@@ -41,7 +41,11 @@ def as_fitted(calibration: Calibration, fit: CalibrationFit) -> Calibration:
     if not fit.changed:
         return calibration
     found = diagnostic(
-        "calibration_corrected", meanings=fit.meanings(), percent=100 * fit.agreement, percent_written=100 * fit.written
+        "calibration_corrected",
+        result="shares",
+        meanings=fit.meanings(),
+        percent=100 * fit.agreement,
+        percent_written=100 * fit.written,
     )
     rolls = tuple(correction.turn for correction in fit.corrections)
     return replace(calibration, cameras=fit.cameras, rolls=rolls, problems=(*calibration.problems, found))
@@ -58,6 +62,6 @@ def in_persons_unit(calibration: Calibration, detections: Detections, *, keep: b
     found = unit_by_person(calibration.cameras, detections, "" if keep else calibration.guessed_unit)
     if not found.problems:
         return calibration, found.to_plausible
-    notes = tuple(note for note in calibration.notes if note.code != UNIT_ASSUMED)
+    notes = tuple(note for note in calibration.notes if note.code != "unit_read")
     problems = (*calibration.problems, *found.problems)
     return replace(calibration, cameras=found.cameras, notes=notes, problems=problems), 1.0

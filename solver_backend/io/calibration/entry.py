@@ -137,8 +137,6 @@ WIDEST_ARRAY_M = 60.0
 """Cameras further apart than this many units are not measured in metres."""
 OTHER_UNIT, LEAST_FOR_OTHER_UNIT = 20.0, 3
 """Times the distance of the others that one of so many cameras is off where it is written in another unit than they."""
-UNIT_ASSUMED = "calibration_unit_assumed"
-"""Code of the note on a unit that only the distances between the cameras suggest."""
 
 
 def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[CameraEntry], Diagnostic, str]:
@@ -156,9 +154,9 @@ def in_metres(entries: list[CameraEntry], unit: str | None) -> tuple[list[Camera
     if unit is None:
         width = _rig_width(entries)
         unit = "mm" if width > WIDEST_ARRAY_M else "m"
-        note = diagnostic(UNIT_ASSUMED, unit=unit, width=width)
+        note = diagnostic("unit_read", source="width", unit=unit, width=width)
     else:
-        note = diagnostic("calibration_unit_stated", unit=unit)
+        note = diagnostic("unit_read", source="given", unit=unit)
     scale = metres_in(unit)
     metric = [replace(e, t=np.asarray(e.t) * scale) for e in entries]
     return metric, note, unit if guessed else ""
@@ -200,7 +198,7 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
     names, found = [entry.name for entry in entries], []
     if all(_in_shares(entry) for entry in entries):
         entries = [replace(e, K=np.diag([*_size(e), 1.0]) @ e.K) for e in entries]
-        found.append(diagnostic("intrinsics_in_shares", cameras=names))
+        found.append(diagnostic("calibration_read_as", convention="shares", cameras=names))
     if all(e.image_size is not None and LENS_MODELS[e.model].is_straight and _is_short(e) for e in entries):
         shortest, longest = min(e.K[0, 0] for e in entries), max(e.K[0, 0] for e in entries)
         raise CalibrationInvalid(
@@ -210,13 +208,14 @@ def meant_entries(entries: Sequence[CameraEntry]) -> tuple[list[CameraEntry], tu
     if all(e.image_size is not None and (np.abs(e.K[:2, 2]) < OFF_MIDDLE * np.array(_size(e))).all() for e in entries):
         missing = not any(e.K[:2, 2].any() for e in entries)
         entries = [replace(e, K=_from_middle(e)) for e in entries]
-        found.append(diagnostic("principal_points_missing" if missing else "principal_points_offsets", cameras=names))
+        convention = "centre_missing" if missing else "centre_offset"
+        found.append(diagnostic("calibration_read_as", convention=convention, cameras=names))
     if any(e.rotation_vector is not None and np.linalg.norm(e.rotation_vector) > SURELY_DEGREES for e in entries):
         entries = [e if e.rotation_vector is None else replace(e, R=_of_degrees(e.rotation_vector)) for e in entries]
-        found.append(diagnostic("rotations_in_degrees", cameras=names))
+        found.append(diagnostic("calibration_read_as", convention="degrees", cameras=names))
     if all(_is_mirrored(entry.R) for entry in entries):
         entries = [replace(e, R=e.R @ _MIRROR) for e in entries]
-        found.append(diagnostic("world_left_handed", cameras=names))
+        found.append(diagnostic("calibration_read_as", convention="left_handed", cameras=names))
     return list(entries), tuple(found)
 
 

@@ -134,7 +134,7 @@ def _finished(
         raise CalibrationInvalid("Two cameras have the same name.", where=f"{path}: {', '.join(names)}")
     entries, corrected = meant_entries(entries)
     if kind == "Qualisys":
-        metric, unit_note, guessed = entries, diagnostic("calibration_unit_of_qualisys"), ""
+        metric, unit_note, guessed = entries, diagnostic("unit_read", unit="mm", source="qualisys"), ""
     else:
         metric, unit_note, guessed = in_metres(entries, unit)
     try:
@@ -142,8 +142,8 @@ def _finished(
     except CalibrationInvalid as error:
         where = error.where if str(path) in error.where else f"{path}, {error.where}"
         raise CalibrationInvalid(error.message, where=where, hint=error.hint) from error
-    assumed = "calibration_up_of_qualisys" if kind == "Qualisys" else "calibration_up_assumed"
-    axis_note = diagnostic("calibration_up_stated" if up_axis else assumed, axis=(up_axis or "z").upper())
+    assumed = "qualisys" if kind == "Qualisys" else "default"
+    axis_note = diagnostic("up_axis_read", source="given" if up_axis else assumed, axis=(up_axis or "z").upper())
     note = diagnostic("calibration_read", file=path.name, count=len(entries), kind=kind)
     return Calibration(
         cameras=with_up_axis(cameras, up_axis or "z"),

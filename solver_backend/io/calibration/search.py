@@ -174,7 +174,7 @@ def _others_of_more(
     if order is None or order == by_names:
         return chosen
     pairs = [f"{name} is {whole.cameras.names[i]}" for name, i in zip(recorded, order, strict=True)]
-    others = diagnostic("cameras_are_others", cameras=recorded, pairs=pairs)
+    others = diagnostic("cameras_assigned_by_views", cameras=recorded, pairs=pairs)
     found = ordered(whole, order)
     return replace(found, problems=(*found.problems, others))
 

@@ -180,4 +180,4 @@ def _corrected(names: Sequence[str], readings: Sequence[ViewReading]) -> Diagnos
         return None
     parts = [f"{meaning} ({', '.join(cameras)})" for meaning, cameras in meanings.items()]
     changed = [name for named in meanings.values() for name in named]
-    return diagnostic("calibration_corrected_out_of_step", cameras=changed, meanings="; ".join(parts))
+    return diagnostic("calibration_corrected", result="never", cameras=changed, meanings="; ".join(parts))

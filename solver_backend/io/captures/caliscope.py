@@ -132,15 +132,15 @@ def _project(source: Path) -> Path | None:
 def _rate(options: ReadOptions, project: Path | None) -> tuple[float, tuple[Diagnostic, ...], tuple[Diagnostic, ...]]:
     """Return the frame rate, a note on where it is from, and a problem where it is assumed."""
     if options.fps is not None:
-        return options.fps, (diagnostic("frame_rate_given", rate=options.fps),), ()
+        return options.fps, (diagnostic("frame_rate_read", source="given", rate=options.fps),), ()
     stated = (
         read_toml(project / "config.toml").get("fps_recording")
         if project and (project / "config.toml").is_file()
         else None
     )
     if isinstance(stated, int | float) and not isinstance(stated, bool) and 0 < stated < 1e5:
-        return float(stated), (diagnostic("frame_rate_configured", rate=stated, file="config.toml"),), ()
-    return DEFAULT_FPS, (), (diagnostic("frame_rate_not_recorded", rate=DEFAULT_FPS),)
+        return float(stated), (diagnostic("frame_rate_read", source="file", rate=stated, file="config.toml"),), ()
+    return DEFAULT_FPS, (), (diagnostic("frame_rate_assumed", rate=DEFAULT_FPS),)
 
 
 READER = Reader("caliscope's xy_*.csv, or its folder, in a project with its config.toml", _recognises, _read)

@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from solver_backend.agreement.epipolar_fit import ComparedViews, report_focal_le
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.agreement.take_cuts import report_cuts, report_order, take_cuts
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.time_settings import calibrated_names
 from solver_backend.io.calibration.as_meant import in_persons_unit
 from solver_backend.io.calibration.search import CONFIG, find_calibration, levels_above
@@ -151,9 +152,11 @@ def _configured_frames(capture: Capture, config: TrialConfig) -> Capture:
     if (first, stop) == (0, capture.num_frames):
         return capture
     if first >= stop:
-        problem = diagnostic("frames_configured_lacking", first=config.frame_range[0], stop=config.frame_range[1])
+        first, last = config.frame_range
+        lacking: dict[str, Any] = {"result": "lacking", "severity": Severity.WARNING}
+        problem = diagnostic("frames_configured", result="used", **lacking, first=first, last=last)
         return replace(capture, problems=(*capture.problems, problem))
-    note = diagnostic("frames_configured", first=first, last=stop - 1, count=capture.num_frames)
+    note = diagnostic("frames_configured", result="used", first=first, last=stop - 1, count=capture.num_frames)
     return replace(cut_frames(capture, first, stop - 1), notes=(*capture.notes, note))
 
 
@@ -168,13 +171,17 @@ def _frame_rate(
         problems.append(diagnostic("video_rates_differ", rates=[f"{rate:g}" for rate in rates]))
     video = float(np.median(rates)) if rates else None
     if given is not None:
-        return given, (diagnostic("frame_rate_given", rate=given),), tuple(problems)
+        return given, (diagnostic("frame_rate_read", source="given", rate=given),), tuple(problems)
     if config.fps is not None:
         if video is not None and abs(video - config.fps) > 0.02 * config.fps:
             problems.append(diagnostic("frame_rate_contradicts", rate=config.fps, video=video))
-        return config.fps, (diagnostic("frame_rate_configured", rate=config.fps, file=CONFIG),), tuple(problems)
+        return (
+            config.fps,
+            (diagnostic("frame_rate_read", source="file", rate=config.fps, file=CONFIG),),
+            tuple(problems),
+        )
     if video is not None:
-        return video, (diagnostic("frame_rate_of_videos", rate=video),), tuple(problems)
+        return video, (diagnostic("frame_rate_read", source="videos", rate=video),), tuple(problems)
     problems.append(diagnostic("frame_rate_assumed", rate=DEFAULT_FPS))
     return DEFAULT_FPS, (), tuple(problems)
 

@@ -169,21 +169,22 @@ def _labels(names: MarkerNames | None, nameless: tuple[str, ...]) -> list[Diagno
     if left_to_network(names):
         count, total = len(names.known), len(names.known) + len(names.unknown)
         return [diagnostic("labels_left_to_network", count=count, total=total)]
-    shared = (("label_prefix_shared", names.affixes.prefix), ("label_suffix_shared", names.affixes.suffix))
-    notes = [diagnostic(code, text=text) for code, text in shared if text]
+    shared = (names.affixes.prefix, names.affixes.suffix)
+    notes = [diagnostic("label_affix_shared", text=text) for text in shared if text]
     if names.ambiguous:
         choices = [f"{label} ({' or '.join(places)})" for label, places in names.ambiguous.items()]
         notes.append(diagnostic("labels_ambiguous", markers=tuple(names.ambiguous), choices=choices))
     joints = any(is_joint_centre(place) for place in names.known.values())
     if joints:
         notes.append(diagnostic("labels_of_joint_centres", count=len(names.known)))
-    groups = (
-        ("labels_of_no_layout", names.unknown),
-        ("differing_joints_left_out" if joints else "computed_points_left_out", names.virtual),
-        ("doubled_points_left_out", names.doubled),
-        ("nameless_points_left_out", nameless),
-    )
-    return notes + [diagnostic(code, markers=labels, count=len(labels)) for code, labels in groups if labels]
+    if names.unknown:
+        notes.append(diagnostic("labels_of_no_layout", markers=names.unknown, count=len(names.unknown)))
+    groups = {"joints" if joints else "computed": names.virtual, "doubled": names.doubled, "nameless": nameless}
+    return notes + [
+        diagnostic("points_left_out", reason=reason, markers=labels, count=len(labels))
+        for reason, labels in groups.items()
+        if labels
+    ]
 
 
 def left_to_network(names: MarkerNames) -> bool:

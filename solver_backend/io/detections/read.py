@@ -104,8 +104,8 @@ def read_detections(
     body, sure = xy[..., :count, :], confidence[..., :count]
     chosen, found, doubts = choose_joint_set(body, sure, joint_set, configured, where=where)
     if named:
-        code, file = ("keypoints_named_by_file", own.where) if own else ("keypoints_named", "")
-        found = (diagnostic(code, file=file, joint_set=chosen.value),)
+        source, file = ("file", own.where) if own else ("names", "")
+        found = (diagnostic("joint_set_chosen", source=source, file=file, joint_set=chosen.value),)
         if unknown := dict.fromkeys(name for camera in named for name in camera.unknown):
             found += (diagnostic("keypoints_unknown", joints=list(unknown), joint_set=chosen.value),)
         doubts += _lacking(tuple(sources), named)

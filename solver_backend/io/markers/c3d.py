@@ -187,7 +187,7 @@ def _segments(origins: SegmentOrigins, path: Path, parameters: Parameters) -> Ma
         default_up_axis="z",
         unit=" ".join(parameters.texts("POINT:UNITS")[:1]),
         up_axis=_screen_up(parameters),
-        notes=(diagnostic("segments_read_as_joints", count=len(origins.labels)),),
+        notes=(diagnostic("points_computed", kind="segments", count=len(origins.labels)),),
     )
 
 
@@ -224,7 +224,7 @@ def _layout(data: np.ndarray, header: Header, parameters: Parameters, path: Path
         raise FileDamaged(
             f"The file ends before its first frame of {points} points.", where=str(path), hint="Export it again."
         )
-    problems = () if fitting else (diagnostic("file_truncated", stated=claims, count=frames),)
+    problems = () if fitting else (diagnostic("count_not_as_stated", items="frames", stated=claims, count=frames),)
     return _Layout(start, frames, stride, points, word, first, problems)
 
 

@@ -198,9 +198,9 @@ def read_live_recording(
     known = extent.to_metres is not None and unit is None and up_axis is None
     if known:
         positions = positions @ np.asarray(extent.to_metres, np.float32).T
-    problems = [diagnostic("live_recording_unfinished", count=extent.frames, time=extent.last)]
+    problems = [diagnostic("live_recording_incomplete", kind="unfinished", count=extent.frames, time=extent.last)]
     if extent.damaged:
-        problems.append(diagnostic("live_recording_damaged", bytes=extent.damaged))
+        problems.append(diagnostic("live_recording_incomplete", kind="damaged", bytes=extent.damaged))
     source = MarkerSource(
         path, "live recording", positions.astype(np.float64), ("",) * extent.most, extent.rate, "m", "z",
         unit="m" if known else "", up_axis="z" if known else "",

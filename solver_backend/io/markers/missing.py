@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.io.markers.text_table import LARGEST
 
@@ -44,11 +43,11 @@ def without_sentinels(
     found = np.where(seen[..., None], positions, np.nan)
     sentinel = seen & _sentinels(found)
     found[sentinel] = np.nan
-    place = {"place": positions[sentinel][0].tolist()} if sentinel.any() else {}
+    place = f"{positions[sentinel][0].tolist()} or similar" if sentinel.any() else ""
     return (
         found,
-        _unseen("markers_at_origin", origin, labels),
-        _unseen("markers_at_sentinel", sentinel, labels, **place),
+        _unseen(Severity.NOTE, "the origin", origin, labels),
+        _unseen(Severity.WARNING, place, sentinel, labels),
     )
 
 
@@ -79,7 +78,10 @@ def _is_nines(values: np.ndarray) -> np.ndarray:
     return (whole >= _NINES) & (whole == 10.0**digits - 1.0)
 
 
-def _unseen(code: str, where: np.ndarray, labels: Sequence[str], **values: Any) -> tuple[Diagnostic, ...]:
+def _unseen(severity: Severity, place: str, where: np.ndarray, labels: Sequence[str]) -> tuple[Diagnostic, ...]:
     """Return a diagnostic of the markers that are read as not seen somewhere, if there are any."""
     at = [label for label, frames in zip(labels, where.sum(axis=0), strict=True) if frames]
-    return (diagnostic(code, markers=at, count=len(at), positions=int(where.sum()), **values),) if at else ()
+    if not at:
+        return ()
+    figures = {"count": len(at), "positions": int(where.sum())}
+    return (diagnostic("markers_at_sentinel", severity=severity, place=place, markers=at, **figures),)

@@ -84,13 +84,13 @@ def motive_bodies(
     left = [name for name in found if name not in by_markers and (name, _TURN) in starts and (name, _PLACE) in starts]
     notes = list[Diagnostic]()
     if by_markers:
-        notes.append(diagnostic("body_poses_left_out", bodies=by_markers))
+        notes.append(diagnostic("parts_not_read", kind="poses", bodies=by_markers))
     if left and rotation_type and not rotation_type.lower().startswith("quat"):
-        notes.append(diagnostic("body_poses_in_euler_angles", bodies=left))
+        notes.append(diagnostic("parts_not_read", kind="euler", bodies=left))
         left = []
     if not left:
         return None, tuple(notes)
-    notes.append(diagnostic("rigid_bodies_read", count=len(left), bodies=left))
+    notes.append(diagnostic("points_computed", kind="bodies", count=len(left), bodies=left))
     turns, places = (tuple(starts[name, quantity] for name in left) for quantity in (_TURN, _PLACE))
     return BodyColumns(tuple(left), turns, places), tuple(notes)
 
@@ -218,11 +218,11 @@ def _markers(header: list[list[str]], path: Path) -> tuple[list[int], tuple[str,
         )
     notes: list[Diagnostic] = []
     if bones:
-        notes.append(diagnostic("bones_left_out", count=bones))
+        notes.append(diagnostic("parts_not_read", kind="bones", count=bones))
     if of_type.get(MEASURED) and expected:
-        notes.append(diagnostic("expected_places_left_out", count=len(expected)))
+        notes.append(diagnostic("parts_not_read", kind="expected", count=len(expected)))
     elif expected:
-        notes.append(diagnostic("expected_places_read"))
+        notes.append(diagnostic("points_computed", kind="expected"))
     return chosen, tuple(names[i] for i in chosen), tuple(notes)
 
 

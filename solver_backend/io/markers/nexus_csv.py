@@ -15,7 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections
 from solver_backend.io.files import read_text
 from solver_backend.io.markers.source import MarkerEvent, MarkerSource, MarkerTake, as_take, left_out_note
@@ -66,7 +66,9 @@ def read_nexus_csv(
     same = [block for block in blocks if np.array_equal(block.numbers, blocks[0].numbers, equal_nan=True)]
     problems = frame_problems(blocks[0].numbers, None)
     if len(same) < len(blocks):
-        problems += (diagnostic("blocks_left_out", count=len(blocks) - len(same)),)
+        problems += (
+            diagnostic("parts_not_read", kind="blocks", severity=Severity.WARNING, count=len(blocks) - len(same)),
+        )
     numbers = blocks[0].numbers
     source = MarkerSource(
         path=path,

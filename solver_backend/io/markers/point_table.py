@@ -258,7 +258,9 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, .
     if found is None:
         sets = [joint_set for joint_set in JointSet.fitting(count) if joint_set.num_keypoints == count]
         if len(sets) == 1:
-            return sets[0].keypoints, (diagnostic("points_taken_for", count=count, joint_set=sets[0].value),)
+            return sets[0].keypoints, (
+                diagnostic("point_names_read", source="count", count=count, joint_set=sets[0].value),
+            )
         several = f" It might be {' or '.join(s.value for s in sets)}." if sets else ""
         raise FileMissing(
             f"The names of the array's {count} points are missing.{several}", where=str(path),
@@ -270,7 +272,7 @@ def _names(path: Path, count: int) -> tuple[tuple[str, ...], tuple[Diagnostic, .
             f"The file holds {len(names)} names; the array has {count} points.", where=str(found),
             hint="Write one name for each point, in the array's order.",
         )  # fmt: skip
-    return names, (diagnostic("point_names_read", file=found.name),)
+    return names, (diagnostic("point_names_read", source="file", count=count, file=found.name),)
 
 
 def _json_names(path: Path) -> tuple[str, ...]:

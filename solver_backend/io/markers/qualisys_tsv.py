@@ -122,7 +122,7 @@ def read_qualisys_tsv(
     rate, contradicted = stated_rate(number_in(" ".join(header.get("FREQUENCY", []))), times)
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
-        problems = (diagnostic("marker_names_not_as_stated", stated=stated, count=count),)
+        problems = (diagnostic("count_not_as_stated", items="names", stated=stated, count=count),)
     frames = number_in(" ".join(header.get(FIRST_LINE, [])))
     source = MarkerSource(
         path=path,

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from solver_backend.body.marker_names import is_unnamed
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, sentence
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, sentence
 from solver_backend.exchange.errors import FileDamaged, JobInvalid, NoDetections
 from solver_backend.exchange.props import POSE_POINTS
 from solver_backend.io.markers.missing import without_sentinels
@@ -175,7 +175,7 @@ class MarkerSource:
 
 def left_out_note(outputs: int) -> tuple[Diagnostic, ...]:
     """Return a diagnostic of points that are not positions, if there are any."""
-    return (diagnostic("model_outputs_left_out", count=outputs),) if outputs else ()
+    return (diagnostic("parts_not_read", kind="outputs", count=outputs),) if outputs else ()
 
 
 def as_take(source: MarkerSource, *, fps: float | None, unit: str | None, up_axis: str | None) -> MarkerTake:
@@ -262,7 +262,7 @@ def _labels(source: MarkerSource) -> tuple[tuple[str, ...], tuple[Diagnostic, ..
 
 
 def _naming(labels: Sequence[str], *, named: bool) -> tuple[Diagnostic, ...]:
-    return () if named else (diagnostic("no_point_named", count=len(labels)),)
+    return () if named else (diagnostic("points_without_label", total=0, severity=Severity.NOTE, count=len(labels)),)
 
 
 def _rate(source: MarkerSource, fps: float | None) -> float:
@@ -285,7 +285,7 @@ def _described(source: MarkerSource, rate: float) -> Diagnostic:
 
 def _channels(source: MarkerSource) -> tuple[Diagnostic, ...]:
     names = source.analog_channels
-    return (diagnostic("analog_channels_left_out", count=len(names), channels=names),) if names else ()
+    return (diagnostic("parts_not_read", kind="analog", count=len(names), channels=names),) if names else ()
 
 
 def _found(unit: Unit, axis: UpAxis) -> tuple[Diagnostic, ...]:

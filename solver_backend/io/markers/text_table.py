@@ -213,7 +213,8 @@ def stated_rate(stated: float | None, times: np.ndarray) -> tuple[float | None, 
         return stated, ()
     # A file that was thinned out has new times and the old header; times in another unit give no frame rate.
     used = timed if FRAME_RATES[0] <= timed <= FRAME_RATES[1] else stated
-    return used, (diagnostic("marker_rate_not_as_stated", stated=stated, timed=timed, fps=used),)
+    others = f"the header states {stated:g} and the times {timed:.4g}"
+    return used, (diagnostic("marker_rates_contradict", rate=used, others=others),)
 
 
 def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnostic, ...]:
@@ -225,13 +226,12 @@ def frame_problems(numbers: np.ndarray, stated: float | None) -> tuple[Diagnosti
     """
     problems: list[Diagnostic] = []
     if stated is not None and stated != len(numbers):
-        problems.append(diagnostic("frame_count_not_as_stated", stated=stated, count=len(numbers)))
+        problems.append(diagnostic("count_not_as_stated", items="frames", stated=stated, count=len(numbers)))
     jumps = np.flatnonzero(np.diff(numbers) != 1)
     if len(jumps):
         at = int(jumps[0])
         before, after = (f"{number:g}" for number in numbers[at : at + 2])  # texts, as a blank cell is no number
-        code = "frame_numbers_jump" if len(jumps) > 1 else "frame_number_jumps"
-        problems.append(diagnostic(code, before=before, after=after, jumps=len(jumps)))
+        problems.append(diagnostic("frame_numbers_jump", before=before, after=after, jumps=len(jumps)))
     return tuple(problems)
 
 

@@ -74,7 +74,7 @@ def read_trc(
     count = max(len(labels), -(-columns // 3))
     problems: tuple[Diagnostic, ...] = ()
     if stated not in (None, count):
-        problems = (diagnostic("marker_count_not_as_stated", stated=stated, count=count),)
+        problems = (diagnostic("count_not_as_stated", items="markers", stated=stated, count=count),)
     rate, rate_problems = stated_rate(number_in(header.get("datarate")), values[:, 1:2].ravel())
     numbers = values[:, 0] if len(values) else np.zeros(0)
     source = MarkerSource(

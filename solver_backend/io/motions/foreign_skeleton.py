@@ -141,7 +141,7 @@ def read_foreign_bvh(
     metres, units = _metres(skeleton, roles, unit, str(path))
     found += units
     if not up_axis and (up := _up_axis(clip, roles)) != "y":
-        found.append(diagnostic("motion_up_detected", axis=up.upper()))
+        found.append(diagnostic("up_axis_read", source="trunk", axis=up.upper()))
         clip = read_bvh(path, metres_per_unit=1.0, up_axis=up)
     motion = _checked(bvh_motion(clip, skeleton, metres, path.stem), str(path))
     return motion, roles, [*found, *first_frame_apart(motion)]
@@ -251,7 +251,7 @@ def _metres(skeleton: Skeleton, roles: dict[str, str], unit: str, where: str) ->
     if not _LEAST_LEG_M <= leg * metres <= _MOST_LEG_M:
         hint = f"Known units are {', '.join(METRES)}; name one with --unit."
         raise MotionInvalid(f"Legs of {leg:.4g} units are a person's in no known unit.", where=where, hint=hint)
-    return metres, [diagnostic("motion_unit_estimated", unit=name, length=leg * metres)]
+    return metres, [diagnostic("unit_read", source="legs", unit=name, length=leg * metres)]
 
 
 def _up_axis(clip: BvhClip, roles: dict[str, str]) -> str:

@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from solver_backend.body.joint_limits import posture_excess_deg
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, word
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, word
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, SMPL_JOINTS
 from solver_backend.geometry.rotations import exp_so3
@@ -73,7 +73,7 @@ def _numbers(motion: AnyMotion) -> _Numbers:
 def _impossible_rate(motion: _Numbers) -> Iterator[Diagnostic]:
     least, most = POSSIBLE_FRAME_RATES
     if not least <= motion.fps <= most:
-        yield diagnostic("motion_rate_impossible", rate=motion.fps, least=least, most=most)
+        yield diagnostic("motion_rate_odd", rate=motion.fps, least=least, most=most)
 
 
 def _impossibly_far(motion: _Numbers) -> Iterator[Diagnostic]:
@@ -84,8 +84,9 @@ def _impossibly_far(motion: _Numbers) -> Iterator[Diagnostic]:
 
 
 def _odd_rate(motion: _Numbers) -> Iterator[Diagnostic]:
-    if not FRAME_RATES[0] <= motion.fps <= FRAME_RATES[1]:
-        yield diagnostic("motion_rate_odd", rate=motion.fps)
+    least, most = FRAME_RATES
+    if not least <= motion.fps <= most:
+        yield diagnostic("motion_rate_odd", severity=Severity.WARNING, rate=motion.fps, least=least, most=most)
 
 
 def _too_fast(motion: _Numbers) -> Iterator[Diagnostic]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 
 PER_CENT = 100.0
 _LOW = 0.5
@@ -30,8 +30,8 @@ def on_unit_scale(confidence: np.ndarray) -> tuple[np.ndarray, tuple[Diagnostic,
     if largest <= 1:
         return confidence, (), ()
     if largest <= PER_CENT and float(np.median(confidence[confidence > 0])) > _TYPICAL_PER_CENT:
-        return confidence / PER_CENT, (), (diagnostic("confidence_per_cent", largest=largest),)
+        return confidence / PER_CENT, (), (diagnostic("confidence_rescaled", how="percent", largest=largest),)
     clipped = np.minimum(confidence, 1.0)
     if largest > PER_CENT:
-        return clipped, (), (diagnostic("confidence_beyond", largest=largest),)
-    return clipped, (diagnostic("confidence_above_one", largest=largest),), ()
+        return clipped, (), (diagnostic("confidence_rescaled", how="beyond", largest=largest),)
+    return clipped, (diagnostic("confidence_rescaled", how="above", severity=Severity.NOTE, largest=largest),), ()

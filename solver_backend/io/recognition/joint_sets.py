@@ -86,7 +86,11 @@ def choose_joint_set(
     """
     count = xy.shape[-2]
     if given is not None:
-        return require_fit(given, count, where=where), (diagnostic("joint_set_given", joint_set=given.value),), ()
+        return (
+            require_fit(given, count, where=where),
+            (diagnostic("joint_set_chosen", source="given", joint_set=given.value),),
+            (),
+        )
     flat = np.flatnonzero((confidence > 0).any(-1))
     sample = flat[:: max(1, len(flat) // SAMPLED_PEOPLE)]
     best, found, certain = recognise_joint_set(
@@ -96,7 +100,7 @@ def choose_joint_set(
         doubt = () if certain else (diagnostic("joint_set_uncertain", joint_set=best.value),)
         return best, (found,), doubt
     if configured is best or (count in configured.num_written and not certain):
-        return configured, (diagnostic("joint_set_configured", joint_set=configured.value),), ()
+        return configured, (diagnostic("joint_set_chosen", source="config", joint_set=configured.value),), ()
     return best, (found,), (diagnostic("joint_set_contradicts", configured=configured.value, joint_set=best.value),)
 
 
@@ -120,15 +124,16 @@ def recognise_joint_set(
     if len(fitting) == 1:
         score = bone_score(fitting[0], xy, confidence)
         unlike = np.isfinite(score) and score > UNLIKE and len(xy) >= _ENOUGH
-        code = "joint_set_unlike" if unlike else "joint_set_by_count"
-        return fitting[0], diagnostic(code, joint_set=fitting[0].value, count=xy.shape[1]), not unlike
+        source = "unlike" if unlike else "count"
+        note = diagnostic("joint_set_chosen", source=source, joint_set=fitting[0].value, count=xy.shape[1])
+        return fitting[0], note, not unlike
     (shortest, best), (longer, second), *_ = sorted(
         ((bone_score(s, xy, confidence), s) for s in fitting), key=lambda scored: scored[0]
     )
     if not np.isfinite(shortest):
-        return fitting[0], diagnostic("joint_set_unseen", joint_set=fitting[0].value), False
+        return fitting[0], diagnostic("joint_set_chosen", source="unseen", joint_set=fitting[0].value), False
     ratio = longer / max(shortest, 1e-9)
-    found = diagnostic("joint_set_recognised", joint_set=best.value, rival=second.value, ratio=ratio)
+    found = diagnostic("joint_set_chosen", source="anatomy", joint_set=best.value, rival=second.value, ratio=ratio)
     return best, found, ratio > CLEAR_RATIO and (shortest <= UNLIKE or len(xy) < _ENOUGH)
 
 

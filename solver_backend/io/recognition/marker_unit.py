@@ -76,7 +76,7 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
     """
     if given is not None:
         metres_in(given)
-        return _unit(given, "marker_unit_given")
+        return _unit(given, "given")
     size = spread(positions)
     name = unit_named(stated)
     raised, (least, usual, most) = raised_part(positions, labels)
@@ -87,21 +87,21 @@ def find_unit(positions: np.ndarray, stated: str, given: str | None, default: st
         return low <= size * METRES[unit] <= high and body
 
     if name is not None and not (size > 0 and not fits(name, SMALLEST_M, LARGEST_M, STATED_FACTOR)):
-        return _unit(name, "marker_unit_stated")
+        return _unit(name, "file")
     units = (default, "mm", "m", "cm")
     if np.isfinite(apart):  # inches of an adult are centimetres of one who crouches
         units = tuple(sorted(METRES, key=lambda unit: abs(np.log(max(apart, 1e-9) * METRES[unit] / usual))))
     for other in dict.fromkeys(units):
         if fits(other, *PERSON_M):
             if name is None:
-                return Unit(other, diagnostic("marker_unit_estimated", unit=other, spread=size))
+                return Unit(other, diagnostic("unit_read", source="spread", unit=other, spread=size))
             problem = diagnostic("marker_unit_not_as_stated", stated=name, spread=size * METRES[name], unit=other)
-            return _unit(other, "marker_unit_corrected", problem)
+            return _unit(other, "corrected", problem)
     if name is not None:
-        problem = diagnostic("marker_spread_unlikely", spread=size * METRES[name])
-        return _unit(name, "marker_unit_stated", problem)
-    return _unit(default, "marker_unit_assumed")
+        problem = diagnostic("marker_spread_unlikely", likely="file", spread=size * METRES[name])
+        return _unit(name, "file", problem)
+    return _unit(default, "kind")
 
 
-def _unit(name: str, code: str, problem: Diagnostic | None = None) -> Unit:
-    return Unit(name, diagnostic(code, unit=name), problem)
+def _unit(name: str, source: str, problem: Diagnostic | None = None) -> Unit:
+    return Unit(name, diagnostic("unit_read", source=source, unit=name), problem)

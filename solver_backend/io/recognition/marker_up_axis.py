@@ -82,7 +82,7 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
     """
     if given is not None:
         rotation_to_z_up(given)
-        return _axis(given.lower().lstrip("+"), "marker_axis_given")
+        return _axis(given.lower().lstrip("+"), "given")
     expected = stated or default
     body = _standing_along(positions, labels, UPRIGHT)
     # Who stands on the hands has them at 0.
@@ -91,28 +91,28 @@ def find_up_axis(positions: np.ndarray, labels: Sequence[str], stated: str, give
         body = _standing_along(positions, labels, LEANING)
     if body is None or body == expected or _may_lie(positions, expected, body):
         if stated:
-            return _axis(stated, "marker_axis_stated")
+            return _axis(stated, "file")
         if body == expected:
-            return _axis(expected, "marker_axis_by_body")
+            return _axis(expected, "body")
         floor = _above_floor(positions)
         if floor is not None:
-            return _axis(floor, "marker_axis_by_floor")
-        return _axis(expected, "marker_axis_assumed")
+            return _axis(floor, "floor")
+        return _axis(expected, "kind")
     feet_at_zero = abs(_lowest(positions, body)) < FLOOR_M
     if not stated and (feet_at_zero or afloat or body.lstrip("-") != expected.lstrip("-")):
         doubted = not feet_at_zero and body.lstrip("-") not in _USUAL
-        problem = diagnostic("body_along_unusual_axis", along=body.upper()) if doubted else None
-        return _axis(body, "marker_axis_by_body", problem)
-    against = partial(diagnostic, stated=expected.upper(), along=body.upper())
+        problem = diagnostic("up_axis_doubted", conflict="unusual", along=body.upper()) if doubted else None
+        return _axis(body, "body", problem)
+    against = partial(diagnostic, "up_axis_doubted", stated=expected.upper(), along=body.upper())
     if feet_at_zero:
-        return _axis(body, "marker_axis_corrected", against("body_along_other_axis"))
+        return _axis(body, "corrected", against(conflict="corrected"))
     if stated:
-        return _axis(stated, "marker_axis_stated", against("body_across_stated_axis"))
-    return _axis(expected, "marker_axis_assumed", against("body_across_usual_axis"))
+        return _axis(stated, "file", against(conflict="stated"))
+    return _axis(expected, "kind", against(conflict="usual"))
 
 
-def _axis(name: str, code: str, problem: Diagnostic | None = None) -> UpAxis:
-    return UpAxis(name, diagnostic(code, axis=name.upper()), problem)
+def _axis(name: str, source: str, problem: Diagnostic | None = None) -> UpAxis:
+    return UpAxis(name, diagnostic("up_axis_read", source=source, axis=name.upper()), problem)
 
 
 def _standing_along(positions: np.ndarray, labels: Sequence[str], ratio: float) -> str | None:

@@ -49,7 +49,7 @@ def fit_one_camera(camera: Cameras, keypoints: Keypoints2D, settings: WorldSetti
     if off < TILT_DEG or settings.level == OFF:
         return OneCameraWorld(camera)
     stood = stand_camera(camera, keypoints, settings.stature)
-    return replace(stood, notes=(), problems=(diagnostic("one_camera_up_by_person", angle=off),))
+    return replace(stood, notes=(), problems=(diagnostic("up_by_person", basis="single", angle=off),))
 
 
 def stand_camera(camera: Cameras, keypoints: Keypoints2D, stature_m: float = 0.0) -> OneCameraWorld:

@@ -28,12 +28,14 @@ def in_pixels(detections: Detections, image_size: np.ndarray) -> Detections:
     if not len(seen) or np.quantile(np.abs(seen), _QUANTILE) > _LARGEST:
         return detections
     size = np.asarray(image_size, detections.xy.dtype)[:, None, None, None]  # (C, 1, 1, 1, 2)
-    code = "shares_of_picture"
+    span = "unit"
     hands, xy = detections.hands, detections.xy
     if (seen < 0).mean() > _CENTRED:
-        code = "shares_about_centre"
+        span = "centred"
         xy = (xy + 1) / 2
         hands = None if hands is None else np.concatenate([(hands[..., :2] + 1) / 2, hands[..., 2:]], -1)
     if hands is not None:
         hands = hands * np.concatenate([size, np.ones_like(size[..., :1])], axis=-1)[..., None, None, :]
-    return replace(detections, xy=xy * size, hands=hands, notes=(*detections.notes, diagnostic(code)))
+    return replace(
+        detections, xy=xy * size, hands=hands, notes=(*detections.notes, diagnostic("detections_scaled", span=span))
+    )

@@ -113,18 +113,19 @@ def _focal_shares(cameras: Cameras) -> np.ndarray:
 
 
 def _impossible_focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    yield from _focal_lengths("focal_length_impossible", cameras, POSSIBLE_FOCAL_LENGTHS)
+    yield from _focal_lengths(Severity.ERROR, cameras, POSSIBLE_FOCAL_LENGTHS)
 
 
 def _odd_focal_lengths(cameras: Cameras) -> Iterator[Diagnostic]:
-    yield from _focal_lengths("focal_length_odd", cameras, FOCAL_LENGTHS)
+    yield from _focal_lengths(Severity.WARNING, cameras, FOCAL_LENGTHS)
 
 
-def _focal_lengths(code: str, cameras: Cameras, valid: tuple[float, float]) -> Iterator[Diagnostic]:
+def _focal_lengths(severity: Severity, cameras: Cameras, valid: tuple[float, float]) -> Iterator[Diagnostic]:
     outside = ((_focal_shares(cameras) < valid[0]) | (_focal_shares(cameras) > valid[1])).any(axis=1)
     for c in np.flatnonzero(outside):
         K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
-        yield diagnostic(code, cameras=[cameras.names[c]], fx=K[0, 0], fy=K[1, 1], width=width, height=height)
+        figures = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
+        yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
 
 
 def _odd_centres(cameras: Cameras) -> Iterator[Diagnostic]:
@@ -150,7 +151,7 @@ def _folds(cameras: Cameras) -> Iterator[Diagnostic]:
 def _impossibly_far(cameras: Cameras) -> Iterator[Diagnostic]:
     for name, centre in zip(cameras.names, cameras.centres, strict=True):
         if not np.linalg.norm(centre) < IMPOSSIBLE_M:
-            yield diagnostic("camera_place_impossible", cameras=[name], size=np.linalg.norm(centre) / 1000)
+            yield diagnostic("place_impossible", kind="camera", cameras=[name], size=np.linalg.norm(centre) / 1000)
 
 
 def _far(cameras: Cameras) -> Iterator[Diagnostic]:
@@ -171,12 +172,13 @@ def _coincident(cameras: Cameras) -> Iterator[Diagnostic]:
 def _impossible_rate(capture: Capture) -> Iterator[Diagnostic]:
     least, most = POSSIBLE_FRAME_RATES
     if capture.fps and not least <= capture.fps <= most:
-        yield diagnostic("rate_impossible", rate=capture.fps, least=least, most=most)
+        yield diagnostic("rate_odd", rate=capture.fps, least=least, most=most)
 
 
 def _odd_rate(capture: Capture) -> Iterator[Diagnostic]:
-    if capture.fps and not FRAME_RATES[0] <= capture.fps <= FRAME_RATES[1]:
-        yield diagnostic("rate_odd", rate=capture.fps)
+    least, most = FRAME_RATES
+    if capture.fps and not least <= capture.fps <= most:
+        yield diagnostic("rate_odd", severity=Severity.WARNING, rate=capture.fps, least=least, most=most)
 
 
 def _beyond(capture: Capture) -> np.ndarray:
@@ -195,12 +197,12 @@ def _has_views(capture: Capture) -> bool:
 
 def _impossible_places(capture: Capture) -> Iterator[Diagnostic]:
     if _has_views(capture) and (share := float((_beyond(capture) > _FAR_OUTSIDE).mean())) > 0.5:
-        yield diagnostic("detections_impossible", percent=100 * share, most=_FAR_OUTSIDE)
+        yield diagnostic("detections_outside", percent=100 * share, most=_FAR_OUTSIDE)
 
 
 def _odd_places(capture: Capture) -> Iterator[Diagnostic]:
     if _has_views(capture) and (share := float((_beyond(capture) > _OUTSIDE).mean())) > _MANY:
-        yield diagnostic("detections_outside", percent=100 * share)
+        yield diagnostic("detections_outside", severity=Severity.WARNING, percent=100 * share)
 
 
 def _no_markers(capture: Capture) -> Iterator[Diagnostic]:
@@ -216,7 +218,7 @@ def _impossibly_far_markers(capture: Capture) -> Iterator[Diagnostic]:
     column = int(largest.argmax())
     if largest[column] > IMPOSSIBLE_M:
         name = str(column) if cloud.labels is None else cloud.labels[column]
-        yield diagnostic("marker_place_impossible", markers=[name], size=largest[column] / 1000)
+        yield diagnostic("place_impossible", kind="marker", markers=[name], size=largest[column] / 1000)
 
 
 RANGE_CHECKS: tuple[RangeCheck, ...] = (

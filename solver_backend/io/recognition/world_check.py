@@ -10,7 +10,6 @@ import numpy as np
 from solver_backend.cameras.projection import project
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.exchange.diagnostics.world import WORLD_CHECK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.types import Cameras, Keypoints2D
 
@@ -35,13 +34,27 @@ FAR_OFF_PX = 100.0
 """A camera that sees everything so far from where the others do is not a little off: refining does not reach so far."""
 BIAS_FRAMES, BIAS_CAMERAS = 40, 24
 """Frames in which each camera is held against the others; fewer where cameras are more, for their pairs count."""
+_CODES = frozenset(
+    {
+        "person_triangulated",
+        "stature_unlikely",
+        "limb_halves_odd",
+        "person_along_axis",
+        "floor_off",
+        "views_disagree",
+        "cameras_shifted",
+        "cameras_elsewhere",
+        "nothing_located",
+    }
+)
+"""What a check of the world reports; another check replaces it."""
 _UNITS = {10.0: "mm instead of cm", 0.1: "cm instead of mm", 1000.0: "m instead of mm", 0.001: "mm instead of m"}
 """What the unit is taken for, by the factor that makes a person out of what was measured."""
 
 
 def without_world(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
     """Return what was found but for an earlier check of the world."""
-    return tuple(item for item in found if item.code not in WORLD_CHECK)
+    return tuple(item for item in found if item.code not in _CODES)
 
 
 @dataclass(frozen=True)

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.agreement.person_selection import SelectedPerson
 from solver_backend.cameras.camera_corrections import unrolled
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import JobInvalid, NoDetections
 from solver_backend.exchange.world_settings import AUTO, OFF, WorldSettings
 from solver_backend.io.recognition.level import CONTRADICTS, OFF_FLOOR_M, Level, measure_level, roll_gain
@@ -67,10 +67,10 @@ def scale_world(
     if (not settings.stature or len(cameras) < 2) and settings.scale == 1.0:
         return cameras, ()
     if not settings.stature or len(cameras) < 2:  # what one camera sees has no scale of its own
-        note = diagnostic("scale_as_asked", scale=settings.scale)
+        note = diagnostic("world_scaled", reason="scale", scale=settings.scale)
         return replace(cameras, t=cameras.t * settings.scale), (note,)
     scale, share = scale_from_stature(check_world(cameras, keypoints).points, keypoints.joint_set, settings.stature)
-    found = [diagnostic("scale_by_stature", scale=scale, percent=100 * share, stature=settings.stature)]
+    found = [diagnostic("world_scaled", reason="stature", scale=scale, percent=100 * share, stature=settings.stature)]
     calibrated = settings.stature / scale
     contradicts = abs(np.log(scale)) > max(OTHER_STATURE, STATURE_SIGMAS * share)
     if contradicts and PLAUSIBLE_STATURE_M[0] < calibrated < PLAUSIBLE_STATURE_M[1]:
@@ -132,7 +132,7 @@ def fit_world(
     world = check_world(cameras, keypoints)
     axis, problems = world.up_axis(), ()
     if up_axis is None and axis != "z" and settings.level != OFF and not _lies(cameras, axis, rolls):
-        cameras, problems = with_up_axis(cameras, axis), (diagnostic("up_by_person", axis=axis.upper()),)
+        cameras, problems = with_up_axis(cameras, axis), (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
         world = check_world(cameras, keypoints)
     levelled, found = _level(cameras, keypoints, world, settings.level, rolls)
     if levelled is not cameras:
@@ -188,7 +188,7 @@ def _levelled(level: Level, how: str) -> Diagnostic:
         "tilt": np.degrees(level.tilt), "sigma": np.degrees(level.sigma), "floor": level.floor_upright_m,
     }  # fmt: skip
     if how != AUTO:
-        return diagnostic("world_levelled_as_asked", **figures)
+        return diagnostic("world_levelled", reason="asked", severity=Severity.NOTE, **figures)
     shown = (("the balance", level.balance), ("the floor under the feet", level.floor), ("the cameras", level.cameras))
     witnesses = " and ".join(name for name, gain in shown if gain > 0)
-    return diagnostic("world_levelled", witnesses=witnesses, **figures)
+    return diagnostic("world_levelled", reason="shown", witnesses=witnesses, **figures)

@@ -66,7 +66,7 @@ class Gatherer:
     def push(self, seen: SensorSightings) -> None:
         """Take a frame; one whose times are no numbers is reported and dropped."""
         if not (math.isfinite(seen.time) and math.isfinite(seen.host_s)):
-            self._report("time_jumped", seen, "sensor_time_missing")
+            self._report("time_jumped", seen, "sensor_time_wrong", problem="missing")
             return
         seen = self._on_our_clock(seen)
         index = seen.sensor
@@ -93,10 +93,10 @@ class Gatherer:
             moved = max(host, self._period) - step
             self._offset[index] += moved
             self._last[index] = replace(seen, time=seen.time + moved)
-            self._report("time_jumped", before, "sensor_clock_jumped", step=step)
+            self._report("time_jumped", before, "sensor_time_wrong", problem="jump", step=step)
             return replace(seen, time=seen.time + moved)
         if step > SILENT_S and self._expected[index]:
-            self._report("sensor_silent", before, "sensor_gap", gap=step)
+            self._report("sensor_silent", before, "sensor_silent", pause="over", gap=step)
         return seen
 
     def waiting(self, index: int) -> int:
@@ -123,7 +123,7 @@ class Gatherer:
             last = self._last[k]
             if now is not None and last is not None and now - last.host_s > SILENT_S:
                 self._expected[k] = False
-                self._report("sensor_silent", last, "sensor_silent")
+                self._report("sensor_silent", last, "sensor_silent", pause="now")
         lacking = [k for k in lacking if self._expected[k]]
         first = min(head.time for head in heads)
         waited = now is not None and self._wait is not None and now - min(h.host_s for h in heads) > self._wait

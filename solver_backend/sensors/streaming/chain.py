@@ -360,5 +360,5 @@ class MarkerChain:
 
     def _report(self, kind: str, name: str, message: str) -> None:
         index = self._tasks[0].cameras.names.index(name) if name in self._tasks[0].cameras.names else -1
-        found = diagnostic("sensor_trouble", cameras=[name], reason=message)
+        found = diagnostic("sensor_failed", cameras=[name], reason=message)
         self._gatherer.findings.append(Finding(kind, index, float("nan"), found))

@@ -89,13 +89,15 @@ def findings_of(
     """Return what the user should know of a calibration."""
     found = [item for view in views for item in view.findings]
     found += [
-        diagnostic("wand_crowded", cameras=[view.name], lost=view.crowded, of=len(view))
+        diagnostic("wand_rows_ignored", reason="crowded", cameras=[view.name], lost=view.crowded, of=len(view))
         for view in views if view.crowded
     ]  # fmt: skip
     first = array.cameras.names[0]
     for c, name in enumerate(array.cameras.names):
         if array.camera_rmse_px[c] > GOOD_PX:
-            found.append(diagnostic("sensor_off_wand", cameras=[name], size=array.camera_rmse_px[c]))
+            found.append(
+                diagnostic("camera_off", reference="wand", unit="px", cameras=[name], size=array.camera_rmse_px[c])
+            )
         ahead = clocks.offset_s[c]
         if options.clocks is None and abs(ahead) > LATE_S:
             found.append(diagnostic("sensor_clock_differs", cameras=[name, first], size_ms=1e3 * ahead))
@@ -112,8 +114,8 @@ def notes_of(
     )  # fmt: skip
     figures = {"wand": wand, "moments": moments.px.shape[1], "together": together[i, j]}
     return (
-        diagnostic("wand_seen", cameras=[names[i], names[j]], **figures),
-        diagnostic("world_of_first_sensor", cameras=names[:1]),
+        diagnostic("calibration_evidence", evidence="wand", cameras=[names[i], names[j]], **figures),
+        diagnostic("world_origin", source="sensor", cameras=names[:1]),
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from solver_backend.camera_calibration.adjustment.bundle import CAMERA_PARAMETERS, Adjusted
 from solver_backend.cameras.projection import undistort
-from solver_backend.exchange.diagnostics import diagnostic
+from solver_backend.exchange.diagnostics import Severity, diagnostic
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.sensors.wand.evaluation import findings_of, held_out_errors, metric, notes_of, require_fit
 from solver_backend.sensors.wand.solve import (
@@ -97,7 +97,9 @@ def coarse_clocks(views: Sequence[WandView], wand: Wand | None, reach_s: float) 
         found = in_step(clocks_by_speed(views, wand, reach_s), 1.0 / interval_s)
         return replace(found, findings=tuple(item for item in found.findings if item != ROLLING_SHUTTER))
     except SyncUnknown as why:
-        return replace(Clocks.alike(names), findings=(diagnostic("wand_clocks_assumed", reason=why.message),))
+        return replace(
+            Clocks.alike(names), findings=(diagnostic("clocks_assumed", severity=Severity.NOTE, reason=why.message),)
+        )
 
 
 def common_moments(views: Sequence[WandView], clocks: Clocks) -> Moments:

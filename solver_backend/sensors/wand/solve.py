@@ -389,7 +389,7 @@ def in_world(found: WandCalibration, array: CalibratedCameras, ground: Ground) -
         array: the same cameras in the Γ's world.
         ground: how it was found.
     """
-    note = diagnostic("world_by_gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
+    note = diagnostic("world_origin", source="gamma", clouds=ground.frames, sigma_deg=np.degrees(ground.tilt_sigma))
     array = replace(array, notes=(found.array.notes[0], note), findings=(*array.findings, *ground.findings))
     return replace(found, array=array)
 

@@ -120,7 +120,7 @@ def with_growing_times(view: WandView) -> WandView:
     if not lost:
         return view
     after = float(before[int(np.argmin(good))])
-    back = diagnostic("wand_times_back", cameras=[view.name], lost=lost, after=after)
+    back = diagnostic("wand_rows_ignored", reason="back", cameras=[view.name], lost=lost, after=after)
     return replace(
         view, times_s=times[good], px=view.px[good], depth_m=None if view.depth_m is None else view.depth_m[good],
         findings=(*view.findings, back),

@@ -13,7 +13,7 @@ from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.one_view import select_in_one_view
 from solver_backend.agreement.person_selection import SelectedPerson, select_people
 from solver_backend.cameras.camera_corrections import resized
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic, notes_in, warnings_in
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic, notes_in, warnings_in
 from solver_backend.exchange.errors import CalibrationMismatch, KeypointCountMismatch, NoDetections, TooFewViews
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
 from solver_backend.exchange.progress import Progress, silent
@@ -133,7 +133,7 @@ def assembled(
             )
         return Capture(
             name, None, _main_person(detections, fps), footage=footage, sources=sources,
-            notes=(*detections.notes, diagnostic("person_seen_most")),
+            notes=(*detections.notes, diagnostic("person_chosen", basis="most_seen")),
             problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
         )  # fmt: skip
     cameras, size_notes = in_video_pixels(calibration, found)
@@ -234,10 +234,10 @@ def in_video_pixels(
                 sizes[c] = item.size
                 cameras = replace(cameras, image_size=sizes)
             elif abs(scale - 1) < CROPPED_SHARE:
-                notes.append(diagnostic("picture_cut", cameras=[name], made=made, filmed=filmed))
+                notes.append(diagnostic("calibration_scaled", how="cropped", cameras=[name], made=made, filmed=filmed))
             elif abs(item.size[0] * size[1] / (item.size[1] * size[0]) - 1) < CROPPED_SHARE:
                 cameras = resized(cameras, c, item.size)
-                notes.append(diagnostic("calibration_scaled", cameras=[name], made=made, filmed=filmed))
+                notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
             else:
                 raise CalibrationMismatch(
                     f"The calibration of {name}: made at {made}, filmed at {filmed} px: another shape of picture.",
@@ -262,7 +262,7 @@ def _timing(
         problems.append(diagnostic("common_time_short", span=span, longest=float(longest)))
     rates = {f"{item.fps:.3g}" for item in found}
     if len(rates) > 1:
-        notes.append(diagnostic("video_rates_mixed", rates=sorted(rates), rate=fps))
+        notes.append(diagnostic("video_rates_differ", severity=Severity.NOTE, rates=sorted(rates), rate=fps))
     for item in found:
         gaps = np.diff(item.times_s)
         if len(gaps) and gaps.max() > 1.5 * np.median(gaps):

@@ -81,7 +81,7 @@ def as_if_still(
     """
     turns = camera_turns(found, camera, pictures, progress)
     if turns is None:
-        return found, [diagnostic("camera_turn_unknown", cameras=[found.name])]
+        return found, [diagnostic("camera_turns", turn="unknown", cameras=[found.name])]
     if turns.largest_deg < STILL_DEG and turns.explain:
         return found, []
     if not turns.explain:
@@ -94,7 +94,9 @@ def as_if_still(
         hands[..., :2] = rotated_back(camera, hands[..., :2].reshape(frames, -1, 2), turns.rotations).reshape(
             hands[..., :2].shape
         )
-    note = diagnostic("camera_turns", cameras=[found.name], remedy=Remedy.REPAIRED, size=turns.largest_deg)
+    note = diagnostic(
+        "camera_turns", turn="measured", cameras=[found.name], remedy=Remedy.REPAIRED, size=turns.largest_deg
+    )
     return replace(found, xy=back, hands=hands), [note]
 
 

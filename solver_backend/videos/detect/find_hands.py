@@ -14,7 +14,7 @@ from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.camera_corrections import resized
 from solver_backend.cameras.triangulation.triangulate import triangulate
-from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic
 from solver_backend.exchange.errors import CaptureInvalid
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS, SIDES
 from solver_backend.exchange.progress import Progress, silent
@@ -201,9 +201,8 @@ def find_hands(capture: Capture, choice: DetectorChoice, progress: Progress = si
                 progress("Finding hands", frame, keypoints.num_frames)
     progress("Finding hands", keypoints.num_frames, keypoints.num_frames)
     wanted = np.isfinite(arms.places).all(axis=(0, 1, 3))
-    found += [
-        _at_wrist("hand_not_found", side) for side in np.flatnonzero(wanted & ~(hands[..., 2] > 0).any((0, 1, 3)))
-    ]
+    unseen = np.flatnonzero(wanted & ~(hands[..., 2] > 0).any((0, 1, 3)))
+    found += [_not_found("picture", side, Severity.NOTE) for side in unseen]
     shift = footage_shift(hands, arms.detected[:, :, 1])
     if shift:
         firsts = capture.footage_first or (0,) * len(capture.footage)
@@ -258,7 +257,7 @@ def arms_of(capture: Capture) -> tuple[ArmsInViews, list[Diagnostic]]:
                 points[:, joint, axis] = np.interp(frames, frames[known], points[known, joint, axis])
     places = points.reshape(len(points), 2, 2, 3)
     lost = ~np.isfinite(places).all(axis=(0, 1, 3))
-    found = [_at_wrist("hand_without_wrist", side) for side in np.flatnonzero(lost)]
+    found = [_not_found("wrist", side, Severity.WARNING) for side in np.flatnonzero(lost)]
     detected = np.concatenate([xy, confidence[..., None]], axis=-1).reshape(*xy.shape[:2], 2, 2, 3)
     return ArmsInViews(places, detected), found
 
@@ -272,8 +271,8 @@ def _lifted(cameras: Cameras, keypoints: Keypoints2D) -> np.ndarray:
     return (lifted.placed(body, landmarks, np.zeros(NUM_BETAS))[0] - camera.t[0]) @ camera.R[0]
 
 
-def _at_wrist(code: str, side: int) -> Diagnostic:
-    return diagnostic(code, joints=[f"{SIDES[side]}_wrist"])
+def _not_found(reason: str, side: int, severity: Severity) -> Diagnostic:
+    return diagnostic("hand_not_found", severity=severity, reason=reason, joints=[f"{SIDES[side]}_wrist"])
 
 
 def pictures_of(capture: Capture) -> Iterator[tuple[int, dict[int, np.ndarray]]]:

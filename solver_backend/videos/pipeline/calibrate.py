@@ -19,7 +19,7 @@ from solver_backend.camera_calibration.extrinsics.person_session import PersonOp
 from solver_backend.camera_calibration.extrinsics.two_views import CalibratedCameras
 from solver_backend.camera_calibration.formats import write_calibration
 from solver_backend.camera_calibration.intrinsics.known_lenses import FocalLength, find_focal_length, known_lenses
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
 from solver_backend.exchange.errors import CalibrationMissing, CommandLineInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.io.recognition.camera_names import match_names
@@ -165,9 +165,9 @@ def _by_one_camera(
     progress("Camera from the person", 1, 1)
     done = (*stood.notes, *unused)
     if name not in lenses:
-        code = "focal_length_inexact" if focal.sigma else "focal_length_of_video"
+        severity = Severity.WARNING if focal.sigma else Severity.NOTE
         figures = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
-        done = (*done, diagnostic(code, cameras=[name], **figures))
+        done = (*done, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
     return TakeCalibration(ONE_CAMERA, done)
 
 

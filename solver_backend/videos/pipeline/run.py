@@ -64,9 +64,9 @@ def hands_found(capture: Capture, detector: DetectorChoice | None) -> list[Diagn
     """Return in how many frames two views, or the only one, show the hands that were looked for."""
     if detector is None or capture.keypoints is None or capture.keypoints.hands is None:
         return []
-    least, code = (1, "hands_found_one_view") if capture.is_one_view else (2, "hands_found")
+    least, views = (1, "one") if capture.is_one_view else (2, "two")
     shares = seen_by(capture, least)
-    return [diagnostic(code, left=shares["left"], right=shares["right"])]
+    return [diagnostic("hands_found", views=views, left=shares["left"], right=shares["right"])]
 
 
 def made_of_hands(detector: DetectorChoice | None) -> list[str]:
@@ -126,7 +126,7 @@ class _Road:
             if (share := float((item.confidence > 0).any((-1, -2)).mean())) < FOUND_SHARE
         ]
         if any(video.is_dir() for video in self._plan.take.videos):
-            found.append(diagnostic("picture_rate_assumed", rate=settings.pictures_fps))
+            found.append(diagnostic("frame_rate_assumed", rate=settings.pictures_fps))
         kept = set(folder.glob("*.npz")) == done_before and "detect" not in settings.redo
         self.steps.report("detect", "kept" if kept else "made", found, [drawn])
 
@@ -139,7 +139,9 @@ class _Road:
         drawn = [self._pictures / "calibrate.png"]
         if self._calibration is not None:
             file, count = self._calibration.source.name, len(self._calibration.cameras)
-            self.steps.report("calibrate", "kept", [diagnostic("calibration_kept", file=file, count=count)], drawn)
+            self.steps.report(
+                "calibrate", "kept", [diagnostic("calibration_read", kind="kept", file=file, count=count)], drawn
+            )
             return
         if plan.made_calibration.exists() and not self._records.is_ours(plan.made_calibration):
             _refuse(plan.made_calibration, settings)
@@ -178,14 +180,14 @@ class _Road:
             self._records.made(plan.capture, self._made_of)
         self._check = self._checked(self._capture)
         drawn = [path for name in ("cameras.png", "check.png") if (path := self._pictures / name).is_file()]
-        found = [diagnostic("capture_written", file=str(plan.capture)), *self._how_cameras_fit()]
+        found = [diagnostic("file_written", kind="capture", file=str(plan.capture)), *self._how_cameras_fit()]
         found += hands_found(self._capture, self._settings.hands)
         self.steps.report("capture", state, found, drawn)
 
     def _how_cameras_fit(self) -> list[Diagnostic]:
         check = self._check
         if check is None:
-            return [diagnostic("one_camera_unconfirmed" if self._capture.is_one_view else "calibration_unchecked")]
+            return [diagnostic("calibration_unchecked", reason="single" if self._capture.is_one_view else "short")]
         return [diagnostic("cameras_fit_take", size=check.all_px, best=check.refined_px), *check.findings]
 
     def _of_one(self) -> KnownOfOne:
@@ -202,7 +204,7 @@ class _Road:
         noise = settings.solve.noise
         meant = [read_noise_map(noise).as_dict()] if noise else []
         made_of = [self._made_of, repr(settings.solve), *meant]
-        written = diagnostic("motion_written", file=str(plan.motion))
+        written = diagnostic("file_written", kind="motion", file=str(plan.motion))
         if self._is_kept(plan.motion, made_of, "solve"):
             found = recorded_diagnostics(read_motion(plan.motion))
             self.steps.report("solve", "kept", [written, *found])
@@ -257,7 +259,10 @@ class _Road:
             self._records.made(plan.clocks, made_of)
         if not kept or not drawn.is_file():
             pictures.clocks_picture(self._detections, self._clocks, drawn)
-        found = [*(self._clocks.notes() or (diagnostic("clocks_as_filmed"),)), *self._clocks.findings]
+        found = [
+            *(self._clocks.notes() or (diagnostic("clocks_assumed", reason="as_filmed", severity=Severity.NOTE),)),
+            *self._clocks.findings,
+        ]
         self.steps.report("sync", "kept" if kept else "made", found, [drawn])
 
     def _checked(self, capture: Capture) -> CalibrationCheck | None:

@@ -79,15 +79,15 @@ class Clocks:
         if self.method == "as filmed":
             return ()
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
-        return tuple(
-            diagnostic("clock_in_sync", cameras=[name], method=self.method)
-            if self._in_sync(c)
-            else diagnostic(
-                "clock_estimated", cameras=[name], method=self.method, offset_ms=1e3 * self.offset_s[c],
-                offset_sigma_ms=1e3 * sigma[c, 0], rate_ppm=1e6 * self.rate[c], rate_sigma_ppm=1e6 * sigma[c, 1],
-            )
-            for c, name in enumerate(self.names)
-        )  # fmt: skip
+        found = []
+        for c, name in enumerate(self.names):
+            figures: dict[str, float] = {}
+            if not self._in_sync(c):
+                figures = {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
+                figures |= {"rate_ppm": self.rate[c] * 1e6, "rate_sigma_ppm": sigma[c, 1] * 1e6}
+            result = "offset" if figures else "sync"
+            found.append(diagnostic("clock_estimated", result=result, cameras=[name], method=self.method, **figures))
+        return tuple(found)
 
     def _in_sync(self, camera: int) -> bool:
         """Return whether a clock is the first one's, or differs by no more than its uncertainty, which is small."""

@@ -168,7 +168,7 @@ def _states_length(outcome: Outcome, page: str, fps: float) -> bool:
     console = f"{FRAMES} frames, {seconds:.1f} s at {fps:g} frames a second" in outcome.text and origin in outcome.text
     report = f"{FRAMES} frames at {fps:g} fps ({seconds:.1f} s)" in page and origin in page
     codes = [item.code for item in read_diagnostics(outcome.data["diagnostics"])]
-    return console and report and outcome.data["duration_s"] == round(seconds, 3) and "frame_rate_configured" in codes
+    return console and report and outcome.data["duration_s"] == round(seconds, 3) and "frame_rate_read" in codes
 
 
 def _states_size(outcome: Outcome, page: str) -> bool:

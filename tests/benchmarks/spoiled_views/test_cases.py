@@ -10,8 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from solver_backend.exchange.diagnostics import Diagnostic
-from solver_backend.exchange.diagnostics.refusal import refuse_errors
+from solver_backend.exchange.diagnostics import Diagnostic, refuse_errors
 from solver_backend.exchange.errors import CaptureNotRecognised, ResultRefused
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve

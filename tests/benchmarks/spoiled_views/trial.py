@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from solver_backend.exchange.diagnostics import sentence, warnings_in
-from solver_backend.exchange.diagnostics.refusal import refuse_errors
+from solver_backend.exchange.diagnostics import refuse_errors, sentence, warnings_in
 from solver_backend.exchange.errors import MocapError
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
@@ -24,7 +23,7 @@ from tests.support.calibration_files import toml_text
 from tests.support.trial_files import write_detections
 
 CHANGES = {
-    "calibration_corrected", "calibration_corrected_out_of_step", "camera_names_exchanged", "cameras_assigned_by_views",
+    "calibration_corrected", "camera_names_exchanged", "cameras_assigned_by_views",
     "unit_by_person", "detections_corrected", "person_mirrored", "starts_apart", "start_left_out", "names_exchanged",
     "image_mirrored", "camera_rates_differ", "frame_rate_ambiguous", "focal_lengths_off", "cameras_elsewhere",
 }  # fmt: skip

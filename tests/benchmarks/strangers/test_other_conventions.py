@@ -27,8 +27,8 @@ Write = Callable[[Path, Take], None]
     ("write", "codes"),
     [
         (conventions.zju, []), (conventions.xrprimer, []), (conventions.kalibr, []),
-        (conventions.projections_by_name, []), (conventions.centre_from_the_middle, ["principal_points_offsets"]),
-        (conventions.degrees_for_radians, ["rotations_in_degrees"]),
+        (conventions.projections_by_name, []), (conventions.centre_from_the_middle, ["calibration_read_as"]),
+        (conventions.degrees_for_radians, ["calibration_read_as"]),
     ],
     ids=lambda value: value.__name__ if callable(value) else "",
 )  # fmt: skip

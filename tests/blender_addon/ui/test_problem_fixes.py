@@ -9,8 +9,7 @@ import bpy
 import numpy as np
 import pytest
 
-from blender_addon._exchange.diagnostics import diagnostic
-from blender_addon._exchange.diagnostics.diagnostic import Diagnostic
+from blender_addon._exchange.diagnostics import Diagnostic, diagnostic
 from blender_addon.ui.operators.fixes import fix_of
 from blender_addon.ui.operators.import_results import take_capture
 from blender_addon.ui.setting_properties import READING_ROWS
@@ -53,14 +52,18 @@ def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> Non
 @pytest.mark.parametrize(
     ("found", "option", "value"),
     [
-        (diagnostic("world_levelled", tilt=9.0, sigma=0.5, floor=0.2, witnesses="the feet"), "level", "off"),
+        (
+            diagnostic("world_levelled", reason="shown", tilt=9.0, sigma=0.5, floor=0.2, witnesses="the feet"),
+            "level",
+            "off",
+        ),
         (diagnostic("floor_by_feet", depth=0.4), "level", "off"),
         (diagnostic("floor_off", lowest=0.6), "level", "on"),
         (diagnostic("person_tilted", size=12.0, sigma=1.0), "level", "on"),
         (diagnostic("starts_apart", reference="a", starts="b 40"), "sync", "off"),
         (diagnostic("unit_by_person", unit="mm", stature=1.7, read=17.0, guessed="cm"), "unit", "cm"),
         (diagnostic("marker_unit_not_as_stated", stated="mm", spread=0.002, unit="m"), "unit", "mm"),
-        (diagnostic("up_by_person", axis="Y"), "up_axis", "z"),
+        (diagnostic("up_by_person", basis="axis", axis="Y"), "up_axis", "z"),
         (diagnostic("person_along_axis", axis="-Y"), "up_axis", "-y"),
         (diagnostic("frame_rate_contradicts", rate=30.0, video=59.94), "fps", "59.94"),
         (diagnostic("frame_rate_implausible", rate=60.0, way="high", movement="walk", likely=30.0), "fps", "30"),
@@ -104,7 +107,7 @@ def test_the_remedy_of_the_first_problem_stands_beside_their_count(mocap, solved
 
 def test_what_the_check_of_cameras_finds_has_its_button(mocap, solved, scene, monkeypatch) -> None:
     take_capture(scene, solved.read)
-    found = diagnostic("camera_moved_since", cameras=["cam_02"], size=16.7, best=7.3)
+    found = diagnostic("camera_moved", amount="check", cameras=["cam_02"], size=16.7, best=7.3)
     words = {"verdict": "does not fit", "stature_m": 1.7, "tilt_deg": 0.1, "tilt_sigma_deg": 0.1, "findings": ["x"]}
     operator = bpy.types.MOCAP_OT_check_cameras
     monkeypatch.setattr(

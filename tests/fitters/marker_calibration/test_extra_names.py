@@ -149,7 +149,7 @@ def test_what_was_named_and_what_is_doubtful_is_reported(worn: tuple[MarkerSubje
     learned = with_extras(person, [first], load_body(), load_sposer(), np.zeros(1))
     farthest = describe_person(learned)[0].split("farthest")[1].split("from the places")[0]
     assert "_X" not in farthest, "a marker on a bone has no place of its name"
-    unsure = diagnostic("points_not_named", percent=15.0)
+    unsure = diagnostic("points_not_named", extent="solve", percent=15.0)
     named = labelled_as_person(Capture("take", markers=first, problems=(unsure,)), learned)
     assert codes(named.notes) == ("points_named_of_person",)
     assert set(named.notes[0].where.markers) == set(learned.labels) - set(KNOWN)

@@ -104,7 +104,7 @@ def test_one_note_counts_the_markers_that_are_many():
     found = [diagnostic("marker_ghost", markers=[name], frames=[(k, k + 1)]) for k, name in enumerate(names)]
     assert gathered(found[:5]) == found[:5]
     (several,) = gathered(found)
-    assert (several.code, several.where.markers, several.where.frames) == ("marker_ghosts", names, ((0, 7),))
+    assert (several.code, several.where.markers, several.where.frames) == ("marker_ghost", names, ((0, 7),))
     assert sentence(several).startswith(
         "7 markers are recorded where they cannot be at times, a, b, c, d, e, f and 1 more"
     )

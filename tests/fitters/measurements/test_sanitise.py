@@ -132,7 +132,7 @@ def test_slightly_late_cameras_are_named_and_moved(capture):
     found = checked(late)
     assert [named(f) for f in found.diagnostics] == [
         ("camera_late", (NAME,), Remedy.REPAIRED),
-        ("camera_early", ("cam04",), Remedy.REPAIRED),
+        ("camera_late", ("cam04",), Remedy.REPAIRED),
     ]
     np.testing.assert_allclose([f.values["size"] for f in found.diagnostics], [1.0, 2.0], atol=0.3)
     assert points_mm(found, capture) < 1.1 * points_mm(checked(capture), capture)
@@ -145,7 +145,7 @@ def test_a_person_who_stands_still_leaves_the_delays_unknown(capture):
     (fault,) = checked(
         with_detections(capture, xy, np.repeat(keypoints.confidence[:, :1], LAST + 1, axis=1))
     ).diagnostics
-    assert named(fault) == ("delays_unknown", (), Remedy.REPORTED)
+    assert named(fault) == ("delay_unknown", (), Remedy.REPORTED)
 
 
 @pytest.mark.slow

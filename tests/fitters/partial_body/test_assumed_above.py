@@ -72,5 +72,5 @@ def test_a_limb_alone_is_solved(labels, seen, words):
     assert motion.resting[:, SMPL_JOINTS.index("pelvis")].all() and motion.flags is not None and motion.flags.all()
     assert (motion.joint_sigma[:, SMPL_JOINTS.index("pelvis")] > 0.1).all()
     rest, place = recorded_diagnostics(motion)
-    assert (rest.code, place.code) == ("parts_at_rest_markers", "place_assumed")
+    assert (rest.code, place.code) == ("parts_at_rest", "place_assumed")
     assert rest.values["part"].startswith(words)

@@ -156,7 +156,7 @@ def test_a_prop_of_poses_keeps_the_axes_that_the_file_gives_it():
     body = worn_markers(marker_layout("CMU_41"), 80, fps=30.0, step=2).cloud
     motion = solve(Capture("both", markers=body, others=others), SolveSettings()).motion
     (prop,) = motion.props
-    assert prop.name == "Bat" and [item["code"] for item in motion.provenance["diagnostics"]].count("prop_read") == 1
+    assert prop.name == "Bat" and [item["code"] for item in motion.provenance["diagnostics"]].count("prop_found") == 1
     np.testing.assert_allclose(prop.points, np.concatenate([np.zeros((1, 3)), 0.1 * np.eye(3)]), atol=1e-4)
     assert np.linalg.norm(prop.transl - truth.transl, axis=-1)[[*range(30), *range(33, 80)]].max() < 1e-3
     turned = np.linalg.norm(log_so3(np.swapaxes(R, -1, -2) @ exp_so3(prop.rotvec)), axis=-1)

@@ -58,11 +58,11 @@ def test_a_rate_that_is_given_comes_first(tmp_path: Path, capture: Capture) -> N
 def test_a_rate_that_nothing_states_is_a_problem(tmp_path: Path, capture: Capture) -> None:
     path = table(tmp_path, capture)
     stated = load_capture(path, joint_set=capture.keypoints.joint_set)
-    assert diagnostic("frame_rate_configured", rate=24, file="config.toml") in stated.notes
+    assert diagnostic("frame_rate_read", source="file", rate=24, file="config.toml") in stated.notes
     config = tmp_path / "config.toml"
     config.write_text(config.read_text().replace("fps_recording", "other"))
     found = load_capture(path, joint_set=capture.keypoints.joint_set)
-    assert found.fps == 30.0 and diagnostic("frame_rate_not_recorded", rate=30.0) in found.problems
+    assert found.fps == 30.0 and diagnostic("frame_rate_assumed", rate=30.0) in found.problems
 
 
 @pytest.mark.parametrize(

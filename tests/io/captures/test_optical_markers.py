@@ -231,14 +231,14 @@ def test_forces_only_and_a_rate_of_zero_are_named(tmp_path, cloud):
 
 @pytest.mark.parametrize(
     ("template", "code", "text"),
-    [("take7_{}", "label_prefix_shared", "take7"), ("{}_filtered", "label_suffix_shared", "filtered")],
+    [("take7_{}", "label_affix_shared", "take7"), ("{}_filtered", "label_affix_shared", "filtered")],
 )
 def test_what_all_labels_share_and_what_may_mean_two_places_is_noted(tmp_path, cloud, template, code, text):
     named = with_points(replace(cloud, labels=tuple(template.format(label) for label in LABELS)), "LateralEpicondyleL")
     capture = load_capture(write_trc(tmp_path / "take.trc", named))
     found = {note.code: note for note in capture.notes}
     assert text in str(found[code].values["text"])
-    assert not {"label_prefix_shared", "label_suffix_shared"} - {code} & set(found)
+    assert not {"label_affix_shared"} - {code} & set(found)
     assert found["labels_ambiguous"].where.markers == ("LateralEpicondyleL",)
     assert found["labels_ambiguous"].values["choices"] == ["LateralEpicondyleL (LELB or LKNE)"]
     sentences = " ".join(words(capture.notes))
@@ -251,5 +251,5 @@ def test_joints_that_skeletons_place_differently_are_left_out_by_name(tmp_path, 
     of_suit = replace(cloud, positions=cloud.positions[:, : len(SUIT)], labels=SUIT)
     found = {note.code: note for note in load_capture(write_trc(tmp_path / "suit.trc", of_suit)).notes}
     assert found["labels_of_joint_centres"].values["count"] == 20
-    assert found["differing_joints_left_out"].where.markers[:2] == ("SpineLow", "SpineMid")
-    assert "computed_points_left_out" not in found
+    assert found["points_left_out"].where.markers[:2] == ("SpineLow", "SpineMid")
+    assert "points_left_out" not in found

@@ -95,4 +95,4 @@ def test_one_camera_reports_that_they_are_not_used(tmp_path: Path, demo: Capture
         path.unlink()
     capture = load_capture(root, fps=60.0)
     assert capture.keypoints is not None and not capture.keypoints.own, first
-    assert "own_points_one_view" in [item.code for item in capture.problems]
+    assert "own_point_unused" in [item.code for item in capture.problems]

@@ -243,7 +243,7 @@ def test_sets_with_equal_numbers_are_recognised_by_anatomy(written: JointSet) ->
     assert min(scores, key=lambda s: scores[s]) is written
     chosen, notes, problems = choose_joint_set(xy, confidence, None, None)
     assert (chosen, problems) == (written, ())
-    assert [note.code for note in notes] == ["joint_set_recognised"] and "recognised by anatomy" in words(notes)[0]
+    assert [note.code for note in notes] == ["joint_set_chosen"] and "recognised by anatomy" in words(notes)[0]
     other = next(s for s in scores if s is not written)
     assert choose_joint_set(xy, confidence, other, None)[0] is other
     chosen, _, problems = choose_joint_set(xy, confidence, None, other)
@@ -259,7 +259,7 @@ def test_anatomy_that_shows_nothing_is_a_problem() -> None:
     assert "not certain" in words(choose_joint_set(xy, confidence, None, None)[2])[0]
     assert choose_joint_set(xy, confidence, None, JointSet.BODY_25)[0] is JointSet.BODY_25
     _, [note], [problem] = choose_joint_set(xy, confidence * 0, None, None)
-    assert (note.code, problem.code) == ("joint_set_unseen", "joint_set_uncertain")
+    assert (note.code, problem.code) == ("joint_set_chosen", "joint_set_uncertain")
 
 
 def test_a_folder_without_json(tmp_path: Path) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.io.markers.c3d import read_c3d
 from tests.support.c3d_bytes import DEC, INTEL, MIPS, C3dBytes
 from tests.support.c3d_takes import LABELS, standing, take
@@ -78,7 +79,7 @@ def test_units(tmp_path: Path, unit: str, metres: float) -> None:
     points = standing() / 1000 / metres
     found = take(tmp_path / "take.c3d", C3dBytes(points, LABELS, units=unit))
     np.testing.assert_allclose(found.cloud.positions, standing() / 1000, atol=1e-6)
-    assert "marker_unit_stated" in codes(found.report.notes)
+    assert "unit_read" in codes(found.report.notes)
 
 
 def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) -> None:
@@ -95,7 +96,7 @@ def test_millimetres_stated_as_metres_are_found_by_their_size(tmp_path: Path) ->
 def test_no_unit_is_estimated(tmp_path: Path) -> None:
     for metres, name in ((1e-3, "mm"), (1.0, "m")):
         found = take(tmp_path / "take.c3d", C3dBytes(standing() / 1000 / metres, LABELS, units=None))
-        assert found.report.unit == name and "marker_unit_estimated" in codes(found.report.notes)
+        assert found.report.unit == name and "unit_read" in codes(found.report.notes)
 
 
 @pytest.mark.parametrize("stated", [("+X", "+Y"), None])
@@ -104,8 +105,9 @@ def test_y_up_by_the_file_or_by_the_body(tmp_path: Path, stated: tuple[str, str]
     rotated = points[..., [0, 2, 1]] * [1, 1, -1]
     found = take(tmp_path / "take.c3d", C3dBytes(rotated, LABELS, screen=stated))
     np.testing.assert_allclose(found.cloud.positions, points / 1000, atol=1e-7)
-    code = "marker_axis_stated" if stated else "marker_axis_by_body"
-    assert found.report.up_axis == "y" and code in codes(found.report.notes)
+    source = "file" if stated else "body"
+    assert found.report.up_axis == "y"
+    assert diagnostic("up_axis_read", source=source, axis="Y") in found.report.notes
 
 
 def test_an_axis_stated_against_the_body(tmp_path: Path) -> None:

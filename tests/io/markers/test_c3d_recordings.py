@@ -147,7 +147,7 @@ def test_what_is_recognised(shared_data: Path) -> None:
     assert (cmu.report.frames, cmu.report.first_frame, cmu.report.fps) == (343, 50, 120.0)
     assert (cmu.report.subjects, cmu.report.unit, cmu.report.up_axis) == (("TakeoMonday",), "mm", "z")
     squat = read_c3d(folder / "nimble/c3d/squat.c3d")
-    assert squat.report.up_axis == "y" and "marker_axis_by_body" in codes(squat.report.notes)
+    assert squat.report.up_axis == "y" and "up_axis_read" in codes(squat.report.notes)
     gait = read_c3d(folder / "btkdata/Input/C3DSamples/PiG/PiG_Motion-FlatFoot-Full.c3d")
     assert (len(gait.report.events), len(gait.report.analog_channels)) == (12, 38)
     assert {event.context for event in gait.report.events} >= {"Left", "Right"}

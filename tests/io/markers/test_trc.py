@@ -50,14 +50,14 @@ def test_y_up_by_the_body(tmp_path: Path, ending: str, blank: str | None) -> Non
     assert (found.cloud.labels, found.cloud.fps) == (("C7", "L.Toe"), 100.0)
     report = found.report
     assert (report.format, report.unit, report.up_axis) == ("TRC", "mm", "y")
-    assert {"marker_unit_stated", "marker_axis_by_body"} <= set(codes(report.notes))
+    assert {"unit_read", "up_axis_read"} <= set(codes(report.notes))
     assert report.problems == ()
 
 
 def test_z_up_by_the_body(tmp_path: Path) -> None:
     found = read_trc(write(tmp_path / "t.trc", rows(cells="100\t20\t1500\t90\t10\t30")))
     np.testing.assert_allclose(found.cloud.positions[0], [[0.1, 0.02, 1.5], [0.09, 0.01, 0.03]])
-    assert found.report.up_axis == "z" and "marker_axis_by_body" in codes(found.report.notes)
+    assert found.report.up_axis == "z" and "up_axis_read" in codes(found.report.notes)
 
 
 @pytest.mark.parametrize(

@@ -68,7 +68,7 @@ def test_c3d_round_trip(tmp_path: Path, frames: int, markers: int) -> None:
     np.testing.assert_allclose(back.cloud.residual, out.residual, atol=1e-9)
     assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
     assert (back.report.events, back.report.first_frame) == (events, 51)
-    assert {"marker_unit_stated", "marker_axis_stated"} <= set(codes(back.report.notes))
+    assert {"unit_read", "up_axis_read"} <= set(codes(back.report.notes))
     assert back.report.subjects == ("Ann",)
 
 
@@ -112,7 +112,7 @@ def test_trc_round_trip(tmp_path: Path, unit: str, up_axis: str, frames: int) ->
     np.testing.assert_allclose(back.cloud.positions, out.positions, atol=1e-6)
     assert (back.cloud.labels, back.cloud.fps) == (out.labels, out.fps)
     assert back.report.problems == ()
-    assert back.report.unit == unit and "marker_unit_stated" in codes(back.report.notes)
+    assert back.report.unit == unit and "unit_read" in codes(back.report.notes)
 
 
 def test_trc_as_text(tmp_path: Path) -> None:

@@ -59,10 +59,10 @@ def test_a_sound_capture_has_no_problems(demo: Capture, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("turn", "scale", "expected"),
     [
-        (np.diag([1.0, -1.0, -1.0]), 1.0, {"markers_along_axis": "stands along -Z, not along Z"}),
-        (np.eye(3)[[1, 2, 0]], 1.0, {"markers_along_axis": "stands along Y, not along Z"}),
-        (np.eye(3), 100.0, {"markers_look_like_unit": "they look like cm"}),
-        (np.eye(3), 0.01, {"markers_not_in_metres": "spread over"}),
+        (np.diag([1.0, -1.0, -1.0]), 1.0, {"up_axis_doubted": "stands along -Z, not along Z"}),
+        (np.eye(3)[[1, 2, 0]], 1.0, {"up_axis_doubted": "stands along Y, not along Z"}),
+        (np.eye(3), 100.0, {"marker_spread_unlikely": "they look like cm"}),
+        (np.eye(3), 0.01, {"marker_spread_unlikely": "spread over"}),
         (np.eye(3), 1.0, {}),
     ],
 )

@@ -48,6 +48,9 @@ def test_per_cent_and_larger_scores(rng) -> None:
     given = doubts(rng)
     found, _, problems = on_unit_scale(100 * given)
     assert found == pytest.approx(given)
-    assert problems == (diagnostic("confidence_per_cent", largest=100 * given.max()),)
+    assert problems == (diagnostic("confidence_rescaled", how="percent", largest=100 * given.max()),)
     found, notes, problems = on_unit_scale(np.where(given > 0, 500.0, 0.0))
-    assert found.max() == 1.0 and (notes, problems) == ((), (diagnostic("confidence_beyond", largest=500.0),))
+    assert found.max() == 1.0 and (notes, problems) == (
+        (),
+        (diagnostic("confidence_rescaled", how="beyond", largest=500.0),),
+    )

@@ -69,7 +69,7 @@ def test_units() -> None:
     lost = find_unit(body * 1e9, "m", None, "mm")
     assert lost.problem is not None
     assert (lost.name, lost.problem.code) == ("m", "marker_spread_unlikely")
-    assert find_unit(body * 1e9, "", None, "mm").note.code == "marker_unit_assumed"
+    assert find_unit(body * 1e9, "", None, "mm").note.code == "unit_read"
 
 
 @pytest.mark.parametrize("axis", UP_AXES)
@@ -79,14 +79,14 @@ def test_up_axis_by_how_the_body_stands(axis: str, default: str, named: bool) ->
     rotated = standing() @ rotation_to_z_up(axis)
     labels = tuple(BODY) if named else tuple(f"M{i}" for i in range(len(BODY)))
     found = find_up_axis(rotated, labels, "", None, default)
-    assert (found.name, found.note.code, found.problem) == (axis, "marker_axis_by_body", None)
+    assert (found.name, found.note.code, found.problem) == (axis, "up_axis_read", None)
 
 
 def test_who_may_lie_along_an_unusual_axis_is_doubted() -> None:
     """On a couch: long along x, whose 0 is anywhere."""
     lying = (standing() - [0.0, 0.0, 0.9]) @ rotation_to_z_up("x") + [0.0, 0.0, 0.75]
     found = find_up_axis(lying, tuple(BODY), "", None, "z")
-    assert (found.name, found.problem and found.problem.code) == ("x", "body_along_unusual_axis")
+    assert (found.name, found.problem and found.problem.code) == ("x", "up_axis_doubted")
     assert find_up_axis(standing() @ rotation_to_z_up("x"), tuple(BODY), "", None, "z").problem is None
 
 
@@ -94,7 +94,7 @@ def test_up_axis_of_what_says_none() -> None:
     ball = np.random.default_rng(1).uniform(-1, 1, (20, 9, 3))
     for default in ("z", "y"):
         found = find_up_axis(ball, ("A",) * 9, "", None, default)
-        assert (found.name, found.note.code) == (default, "marker_axis_assumed")
+        assert (found.name, found.note.code) == (default, "up_axis_read")
     above = np.abs(ball) + [-3, -3, 0.02]
     assert find_up_axis(above, ("A",) * 9, "", None, "y").name == "z"
 
@@ -110,7 +110,7 @@ def test_up_axis_of_legs_away_from_any_floor(labels: tuple[str, ...], axis: str)
     points = np.random.default_rng(4).normal(0, 0.05, (20, len(labels), 3))
     points[..., 2] += [heights[label] for label in labels]
     found = find_up_axis(points @ rotation_to_z_up(axis), labels, "", None, "y")
-    assert (found.name, found.note.code) == (axis, "marker_axis_by_body")
+    assert (found.name, found.note.code) == (axis, "up_axis_read")
 
 
 @pytest.mark.parametrize("labels", [("LFHD", "RFHD", "T10"), ("C7", "LSHO", "STRN")], ids=["head", "shoulders"])
@@ -124,7 +124,7 @@ def test_up_axis_of_an_upper_body_whose_arms_are_spread(labels: tuple[str, ...],
     points[:, len(labels) :, 2] += 1.4
     points[..., 0] += [*([0.8] * len(labels)), 1.0, 1.3, 1.6, 0.6, 0.3, 0.0]
     found = find_up_axis(points @ rotation_to_z_up(axis), (*labels, *arms), "", None, "y")
-    assert (found.name, found.note.code) == (axis, "marker_axis_by_body")
+    assert (found.name, found.note.code) == (axis, "up_axis_read")
 
 
 def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
@@ -138,7 +138,7 @@ def test_up_axis_of_joint_centres_in_a_cameras_axes() -> None:
     assert find_up_axis(camera @ down.T, names, "", None, "y").name == "-y"
     handstand = points * [1.0, 1.0, -1.0] + [0.0, 0.0, 1.8]
     found = find_up_axis(handstand @ rotation_to_z_up("y"), names, "", None, "y")
-    assert (found.name, found.problem and found.problem.code) == ("y", "body_across_usual_axis")
+    assert (found.name, found.problem and found.problem.code) == ("y", "up_axis_doubted")
 
 
 @pytest.mark.parametrize("axis", ["y", "z", "x"])

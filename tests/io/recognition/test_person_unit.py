@@ -75,10 +75,10 @@ def test_a_trial_in_other_units(tmp_path: Path, units_per_metre: float, unit: st
     capture = load_capture(tmp_path)
     np.testing.assert_allclose(capture.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
     assert [item.values["unit"] for item in capture.problems if item.code == "unit_by_person"] == [unit]
-    assert "calibration_unit_assumed" not in [item.code for item in capture.notes]
+    assert "unit_read" not in [item.code for item in capture.notes]
     kept = load_capture(tmp_path, unit=unit)
     assert "unit_by_person" not in [item.code for item in kept.problems]
-    assert diagnostic("calibration_unit_stated", unit=unit) in kept.notes
+    assert diagnostic("unit_read", source="given", unit=unit) in kept.notes
     np.testing.assert_allclose(kept.require_multiview()[0].t, CAMERAS.t, atol=1e-6)
 
 
@@ -88,6 +88,6 @@ def test_a_trial_in_squares_of_a_board_is_found_and_scaled_by_a_stature(tmp_path
     write_trial(tmp_path, cameras=scaled, people=[(KEYPOINTS.xy[:, :20], KEYPOINTS.confidence[:, :20])])
     odd = load_capture(tmp_path)
     assert "stature_unlikely" in [item.code for item in odd.problems]
-    assert "calibration_unit_assumed" in [item.code for item in odd.notes]
+    assert "unit_read" in [item.code for item in odd.notes]
     known = load_capture(tmp_path, stature=1.75)
     np.testing.assert_allclose(known.require_multiview()[0].t, CAMERAS.t, rtol=0.05, atol=0.05)

@@ -65,7 +65,7 @@ def test_the_person_shows_which_axis_points_up(short: Capture, axis: str) -> Non
     fit = fit_world(cameras, short.keypoints)
     np.testing.assert_allclose(fit.cameras.R, short.cameras.R, atol=1e-12)
     assert fit.check.upright[2] > 0.9
-    expected = () if axis == "z" else (diagnostic("up_by_person", axis=axis.upper()),)
+    expected = () if axis == "z" else (diagnostic("up_by_person", basis="axis", axis=axis.upper()),)
     assert fit.problems == expected
 
 
@@ -83,7 +83,7 @@ def test_pictures_found_turned_do_not_show_that_somebody_lies(short: Capture) ->
     height = world.image_size[:, 1, None, None] - 1
     xy = np.stack([height - short.keypoints.xy[..., 1], short.keypoints.xy[..., 0]], axis=-1)
     fit = fit_world(rolled, replace(short.keypoints, xy=xy), rolls=(1,) * len(world))
-    assert fit.problems[0] == diagnostic("up_by_person", axis="-Y")
+    assert fit.problems[0] == diagnostic("up_by_person", basis="axis", axis="-Y")
     assert fit.check.upright[2] > 0.9
 
 
@@ -107,7 +107,7 @@ def test_a_level_that_was_asked_for_is_a_note(capture: Capture) -> None:
     tilt = exp_so3(np.radians(5.0) * np.array([0.6, 0.8, 0.0]))
     fit = fit_world(turned(capture.cameras, tilt), capture.keypoints, WorldSettings(level="on"))
     assert off_degrees(fit.cameras, capture.cameras) < 3.0
-    assert fit.problems == () and [item.code for item in fit.notes] == ["world_levelled_as_asked"]
+    assert fit.problems == () and [item.code for item in fit.notes] == ["world_levelled"]
 
 
 @pytest.mark.slow
@@ -160,7 +160,7 @@ def test_the_world_is_scaled_to_a_stature(short: Capture) -> None:
     assert "so that the person is 1.76 m tall" in words(notes)[0]
     by_factor, notes = scale_world(squares, short.keypoints, WorldSettings(scale=1 / 3.3))
     np.testing.assert_allclose(by_factor.t, short.cameras.t)
-    assert notes == (diagnostic("scale_as_asked", scale=1 / 3.3),)
+    assert notes == (diagnostic("world_scaled", reason="scale", scale=1 / 3.3),)
     assert scale_world(squares, short.keypoints, WorldSettings())[0] is squares
 
 
@@ -173,7 +173,7 @@ def test_a_stature_that_the_calibration_contradicts_is_doubted(
     _, own_unit = scale_world(
         replace(short.cameras, t=3.3 * short.cameras.t), short.keypoints, WorldSettings(stature=1.5)
     )
-    assert [item.code for item in own_unit] == ["scale_by_stature"]
+    assert [item.code for item in own_unit] == ["world_scaled"]
 
 
 def test_people_are_found_again_in_another_scale(short: Capture) -> None:
@@ -212,7 +212,7 @@ def test_our_own_capture_changes_only_where_it_is_asked_for(short: Capture, tmp_
     np.testing.assert_array_equal(load_capture(path).cameras.t, turned(short.cameras, np.eye(3), -0.9).t)
     half = load_capture(path, scale=0.5)
     np.testing.assert_allclose(half.cameras.centres, 0.5 * load_capture(path).cameras.centres, atol=1e-9)
-    assert diagnostic("scale_as_asked", scale=0.5) in half.notes and half.truth == {}
+    assert diagnostic("world_scaled", reason="scale", scale=0.5) in half.notes and half.truth == {}
 
 
 def test_a_recording_of_markers_has_no_world_to_level() -> None:

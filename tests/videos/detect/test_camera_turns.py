@@ -120,7 +120,7 @@ def test_without_a_background_a_note_states_that_nothing_is_known() -> None:
     assert camera_turns(given, camera(), blank) is None
     blank = (np.full((HEIGHT, WIDTH, 3), 90, np.uint8) for _ in range(FRAMES))
     steadied, diagnostics = as_if_still(given, camera(), blank)
-    assert steadied is given and [item.code for item in diagnostics] == ["camera_turn_unknown"]
+    assert steadied is given and [item.code for item in diagnostics] == ["camera_turns"]
 
 
 REAL_FOCAL = 1500.0

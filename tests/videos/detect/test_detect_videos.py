@@ -143,7 +143,7 @@ def test_views_of_other_rates_and_offsets_come_to_the_same_moments() -> None:
     capture = assembled("t", [first, second], clocks, None)
     found = {item.code: item for item in capture.notes}
     assert found["clock_estimated"].where.cameras == ("cam2",) and found["clock_estimated"].values["offset_ms"] == -200
-    assert found["clock_in_sync"].where.cameras == ("cam1",)
+    assert found["clock_estimated"].where.cameras == ("cam1",)
     keypoints = capture.keypoints
     assert keypoints is not None and keypoints.num_frames == 24  # 0.2 s to 29/30 s
     np.testing.assert_allclose(keypoints.xy[0], keypoints.xy[1], atol=1e-3)
@@ -159,9 +159,9 @@ def test_videos_of_other_lengths_rates_and_intervals_are_noted_by_camera() -> No
     found = {item.code: item for item in (*capture.notes, *capture.problems)}
     assert found["intervals_uneven"].where == Where("cam2.mp4", cameras=("cam2",))
     assert found["intervals_uneven"].values["gap_ms"] == pytest.approx(120.0)
-    assert found["video_rates_mixed"].values["rates"] == ["25", "30"]
+    assert found["video_rates_differ"].values["rates"] == ["25", "30"]
     assert found["common_time_short"].values["longest"] == pytest.approx(29 / 30, abs=1e-5)
-    assert {"detector_used", "person_seen_most", "cameras_not_calibrated"} <= set(found)
+    assert {"detector_used", "person_chosen", "cameras_not_calibrated"} <= set(found)
 
 
 def test_detections_in_step_are_not_touched() -> None:
@@ -196,7 +196,7 @@ def test_a_calibration_of_another_shape_of_picture_is_refused_and_a_larger_one_s
     assert tuple(large.image_size[1]) == (640, 480) and note.code == "calibration_scaled"
     cut, (note, _) = in_video_pixels(calibrated(648, 480), both)
     np.testing.assert_array_equal(cut.K, calibrated(648, 480).cameras.K)
-    assert note.code == "picture_cut" and note.where.cameras == ("cam01",)
+    assert note.code == "calibration_scaled" and note.where.cameras == ("cam01",)
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ def test_a_side_whose_wrist_no_views_agree_on_is_named() -> None:
     confidence = capture.keypoints.confidence.copy()
     confidence[1:, :, capture.keypoints.joint_set.keypoints.index("left_wrist")] = 0.0
     arms, found = arms_of(replace(capture, keypoints=replace(capture.keypoints, confidence=confidence)))
-    assert [(item.code, item.where.joints) for item in found] == [("hand_without_wrist", ("left_wrist",))]
+    assert [(item.code, item.where.joints) for item in found] == [("hand_not_found", ("left_wrist",))]
     assert np.isfinite(arms.places[:, :, 1]).all()
     assert not arms_of(capture)[1]
 

@@ -102,7 +102,7 @@ def test_one_camera_stands_over_its_persons_floor_and_says_what_is_guessed(walke
     made = calibrate_take(request, KnownOfCameras(stature_m=1.7), silent)
     assert made.method == ONE_CAMERA
     [warned] = warnings_in(made.diagnostics)
-    assert warned.code == "focal_length_inexact" and warned.where.cameras == one.require_views()[0].names
+    assert warned.code == "focal_length_of_video" and warned.where.cameras == one.require_views()[0].names
     assert "a guess" in sentence(warned) and "± 15 %" in sentence(warned)
     longer = calibrate_take(request, KnownOfCameras(stature_m=1.7, focal="2600px"), silent)
     assert not warnings_in(longer.diagnostics) and longer.diagnostics[-1].values["size"] == 2600.0

@@ -80,7 +80,7 @@ def test_hands_of_a_single_video_are_found_at_lifted_arms(capture: Capture, dete
     assert found.keypoints is not None and found.keypoints.hands is not None
     assert (found.keypoints.hands[..., 2] > 0).all(-1).mean() > 0.9
     [item] = hands_found(found, detector)
-    assert item.code == "hands_found_one_view" and item.values["right"] == 100.0
+    assert item.code == "hands_found" and item.values["right"] == 100.0
 
 
 def test_another_model_makes_the_capture_anew(detector: DetectorChoice) -> None:

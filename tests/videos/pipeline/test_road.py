@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from solver_backend.cli.main import main
-from solver_backend.exchange.diagnostics import diagnostic, read_diagnostics
+from solver_backend.exchange.diagnostics import Severity, diagnostic, read_diagnostics
 from solver_backend.exchange.errors import NoDetections, OutputExists
 from solver_backend.videos.detect.detector import chosen_detector
 from solver_backend.videos.pipeline import run
@@ -132,7 +132,7 @@ def test_cameras_are_calibrated_where_no_calibration_is(
     assert all((out / picture).is_file() for step in kept["steps"] for picture in step["pictures"])
     searched, clocks = (read_diagnostics(step["diagnostics"]) for step in kept["steps"])
     assert searched[0].code == "videos_searched" and searched[0].values["count"] == 30
-    assert [item.code for item in clocks][:1] == ["clocks_as_filmed"]
+    assert [item.code for item in clocks][:1] == ["clocks_assumed"]
     asked: list[CalibrationRequest] = []
 
     def calibrated(request: CalibrationRequest, known: KnownOfCameras, progress: object) -> TakeCalibration:
@@ -147,7 +147,17 @@ def test_cameras_are_calibrated_where_no_calibration_is(
         made = diagnostic("cameras_calibrated", count=2, method="person", size=1.0)
         return TakeCalibration(
             "person",
-            (made, diagnostic("focal_length_inexact", cameras=["cam1"], size=900.0, share=15.0, source="a guess")),
+            (
+                made,
+                diagnostic(
+                    "focal_length_of_video",
+                    severity=Severity.WARNING,
+                    cameras=["cam1"],
+                    size=900.0,
+                    share=15.0,
+                    source="a guess",
+                ),
+            ),
         )
 
     monkeypatch.setattr(run, "calibrate_take", calibrated)

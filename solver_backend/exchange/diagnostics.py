@@ -1,0 +1,426 @@
+"""Diagnostics: what was found, one value from reader to report, with the words of ``diagnostics.json``.
+
+The table has one row per code, by group: severity, text, cause, remedy and the words of parameters with named values.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import string
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
+from enum import StrEnum
+from functools import cache
+from numbers import Integral
+from pathlib import Path
+from typing import Any, NamedTuple, TypedDict
+
+from .errors import JobInvalid, ResultRefused
+from .plain_text import plain
+
+Frames = tuple[tuple[int, int], ...]
+"""First and last frame, included, of one or more frame ranges."""
+_TABLE = Path(__file__).with_name("diagnostics.json")
+_RESULTS = "Results of a solve"
+_AFTER_READING = ("Recordings", "Motions of other programs", "Hands of gloves", _RESULTS)
+LONGEST_LIST = 6
+"""Names or frame ranges that a sentence lists; the rest is counted."""
+MOST_DOUBTS = 3
+"""Warnings of the reader that a refusal repeats."""
+
+
+class Severity(StrEnum):
+    """How grave a diagnostic is; the value is the name written to files."""
+
+    ERROR = "error"
+    """It cannot be: the input or the result is refused."""
+    WARNING = "warning"
+    """The result may be wrong."""
+    NOTE = "note"
+    """Worth knowing: what was assumed, measured or corrected."""
+
+
+class Remedy(StrEnum):
+    """What the program did about it; the value is the name written to files."""
+
+    REPORTED = "reported"
+    """Nothing was changed."""
+    REPAIRED = "repaired"
+    """The detections, labels or the camera were corrected."""
+    EXCLUDED = "excluded"
+    """The data are not used there."""
+    BRIDGED = "bridged"
+    """The motion was interpolated."""
+
+
+_DONE = {
+    Remedy.REPORTED: "",
+    Remedy.REPAIRED: ": corrected",
+    Remedy.EXCLUDED: ": not used there",
+    Remedy.BRIDGED: ": interpolated",
+}
+
+
+@dataclass(frozen=True)
+class DiagnosticEntry:
+    """One row of the table."""
+
+    group: str
+    """Heading on the reference page."""
+    severity: Severity
+    """Unless the caller states another one."""
+    text: str
+    """A sentence without its full stop, with parameters in braces."""
+    cause: str
+    """The usual cause, for the reference page."""
+    remedy: str
+    """Advice; empty if there is nothing to do."""
+    words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
+    """Text of each named value of a parameter, which may hold parameters itself."""
+
+    def list_parameters(self, values: Mapping[str, Any]) -> set[str]:
+        """Return the parameters that the texts need; of a parameter with words, those of the given value."""
+        texts = [self.text, self.remedy]
+        texts += [words[str(values[name])] for name, words in self.words.items() if str(values.get(name)) in words]
+        return {name for text in texts for _, name, _, _ in string.Formatter().parse(text) if name}
+
+
+@cache
+def load_table() -> dict[str, DiagnosticEntry]:
+    """Return every row of the table by its code."""
+    groups = json.loads(_TABLE.read_text(encoding="utf-8"))
+    return {
+        code: DiagnosticEntry(group, **{**row, "severity": Severity(row["severity"])})
+        for group, rows in groups.items()
+        for code, row in rows.items()
+    }
+
+
+@cache
+def list_refusals() -> tuple[str, ...]:
+    """Return the codes for which a result may be refused."""
+    rows = load_table().items()
+    return tuple(code for code, entry in rows if entry.group == _RESULTS and entry.severity is Severity.ERROR)
+
+
+def is_of_reading(code: str) -> bool:
+    """Return whether a code is found before the solve."""
+    entry = load_table().get(code)
+    return entry is not None and entry.group not in _AFTER_READING
+
+
+@dataclass(frozen=True)
+class Where:
+    """What a diagnostic concerns; fields are empty if it is none in particular."""
+
+    file: str = ""
+    """Path or name of a file."""
+    frames: Frames = ()
+    """Frame ranges."""
+    cameras: tuple[str, ...] = ()
+    """Names of cameras; the first is at fault if others are named for comparison."""
+    markers: tuple[str, ...] = ()
+    """Labels of markers."""
+    joints: tuple[str, ...] = ()
+    """Names of joints or keypoints."""
+    person: str = ""
+    """Name of a person."""
+
+    def as_dict(self) -> dict[str, object]:
+        """Return plain JSON values of the fields that are not empty."""
+        found = {item.name: getattr(self, item.name) for item in fields(self)}
+        plain: dict[str, object] = {
+            key: value if isinstance(value, str) else list(value) for key, value in found.items() if value
+        }
+        return {**plain, "frames": [list(run) for run in self.frames]} if self.frames else plain
+
+
+class DiagnosticValues(TypedDict):
+    """A diagnostic as plain JSON values."""
+
+    code: str
+    severity: str
+    where: dict[str, object]
+    values: dict[str, object]
+    remedy: str
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One thing that was found."""
+
+    code: str
+    """Its row in the table; a file of another version may have a code that the table lacks."""
+    severity: Severity
+    """How grave it is."""
+    where: Where = Where()
+    """What it concerns."""
+    values: Mapping[str, Any] = field(default_factory=dict)
+    """Parameters of the table's texts: plain JSON values."""
+    remedy: Remedy = Remedy.REPORTED
+    """What was done."""
+
+    def as_dict(self) -> DiagnosticValues:
+        """Return plain JSON values, which ``read_diagnostics`` reads back."""
+        return {
+            "code": self.code,
+            "severity": self.severity.value,
+            "where": self.where.as_dict(),
+            "values": dict(self.values),
+            "remedy": self.remedy.value,
+        }
+
+
+class Words(NamedTuple):
+    """A diagnostic for people."""
+
+    what: str
+    """What was found, and where."""
+    advice: str
+    """What to do; empty if there is nothing to do."""
+
+
+def diagnostic(
+    code: str,
+    *,
+    severity: Severity | None = None,
+    remedy: Remedy = Remedy.REPORTED,
+    file: str = "",
+    frames: Iterable[tuple[int, int]] = (),
+    cameras: Sequence[str] = (),
+    markers: Sequence[str] = (),
+    joints: Sequence[str] = (),
+    person: str = "",
+    **values: Any,
+) -> Diagnostic:
+    """Return a diagnostic of the table.
+
+    Args:
+        code: key of ``load_table``.
+        severity: the table's if None.
+        remedy: what was done.
+        file, frames, cameras, markers, joints, person: see ``Where``.
+        values: parameters of the table's texts; numbers are kept to six digits.
+
+    Raises:
+        KeyError: the table has no such code.
+    """
+    runs = tuple((int(a), int(b)) for a, b in frames)
+    where = Where(file, runs, tuple(cameras), tuple(markers), tuple(joints), person)
+    found = {key: _plain(value) for key, value in values.items()}
+    return Diagnostic(code, severity or load_table()[code].severity, where, found, remedy)
+
+
+def _plain(value: Any) -> Any:
+    if isinstance(value, str | bool):
+        return value
+    if isinstance(value, Integral):  # NumPy's as well: a count has no decimals
+        return int(value)
+    if isinstance(value, Iterable):
+        return [_plain(item) for item in value]
+    return float(f"{float(value):.6g}")
+
+
+def merge(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return one diagnostic for all that differ only in frames and figures, with the figures of the first."""
+    kept: dict[str, Diagnostic] = {}
+    for item in found:
+        names = sorted((key, str(value)) for key, value in item.values.items() if not isinstance(value, int | float))
+        key = repr((item.code, item.severity, item.remedy, replace(item.where, frames=()), names))
+        first = kept.setdefault(key, item)
+        runs = tuple(sorted({*first.where.frames, *item.where.frames}))
+        kept[key] = replace(first, where=replace(first.where, frames=runs))
+    return tuple(kept.values())
+
+
+def warnings_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return the warnings and errors."""
+    return tuple(item for item in found if item.severity is not Severity.NOTE)
+
+
+def notes_in(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return the notes."""
+    return tuple(item for item in found if item.severity is Severity.NOTE)
+
+
+def read_diagnostics(values: Any) -> tuple[Diagnostic, ...]:
+    """Return the diagnostics of a file or an event, a list as ``Diagnostic.as_dict`` makes it; others are left out."""
+    items = values if isinstance(values, list | tuple) else ()
+    return tuple(found for item in items if isinstance(item, Mapping) and (found := _read(item)))
+
+
+def _read(item: Mapping[str, Any]) -> Diagnostic | None:
+    code, where, values = item.get("code"), item.get("where"), item.get("values")
+    if not isinstance(code, str):
+        return None
+    severities = {level.value: level for level in Severity}
+    remedies = {remedy.value: remedy for remedy in Remedy}
+    return Diagnostic(
+        code,
+        severities.get(str(item.get("severity")), Severity.WARNING),
+        _read_where(where if isinstance(where, Mapping) else {}),
+        {str(key): _kept(value) for key, value in values.items()} if isinstance(values, Mapping) else {},
+        remedies.get(str(item.get("remedy")), Remedy.REPORTED),
+    )
+
+
+def _kept(value: Any) -> Any:
+    """Return a value of a file if it is a text, a finite number or a list of these, else its beginning as text."""
+    if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
+        return value
+    return [_kept(v) for v in value] if isinstance(value, list) else str(value)[:40]
+
+
+def _read_where(values: Mapping[str, Any]) -> Where:
+    names = {key: _texts(values.get(key)) for key in ("cameras", "markers", "joints")}
+    file, person = (str(values.get(key) or "") for key in ("file", "person"))
+    return Where(file, _runs(values.get("frames")), person=person, **names)
+
+
+def _texts(value: Any) -> tuple[str, ...]:
+    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list) else ()
+
+
+def _runs(value: Any) -> Frames:
+    runs = value if isinstance(value, list) else []
+    pairs = [run for run in runs if isinstance(run, list) and len(run) == 2]
+    return tuple((a, b) for a, b in pairs if type(a) is int and type(b) is int and a <= b)
+
+
+def word(found: Diagnostic, fps: float = 0.0) -> Words:
+    """Return a diagnostic in words; a code that the table lacks is shown by name.
+
+    Args:
+        found: of any origin.
+        fps: frames per second, to state how long frame ranges are; 0 omits that.
+    """
+    entry = load_table().get(found.code)
+    try:
+        if entry is None:
+            raise KeyError(found.code)
+        values = _fields(found, entry)
+        what, advice = entry.text.format(**values), entry.remedy.format(**values)
+    except (KeyError, ValueError, TypeError):  # a file of another version, or one that was edited
+        return Words(plain(_stop(_by_name(found, fps))), "")
+    where = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
+    return Words(plain(_stop(f"{what}{where}{_DONE[found.remedy]}")), plain(advice))
+
+
+def sentence(found: Diagnostic, fps: float = 0.0) -> str:
+    """Return a diagnostic on one line: what was found, where, and what to do."""
+    return " ".join(part for part in word(found, fps) if part)
+
+
+def frames_text(runs: Sequence[tuple[int, int]], fps: float = 0.0) -> str:
+    """Return frame ranges as text, the longest ones in full."""
+    longest = sorted(sorted(runs, key=lambda run: run[0] - run[1])[:LONGEST_LIST])
+    listed = [f"frame {a}" if a == b else f"frames {a}-{b}{_seconds(b - a + 1, fps)}" for a, b in longest]
+    more = f" and {len(runs) - len(longest)} shorter ones" if len(runs) > len(longest) else ""
+    return ", ".join(listed) + more
+
+
+def listed(names: Iterable[str]) -> str:
+    """Return the first names as text, and how many more there are."""
+    names = list(names)
+    more = f" and {len(names) - LONGEST_LIST} more" if len(names) > LONGEST_LIST else ""
+    return (", ".join(names[:LONGEST_LIST]) or "none") + more
+
+
+def _seconds(frames: int, fps: float) -> str:
+    return f" ({frames / fps:.2f} s)" if fps > 0 else ""
+
+
+def _stop(text: str) -> str:
+    return text if text.endswith((".", "?", "!")) else f"{text}."
+
+
+def _fields(found: Diagnostic, entry: DiagnosticEntry) -> dict[str, Any]:
+    """Return the parameters of a row's texts."""
+    where = found.where
+    names: dict[str, Any] = {"file": where.file, "person": where.person}
+    for one, several in (("camera", where.cameras), ("marker", where.markers), ("joint", where.joints)):
+        names |= {f"{one}s": listed(several), one: several[0] if several else ""}
+        names |= {f"other_{one}": several[1]} if len(several) > 1 else {}
+    values = names | {k: listed(map(str, v)) if isinstance(v, list) else v for k, v in found.values.items()}
+    chosen = {name: words.get(str(values.get(name))) for name, words in entry.words.items()}
+    return values | {name: text.format(**values) for name, text in chosen.items() if text is not None}
+
+
+def _by_name(found: Diagnostic, fps: float) -> str:
+    """Return a diagnostic by its code, with what it concerns and its values."""
+    where = [*found.where.cameras, *found.where.markers, *found.where.joints, found.where.person, found.where.file]
+    parts = [name for name in where if name] + [f"{key} {value}" for key, value in found.values.items()]
+    frames = f" in {frames_text(found.where.frames, fps)}" if found.where.frames else ""
+    return f"{found.code}{f' ({listed(parts)})' if parts else ''}{frames}"
+
+
+def summarise(found: Sequence[Diagnostic], fps: float = 0.0) -> list[str]:
+    """Return a line per warning, and a last one: "OK", or "Look at" the cameras, markers, joints and frames.
+
+    Args:
+        found: everything that was found.
+        fps: frames per second, 0 if unknown.
+    """
+    warnings = warnings_in(found)
+    lines = [f"{item.severity.value}: {sentence(item, fps)}" for item in warnings]
+    return [*lines, f"Look at {_places(warnings)}." if warnings else "OK"]
+
+
+def _places(warnings: Sequence[Diagnostic]) -> str:
+    parts = []
+    for kind in ("cameras", "markers", "joints"):
+        # An exchange names two cameras or markers, and both are suspect.
+        names = dict.fromkeys(name for item in warnings for name in getattr(item.where, kind))
+        parts += [f"{kind[:-1] if len(names) == 1 else kind} {listed(names)}"] if names else []
+    runs = _unite(run for item in warnings if not item.where.cameras for run in item.where.frames)
+    parts += [frames_text(runs)] if runs else []
+    general = sum(not (w.where.cameras or w.where.markers or w.where.joints or w.where.frames) for w in warnings)
+    count = "1 warning" if general == 1 else f"{general} warnings"
+    return "; ".join([*parts, *([f"the whole take ({count} above)"] if general else [])])
+
+
+def _unite(runs: Iterable[tuple[int, int]]) -> list[tuple[int, int]]:
+    united: list[tuple[int, int]] = []
+    for first, last in sorted(runs):
+        if united and first <= united[-1][1] + 1:
+            united[-1] = united[-1][0], max(last, united[-1][1])
+        else:
+            united.append((first, last))
+    return united
+
+
+def check_accepted(codes: Iterable[str]) -> None:
+    """Check that results are refused for these codes.
+
+    Raises:
+        JobInvalid: one is no such code; the hint lists the valid ones.
+    """
+    unknown = [code for code in codes if code not in list_refusals()]
+    if unknown:
+        hint = f"Codes are {', '.join(list_refusals())}."
+        raise JobInvalid(f"No result is refused for {', '.join(unknown)}.", where="accept", hint=hint)
+
+
+def refuse_errors(found: Iterable[Diagnostic], accepted: Iterable[str], where: str) -> tuple[Diagnostic, ...]:
+    """Return what was found, with accepted errors as warnings.
+
+    Args:
+        found: everything that was found about a result.
+        accepted: codes of ``list_refusals``.
+        where: the capture, for the message.
+
+    Raises:
+        ResultRefused: an error is not accepted; the message has every one, the hint what to do.
+    """
+    found, accepted = tuple(found), set(accepted)
+    refused = [item for item in found if item.severity is Severity.ERROR and item.code not in accepted]
+    if refused:
+        words = [word(item) for item in refused]
+        advices = dict.fromkeys(advice for _, advice in words)
+        doubts = [word(i).what for i in found if is_of_reading(i.code) and i.severity is Severity.WARNING]
+        reasons = [f"Earlier warnings may explain it: {' '.join(doubts[:MOST_DOUBTS])}"] if doubts else []
+        options = " ".join(f"--accept {code}" for code in dict.fromkeys(item.code for item in refused))
+        hint = " ".join([*reasons, *advices, f"To take the result anyway: {options}."])
+        raise ResultRefused(" ".join(what for what, _ in words), where=where, hint=hint)
+    return tuple(replace(i, severity=Severity.WARNING) if i.severity is Severity.ERROR else i for i in found)
