@@ -1,0 +1,218 @@
+"""Evidence of the body: the log-likelihood of the person that a reading triangulates."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.noise import count_in_bins, expected_density, fit_noise
+from solver_backend.agreement.reading import Reading
+
+LEAST_BONE_NOISE, UNRELATED_BONES, BONE_OUTLIERS = 0.03, 0.35, 0.3
+"""Log length: least noise, noise beyond which nothing is rigid, and its outlier rate and density."""
+BONES = (
+    ("shoulder", "hip", 0.50), ("hip", "knee", 0.42), ("knee", "ankle", 0.42), ("shoulder", "elbow", 0.29),
+    ("elbow", "wrist", 0.25), ("ankle", "big_toe", 0.18),
+)  # fmt: skip
+"""Bones of each side and their usual lengths in metres, of adults of 1.75 m (Drillis and Contini 1966)."""
+BREADTHS = ("shoulder", 0.35), ("hip", 0.22)
+"""Distances of both sides."""
+USUAL_STATURE_M = 1.75
+PROPORTION_SPREAD, SIDE_SPREAD = 0.2, 0.1
+"""Log spread of people's proportions, joint definitions included, and of the two sides of one person."""
+LEVEL_CONCENTRATION, LEVEL_OUTLIERS = 4.0, 0.03
+"""Of the trunk's direction in upright pictures (von Mises); share of pictures that are mounted anyhow."""
+FORWARD_WRONG = 0.02
+"""Probability that a joint definition lies on the wrong side of the body."""
+BENT = 0.06
+"""Knees bent less, in metres of the usual stature, may lie behind the line from hip to ankle by definition."""
+SAME_BODY = 0.04
+"""Two readings give the same body up to this share of its height."""
+
+
+@dataclass(frozen=True)
+class BodyEvidence:
+    """What the triangulated person says about a reading."""
+
+    terms: dict[str, float]
+    """Log-likelihoods in nats."""
+    height: float
+    """Of the person in the calibration's unit, as long as the bones show."""
+    points: np.ndarray
+    """(P, J, 3) in the calibration's unit, NaN where unknown."""
+
+    @property
+    def total(self) -> float:
+        """Return the sum of all terms."""
+        return sum(self.terms.values())
+
+    def is_same(self, other: BodyEvidence) -> bool:
+        """Return whether two readings give one body up to place, turn and size, without mirroring (Umeyama 1991)."""
+        both = np.isfinite(self.points).all(-1) & np.isfinite(other.points).all(-1)
+        if both.sum() < 8:
+            return True
+        a = self.points[both] - np.median(self.points[both], 0)
+        b = other.points[both] - np.median(other.points[both], 0)
+        U, S, Vt = np.linalg.svd(b.T @ a)
+        signs = np.array([1.0, 1.0, np.sign(np.linalg.det(U @ Vt))])
+        fit = (S * signs).sum() / max((b**2).sum(), 1e-12) * b @ (U * signs) @ Vt
+        return bool(np.median(np.linalg.norm(fit - a, axis=-1)) < SAME_BODY * self.height)
+
+
+def judge_body(evidence: Evidence, reading: Reading) -> BodyEvidence:
+    """Return what the triangulated person says about a reading.
+
+    Terms: ``bones`` are rigid over time; ``proportions`` are a person's; ``upright`` trunks in the pictures; ``handed``
+    toes, knees and faces point forward; ``in front`` of the cameras; ``inside`` the pictures.
+    """
+    points, behind = triangulate_rays(evidence, reading)
+    place = {name: points[:, k] for k, name in enumerate(evidence.names)}
+    lengths, usual, sides = _lengths(place)
+    terms: dict[str, float] = {}
+    height = USUAL_STATURE_M
+    if len(lengths):
+        with np.errstate(divide="ignore", invalid="ignore"):
+            log = np.log(np.stack(lengths))
+        mean = np.array([np.median(x[np.isfinite(x)]) if np.isfinite(x).any() else 0.0 for x in log])
+        terms["bones"] = _rigid(evidence, log - mean[:, None])
+        ratio = mean - np.log(usual)
+        scale = float(np.median(ratio))
+        height = USUAL_STATURE_M * float(np.exp(scale))
+        unequal = np.array([mean[a] - mean[b] for a, b in sides])
+        terms["proportions"] = 0.5 * (_heavy(ratio - scale, PROPORTION_SPREAD) + _heavy(unequal, SIDE_SPREAD))
+    terms["upright"] = _upright(evidence, reading)
+    terms["handed"] = _handed(place, height)
+    poses = min(evidence.poses, 10) * evidence.views
+    terms["in front"] = float(np.log(0.01) * behind * poses)
+    outside = np.mean([evidence.points(evidence.key(reading, v)[0]).outside for v in range(evidence.views)])
+    terms["inside"] = float(np.log(0.01) * outside * poses)
+    return BodyEvidence(terms, height, points)
+
+
+def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
+    """Return lengths (P,) of the bones that are seen, their usual ones, and the pairs that are one bone of both sides."""
+    lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
+    for upper, lower, length in BONES:
+        ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]
+        if all(name in place for pair in ends for name in pair):
+            sides.append((len(lengths), len(lengths) + 1))
+            lengths += [np.linalg.norm(place[a] - place[b], axis=-1) + 1e-12 for a, b in ends]
+            usual += [length, length]
+    for part, length in BREADTHS:
+        if f"left_{part}" in place and f"right_{part}" in place:
+            lengths.append(np.linalg.norm(place[f"left_{part}"] - place[f"right_{part}"], axis=-1) + 1e-12)
+            usual.append(length)
+    return lengths, np.array(usual), sides
+
+
+def _rigid(evidence: Evidence, off: np.ndarray) -> float:
+    """Return the log-likelihood of log lengths (bones, P) less their medians; one pose says nothing."""
+    counts = count_in_bins(off.T.reshape(1, *off.T.shape), evidence.weight[:, None])
+    noise = fit_noise(counts, LEAST_BONE_NOISE, BONE_OUTLIERS)
+    z = evidence.per_pose(np.nan_to_num(np.clip(off / noise.sigma[0], -3, 3)), 1)
+    effect = max(1.0, float((z.sum(0) ** 2).sum() / max(z.size, 1)))
+    count = float((np.isfinite(off) * evidence.weight).sum()) * (evidence.poses - 1) / max(evidence.poses, 1)
+    shared = 1 if evidence.views == 2 else 2  # with more views the same errors already show between views
+    unrelated = expected_density(UNRELATED_BONES, BONE_OUTLIERS, BONE_OUTLIERS)
+    return float((noise.density[0] - unrelated) * count / (effect * shared))
+
+
+def _heavy(off: np.ndarray, spread: float) -> float:
+    """Return the log-likelihood of deviations with heavy tails: one odd bone is no proof."""
+    return float((-2.0 * np.log1p((off / spread) ** 2 / 3)).sum())
+
+
+def _upright(evidence: Evidence, reading: Reading) -> float:
+    """Return the log-likelihood of the trunks' directions; how cameras are mounted counts per take, not per frame."""
+    names, found = evidence.names, []
+    trunk = [(f"{side}_shoulder", f"{side}_hip") for side in ("left", "right")]
+    if any(name not in names for pair in trunk for name in pair):
+        return 0.0
+    columns = [(names.index(a), names.index(b)) for a, b in trunk]
+    for view in range(evidence.views):
+        rays = evidence.points(evidence.key(reading, view)[0]).rays
+        up = sum(rays[:, a] - rays[:, b] for a, b in columns)
+        tilt = np.arctan2(up[:, 0], -up[:, 1])
+        tilt = tilt[np.isfinite(tilt)]
+        if len(tilt):
+            level = np.exp(LEVEL_CONCENTRATION * np.cos(tilt)) / (2 * np.pi * float(np.i0(LEVEL_CONCENTRATION)))
+            found.append(float(np.log((1 - LEVEL_OUTLIERS) * level + LEVEL_OUTLIERS / (2 * np.pi)).mean()))
+    return 2.0 * float(np.mean(found)) if found else 0.0
+
+
+def _handed(place: dict[str, np.ndarray], height: float) -> float:
+    """Return the log-likelihood that toes, knees and faces point forward; each kind counts once, whatever the take.
+
+    With left ``l`` and up ``u`` of the trunk, ``n = l x u`` points forward in a body and backward in its mirror image.
+    """
+    trunk = ("left_shoulder", "right_shoulder", "left_hip", "right_hip")
+    if any(name not in place for name in trunk):
+        return 0.0
+    shoulder_l, shoulder_r, hip_l, hip_r = (place[name] for name in trunk)
+    up, left = shoulder_l + shoulder_r - hip_l - hip_r, shoulder_l - shoulder_r + hip_l - hip_r
+    forward = np.cross(left, up)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        forward /= np.linalg.norm(forward, axis=-1, keepdims=True)
+    metre, total = height / USUAL_STATURE_M, 0.0
+    for parts, usual in _forward_parts(place, metre):
+        along = np.concatenate([(part * forward).sum(-1) for part in parts]) / (usual * metre)
+        along = along[np.isfinite(along)]
+        if len(along):
+            right = 1 / (1 + np.exp(-4 * np.clip(np.median(along), -3, 3)))
+            total += float(np.log(FORWARD_WRONG + (1 - 2 * FORWARD_WRONG) * right))
+    return total
+
+
+def _forward_parts(place: dict[str, np.ndarray], metre: float) -> list[tuple[list[np.ndarray], float]]:
+    """Return kinds of vectors (P, 3) that point forward in every person, each with its usual length in metres."""
+    sides = "left", "right"
+    kinds: list[tuple[list[np.ndarray], float]] = []
+    toes = [place[f"{s}_big_toe"] - place[f"{s}_ankle"] for s in sides if {f"{s}_big_toe", f"{s}_ankle"} <= set(place)]
+    kinds.append((toes, 0.12))
+    knees = []
+    for side in sides:
+        if {f"{side}_{part}" for part in ("hip", "knee", "ankle")} <= set(place):
+            bend = place[f"{side}_knee"] - (place[f"{side}_hip"] + place[f"{side}_ankle"]) / 2
+            with np.errstate(invalid="ignore"):
+                bent = np.linalg.norm(bend, axis=-1) > BENT * metre
+            knees.append(np.where(bent[:, None], bend, np.nan))
+    kinds.append((knees, 0.08))
+    for part, usual in (("ear", 0.1), ("eye", 0.03)):
+        if "nose" in place:
+            kinds.append(([place["nose"] - place[f"{s}_{part}"] for s in sides if f"{s}_{part}" in place], usual))
+    return [(parts, usual) for parts, usual in kinds if parts]
+
+
+def triangulate_rays(evidence: Evidence, reading: Reading) -> tuple[np.ndarray, float]:
+    """Return points (P, J, 3), NaN where fewer than two views see them, and the share of views that see from behind.
+
+    Linear triangulation with two rounds of weights against outliers (Hartley and Zisserman 2004, sec. 12.2).
+    """
+    keys = [evidence.key(reading, view) for view in range(evidence.views)]
+    views = [evidence.points(points) for points, _ in keys]
+    poses = [evidence.pose_of(pose) for _, pose in keys]
+    unit = float(np.mean([np.linalg.norm(t) for _, t in poses])) + 1e-9
+    matrices = np.stack([np.concatenate([R, t[:, None] / unit], axis=1) for R, t in poses])
+    rays = np.stack([view.rays for view in views])
+    seen = np.isfinite(rays[..., 0])
+    seen[list(reading.left_out)] = False
+    rays = np.where(seen[..., None], rays, 0.0)
+    size = np.array([view.size for view in views])[:, None, None]
+    # (V, P, J, 2, 4): two equations per view
+    rows = rays[..., :2, None] * matrices[:, None, None, 2:3] - matrices[:, None, None, :2]
+    weight = seen.astype(float)
+    for _ in range(3):
+        weighted = rows * weight[..., None, None]
+        X = np.linalg.eigh(np.einsum("vpjac,vpjad->pjcd", weighted, weighted))[1][..., 0]
+        w = np.where(np.abs(X[..., 3:]) < 1e-9, 1e-9, X[..., 3:])
+        X = X[..., :3] / w
+        camera = np.einsum("vac,pjc->vpja", matrices[:, :, :3], X) + matrices[:, None, None, :, 3]
+        depth = camera[..., 2]
+        plane = camera[..., :2] / np.where(np.abs(depth) < 1e-6, 1e-6, depth)[..., None]
+        off = np.linalg.norm(plane - rays[..., :2], axis=-1) / size
+        weight = seen / (1 + (off / 0.05) ** 2) / np.maximum(np.abs(depth), 0.05)
+    several = seen.sum(0) >= 2
+    behind = (depth < 0) & seen & several
+    return np.where(several[..., None], X * unit, np.nan), float(behind.sum() / max((seen & several).sum(), 1))

@@ -1,0 +1,250 @@
+"""Search the reading that explains a capture, and decide whether it is beyond doubt."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from solver_backend.agreement.body_evidence import BodyEvidence, judge_body
+from solver_backend.agreement.detections import Detections
+from solver_backend.agreement.evidence import UNRELATED_OUTLIERS, Evidence
+from solver_backend.agreement.hypotheses import (
+    CAMERA_ROWS,
+    CONVENTIONS,
+    ROWS,
+    SHAPES_ROW,
+    Hypothesis,
+    changes_of,
+    cost_of,
+)
+from solver_backend.agreement.reading import Reading
+from solver_backend.types import Cameras
+
+BOUND = 6.0
+"""Nats by which a reading must beat every other one: odds of 400 to 1."""
+BEAM, ROUNDS = 5, 2
+"""Readings that are kept in the search, and faults of single cameras that it finds one after the other."""
+MOVED_OF = 2
+"""Best readings from which a moved camera is sought: each pose is a fit."""
+JUDGED = 14
+"""Most likely readings whose bodies are compared."""
+SCOUTED = 12
+"""Poses on which the many common readings are compared first."""
+BLOCKS = 8
+"""Stretches of time from which the luck of a likelihood ratio is estimated."""
+AS_NOISY = 1.15
+"""Times the least noise up to which the simpler of two readings of one body is taken."""
+AGREED_NOISE = 0.03
+"""Noise in person's sizes up to which no shapes of pictures are tried."""
+
+
+_OF_CAMERA = {
+    "camera_moved": "{} was moved after the calibration", "camera_late": "{} is late",
+    "camera_unexplained": "nothing explains {}",
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Applied:
+    """A hypothesis that explains the capture."""
+
+    code: str
+    """Of its diagnostic."""
+    views: tuple[int, ...]
+    """Views that it concerns."""
+    meaning: str
+    """What is corrected, a phrase for people; empty where the code says it."""
+    gain: float
+    """Log-likelihood ratio against the reading without it, nats."""
+
+
+@dataclass(frozen=True)
+class Scored:
+    """A reading with its likelihood."""
+
+    reading: Reading
+    epipolar: float
+    """Log-likelihood ratio against views that show nothing in common, nats."""
+    cost: float
+    """What its changes have to earn, nats."""
+    body: BodyEvidence
+    sigma: float
+    """Noise in person's sizes."""
+    outliers: float
+
+    @property
+    def total(self) -> float:
+        """Return the log-likelihood less the cost, nats."""
+        return self.epipolar + self.body.total - self.cost
+
+
+@dataclass(frozen=True)
+class Explanation:
+    """How a capture is read, and why."""
+
+    reading: Reading
+    """As it is solved; as written where nothing wins."""
+    applied: tuple[Applied, ...]
+    """What explains it."""
+    agrees: bool
+    """Whether the views show one body in this reading."""
+    margin: float
+    """Log-likelihood ratio against the best reading that gives another body, nats; inf where there is none."""
+    runner_up: str
+    """That reading, a phrase."""
+    open: tuple[str, ...] = ()
+    """The two best explanations where neither wins."""
+    table: tuple[Scored, ...] = ()
+    """All readings that were judged, the best first."""
+
+    @property
+    def changed(self) -> bool:
+        """Return whether anything is read otherwise than written."""
+        return bool(self.applied)
+
+
+def explain(cameras: Cameras, detections: Detections) -> Explanation:
+    """Return the reading under which C views agree best, as written unless another is beyond doubt.
+
+    Args:
+        cameras: the calibrated cameras of the views, as written.
+        detections: everybody in C views, in step.
+    """
+    evidence = Evidence(cameras, detections)
+    written = Reading.as_written(evidence.views)
+    if evidence.views < 2 or not evidence.poses:
+        return Explanation(written, (), agrees=False, margin=0.0, runner_up="")
+    return _Search(evidence, written).decide()
+
+
+class _Search:
+    """The search over readings of one capture."""
+
+    def __init__(self, evidence: Evidence, written: Reading) -> None:
+        self.evidence, self.quick, self.written = evidence, evidence.quick(), written
+        self.raw_constraints = self.quick.constraints(written)
+        self.constraints = self.raw_constraints
+
+    def _rank(self, readings: Iterable[Reading], evidence: Evidence | None = None) -> list[Reading]:
+        """Return readings by their quick score, the best first."""
+        found = list(dict.fromkeys(readings))
+        ratio, _ = (evidence or self.quick).likelihoods(found)
+        score = [d * self.constraints - self._cost(r) for d, r in zip(ratio, found, strict=True)]
+        return [found[k] for k in np.argsort(-np.array(score), kind="stable")]
+
+    def _cost(self, reading: Reading) -> float:
+        return cost_of(reading, self.constraints)
+
+    def _propose(self, rows: Iterable[Hypothesis], readings: Iterable[Reading]) -> list[Reading]:
+        return [candidate for reading in readings for row in rows for candidate in row.candidates(self.quick, reading)]
+
+    def search(self) -> list[Reading]:
+        """Return readings by their likelihood: of all files alike first, then of single cameras, twice."""
+        scout = self.quick.quick(SCOUTED)
+        alike = self._rank([*CONVENTIONS.candidates(scout, self.written), self.written], scout)[: 2 * JUDGED]
+        alike = self._rank([*alike, self.written])
+        self.constraints = self.raw_constraints / self.quick.design_effect(alike[0])
+        alike = self._rank(alike)
+        found, beam = alike[:JUDGED], list(dict.fromkeys([*alike[:BEAM], self.written]))
+        for _ in range(ROUNDS):
+            found = self._rank([*found, *self._propose(ROWS, beam), *self._propose(CAMERA_ROWS, beam[:MOVED_OF])])
+            beam, before = list(dict.fromkeys([*found[:BEAM], self.written])), beam
+            if beam == before:
+                break
+            self.constraints = self.raw_constraints / self.quick.design_effect(beam[0])
+        best = self.quick.noise(found[:1])
+        if best.sigma[0] > AGREED_NOISE or best.outliers[0] > UNRELATED_OUTLIERS:
+            found = self._rank([*found, *self._refined(self._rank(self._propose([SHAPES_ROW], beam[:2]))[:BEAM])])
+        self.constraints = self.raw_constraints / self.quick.design_effect(found[0])
+        return self._rank(found)
+
+    def _refined(self, readings: Iterable[Reading]) -> list[Reading]:
+        """Return readings with their odd sizes refined to a few per mille, or replaced by standard ones nearby."""
+        tried = list[Reading]()
+        for reading in readings:
+            sizes = np.geomspace(0.95, 1.05, 21)
+            changed = {p for p in reading.pictures if p.shape}
+            for size in sizes:
+                pictures = tuple(
+                    replace(p, size=round(p.size * size, 4)) if p in changed else p for p in reading.pictures
+                )
+                tried.append(replace(reading, pictures=pictures))
+            for standard in (1.0, 0.5, 2.0, 2 / 3, 1.5, 0.75, 4 / 3):
+                if any(abs(np.log(standard / p.size)) < 0.1 for p in changed):
+                    pictures = tuple(replace(p, size=standard) if p in changed else p for p in reading.pictures)
+                    tried.append(replace(reading, pictures=pictures))
+        return tried
+
+    def score(self, reading: Reading) -> Scored:
+        """Return a reading with its likelihood."""
+        ratios, noise = self.evidence.likelihoods([self.written, reading])
+        body = judge_body(self.quick, reading)
+        sigma, outliers = float(noise.sigma[1]), float(noise.outliers[1])
+        return Scored(reading, float(ratios[1]) * self.constraints, self._cost(reading), body, sigma, outliers)
+
+    def luck(self, one: Scored, other: Scored) -> float:
+        """Return by how much a likelihood ratio may be luck: its spread over stretches of time, for its rivals."""
+        apart = self.evidence.densities(one.reading) - self.evidence.densities(other.reading)
+        blocks = np.array([part.sum() / len(apart) for part in np.array_split(apart, min(BLOCKS, len(apart)))])
+        if len(blocks) < 3:
+            return 0.0
+        spread = float(blocks.std(ddof=1) * np.sqrt(len(blocks))) * self.constraints
+        return spread * np.sqrt(2 * max(one.cost - other.cost, np.log(8)))
+
+    def lead(self, one: Scored, other: Scored) -> float:
+        """Return the likelihood ratio that is no luck, nats."""
+        return one.total - other.total - self.luck(one, other)
+
+    def _is_near(self, best: Scored, other: Scored) -> bool:
+        """Return whether a reading explains as much as the best: within luck, or one body with about the same noise."""
+        alike = other.sigma <= AS_NOISY * best.sigma and other.outliers <= best.outliers + AS_NOISY - 1
+        return self.lead(best, other) < BOUND or (alike and best.body.is_same(other.body))
+
+    def decide(self) -> Explanation:
+        """Return the reading that wins, as written where none does."""
+        ranked = self.search()
+        likely = list(dict.fromkeys([*ranked[:JUDGED], self.written]))
+        likely += [_exchange_sides(reading) for reading in likely[:4]] + [_exchange_sides(self.written)]
+        table = sorted((self.score(r) for r in dict.fromkeys(likely)), key=lambda s: -s.total)
+        written = next(s for s in table if s.reading == self.written)
+        near = [s for s in table if s is table[0] or self._is_near(table[0], s)]
+        chosen = min(near, key=lambda s: (round(s.cost, 6), -s.total))
+        others = [s for s in table if not chosen.body.is_same(s.body)]
+        leads = [self.lead(chosen, s) for s in others]
+        margin, runner_up = min(
+            ((n, self.describe(s.reading)) for n, s in zip(leads, others, strict=True)), default=(np.inf, "")
+        )
+        agrees = chosen.epipolar >= BOUND
+        explanation = Explanation(self.written, (), written.epipolar >= BOUND, margin, runner_up, table=tuple(table))
+        if chosen.reading == self.written:
+            return explanation
+        if not agrees or margin < BOUND:
+            best = (self.describe(chosen.reading), runner_up) if agrees else ()
+            return replace(explanation, open=best)
+        applied = tuple(
+            Applied(code, views, meaning, chosen.total - self.score(without).total)
+            for code, views, meaning, without in changes_of(chosen.reading)
+        )
+        return Explanation(chosen.reading, applied, agrees, margin, runner_up, table=tuple(table))
+
+    def describe(self, reading: Reading) -> str:
+        """Return a reading as a phrase for people."""
+        names, parts = self.evidence.cameras.names, list[str]()
+        for code, views, meaning, _ in changes_of(reading):
+            which = ", ".join(names[v] for v in views)
+            if code == "camera_names_exchanged":
+                parts.append(
+                    "camera names are exchanged: "
+                    + ", ".join(f"{names[v]} is {names[reading.owners[v]]}" for v in views)
+                )
+            elif code in _OF_CAMERA:
+                parts.append(_OF_CAMERA[code].format(which))
+            else:
+                parts.append(meaning if len(views) == len(names) else f"{meaning} ({which})")
+        return "; ".join(parts) or "everything is as written"
+
+
+def _exchange_sides(reading: Reading) -> Reading:
+    return replace(reading, sides=tuple(not side for side in reading.sides))

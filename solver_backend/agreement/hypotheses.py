@@ -1,0 +1,196 @@
+"""The faults that files of a capture can have: one row each, with the readings that it proposes and what they cost."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import combinations, permutations, product
+
+import numpy as np
+
+from solver_backend.agreement.evidence import Evidence
+from solver_backend.agreement.moved_camera import refit_pose
+from solver_backend.agreement.reading import PLAIN, Picture, Reading
+from solver_backend.cameras.camera_corrections import FACTORS, POSES, SHAPES, TURNS
+
+LONGEST_DELAY = 30
+"""Frames; cameras that started further apart are found by ``camera_starts``."""
+MOST_PERMUTED = 4
+"""Views up to which all orders of names are tried; of more, exchanges of two and moves round the ring."""
+ONE_SHAPES = ("squeezed", "widened", "half as wide", "twice as wide", "square", "boxed", "cut to a square")
+"""Shapes of a single camera. A cut about the middle looks like a longer lens."""
+ODD_SIZES = tuple(np.geomspace(0.15, 4.0, 38).round(4).tolist())
+"""Sizes of pictures of another shape, in steps of 9 %; the best is refined."""
+
+
+@dataclass(frozen=True)
+class Hypothesis:
+    """One kind of fault."""
+
+    code: str
+    """Diagnostic of a correction."""
+    candidates: Callable[[Evidence, Reading], Iterator[Reading]]
+    """Propose readings that differ from one by this fault."""
+
+
+def _conventions(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """All files of a kind are written alike: poses, axes, sizes and turns of all pictures."""
+    mirrors = [(turn, mirrored) for turn, mirrored in product(TURNS, (False, True)) if not (mirrored and turn == 3)]
+    for pose, graphics, size, (turn, mirrored) in product(POSES, (False, True), FACTORS, mirrors):
+        pictures = (Picture(size, turn, mirrored),) * evidence.views
+        yield replace(reading, pictures=pictures, pose=pose, graphics=graphics, sides=(False,) * evidence.views)
+
+
+def _one_picture(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """The pictures of one camera have another size or turn, or are mirrored; or its sides are exchanged."""
+    for view, picture in enumerate(reading.pictures):
+        for size, turn in product(FACTORS, TURNS):
+            yield reading.with_picture(view, replace(picture, size=size, turn=turn))
+        other = not reading.sides[view]
+        flipped = replace(picture, mirrored=not picture.mirrored)
+        yield reading.with_picture(view, flipped)
+        yield reading.with_picture(view, flipped, other)
+        yield reading.with_picture(view, picture, other)
+
+
+def _names(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """Cameras bear each other's names."""
+    views = evidence.views
+    if views < 3:
+        return
+    if views <= MOST_PERMUTED:
+        orders = list(permutations(range(views)))
+    else:
+        orders = [tuple(np.roll(range(views), shift).tolist()) for shift in range(views)]
+        for i, j in combinations(range(views), 2):
+            order = list(range(views))
+            order[i], order[j] = j, i
+            orders.append(tuple(order))
+    for order in orders:
+        yield replace(reading, owners=tuple(reading.owners[k] for k in order))
+
+
+def _shapes(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """Recorded pictures have another shape than those calibrated: all of them, or those of one camera."""
+    if evidence.views < 3:
+        return
+    common, _ = reading.common()
+    for shape, size in product(SHAPES, ODD_SIZES):
+        yield replace(reading, pictures=(replace(common, size=size, shape=shape),) * evidence.views)
+    for view, shape in product(range(evidence.views), ONE_SHAPES):
+        for size in ODD_SIZES if shape != "cut to a square" else (reading.pictures[view].size,):
+            yield reading.with_picture(view, replace(reading.pictures[view], size=size, shape=shape))
+
+
+def _moved(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """One camera was moved or turned after the calibration: its pose is fitted to the other views."""
+    if evidence.views < 3 or reading.moved:
+        return
+    for view in range(evidence.views):
+        pose = refit_pose(evidence, reading, view)
+        if pose is not None:
+            yield reading.with_pose(view, pose)
+
+
+def _late(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """One camera is late or early: whole frames, first every third."""
+    reach = min(LONGEST_DELAY, evidence.num_frames // 5)
+    for view in range(evidence.views == 2, evidence.views):
+        tried = [reading.with_delay(view, lag) for lag in range(-reach, reach + 1, 3)]
+        best = tried[int(evidence.likelihoods(tried)[0].argmax())].late
+        middle = best[view] if best else 0
+        for lag in range(middle - 2, middle + 3):
+            yield reading.with_delay(view, lag)
+
+
+def _left_out(evidence: Evidence, reading: Reading) -> Iterator[Reading]:
+    """Nothing explains a camera."""
+    if evidence.views > 2 and not reading.left_out:
+        for view in range(evidence.views):
+            yield replace(reading, left_out=(view,))
+
+
+CONVENTIONS = Hypothesis("calibration_corrected", _conventions)
+ROWS = (
+    Hypothesis("calibration_corrected", _one_picture),
+    Hypothesis("camera_names_exchanged", _names),
+)
+CAMERA_ROWS = (
+    Hypothesis("camera_late", _late),
+    Hypothesis("camera_moved", _moved),
+    Hypothesis("camera_unexplained", _left_out),
+)
+"""No faults of files: they explain a camera that nothing else does."""
+SHAPES_ROW = Hypothesis("calibration_corrected", _shapes)
+"""Asked only where nothing simpler makes the views agree: it has 4,000 readings."""
+
+
+def cost_of(reading: Reading, constraints: float) -> float:
+    """Return what a reading has to earn: log(number of rivals) of each change, half log(n) of each free number.
+
+    Args:
+        reading: of C views.
+        constraints: n, independent constraints of the capture.
+
+    Reference: Schwarz 1978.
+    """
+    views = len(reading.pictures)
+    common, sides = reading.common()
+    alone = sides and not common.mirrored  # in mirrored pictures a detector finds the other sides
+    cost = np.log(8) * ((reading.pose != POSES[0]) + reading.graphics + alone)
+    cost += _picture_cost(common, PLAIN, constraints)
+    for picture, exchanged in zip(reading.pictures, reading.sides, strict=True):
+        if (picture, exchanged) != (common, sides):
+            cost += np.log(views) + _picture_cost(picture, common, constraints) + np.log(4) * (exchanged != sides)
+    named = sum(owner != view for view, owner in enumerate(reading.owners))
+    cost += (named > 0) * np.log(max(views * (views - 1) // 2, 2)) + max(named - 2, 0) * np.log(max(views, 2))
+    cost += sum(lag != 0 for lag in reading.late) * np.log(2 * LONGEST_DELAY * views)
+    cost += len(reading.left_out) * np.log(views)
+    moved = sum(pose is not None for pose in reading.moved)
+    return float(cost + moved * (np.log(views) + 3 * np.log(max(constraints / views, 2.0))))
+
+
+def _picture_cost(picture: Picture, usual: Picture, constraints: float) -> float:
+    sized = (
+        np.log(len(FACTORS)) if picture.size in FACTORS else np.log(len(FACTORS)) + 0.5 * np.log(max(constraints, 2.0))
+    )
+    return float(
+        (picture.size != usual.size) * sized
+        + (picture.turn != usual.turn) * np.log(4)
+        + (picture.mirrored != usual.mirrored) * np.log(4)
+        + (picture.shape != usual.shape) * np.log(len(SHAPES))
+    )
+
+
+def changes_of(reading: Reading) -> list[tuple[str, tuple[int, ...], str, Reading]]:
+    """Return what a reading changes: code, views, a phrase for people, and the reading without that change."""
+    views = len(reading.pictures)
+    everyone, changes = tuple(range(views)), list[tuple[str, tuple[int, ...], str, Reading]]()
+    written = Reading.as_written(views)
+    conventions = replace(written, pose=reading.pose, graphics=reading.graphics)
+    if conventions != written:
+        phrase = conventions.correction(0).meaning()
+        changes.append(("calibration_corrected", everyone, phrase, replace(reading, pose=POSES[0], graphics=False)))
+    by_kind: dict[tuple[Picture, bool], list[int]] = {}
+    for view, kind in enumerate(zip(reading.pictures, reading.sides, strict=True)):
+        if kind != (PLAIN, False):
+            by_kind.setdefault(kind, []).append(view)
+    for (picture, sides), members in by_kind.items():
+        without = reading
+        for view in members:
+            without = without.with_picture(view, PLAIN, False)
+        if meaning := picture.correction.meaning():
+            changes.append(("calibration_corrected", tuple(members), meaning, without))
+        names = "left and right are exchanged in the keypoints' names"
+        flips = [part for part in (picture.mirror_meaning, names if sides else "") if part]
+        if flips:
+            changes.append(("detections_corrected", tuple(members), ", and ".join(flips), without))
+    named = tuple(view for view, owner in enumerate(reading.owners) if owner != view)
+    if named:
+        changes.append(("camera_names_exchanged", named, "", replace(reading, owners=everyone)))
+    moved = tuple(view for view in everyone if reading.pose_of(view) is not None)
+    late = tuple(view for view, lag in enumerate(reading.late) if lag)
+    changes += [("camera_late", (view,), "", replace(reading, late=())) for view in late]
+    changes += [("camera_unexplained", (view,), "", replace(reading, left_out=())) for view in reading.left_out]
+    changes += [("camera_moved", (view,), "", replace(reading, moved=())) for view in moved]
+    return changes
