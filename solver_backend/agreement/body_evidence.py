@@ -92,7 +92,7 @@ def judge_body(evidence: Evidence, reading: Reading) -> BodyEvidence:
 
 
 def _lengths(place: dict[str, np.ndarray]) -> tuple[list[np.ndarray], np.ndarray, list[tuple[int, int]]]:
-    """Return lengths (P,) of the bones that are seen, their usual ones, and the pairs that are one bone of both sides."""
+    """Return lengths (P,) of the bones that are seen, their usual ones, and which two are of both sides."""
     lengths, usual, sides = list[np.ndarray](), list[float](), list[tuple[int, int]]()
     for upper, lower, length in BONES:
         ends = [(f"{side}_{upper}", f"{side}_{lower}") for side in ("left", "right")]

@@ -18,7 +18,7 @@ import numpy as np
 
 from solver_backend.agreement.detections import Detections
 from solver_backend.agreement.explain import Explanation, explain
-from solver_backend.agreement.reading import apply_reading
+from solver_backend.agreement.reading import Reading, apply_reading
 from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.rotations import exp_so3
@@ -107,9 +107,8 @@ def error_mm(recording: Recording, detections: Detections, truth: np.ndarray, fo
     cameras, read = apply_reading(recording.cameras, detections, found.reading)
     confidence = read.confidence.copy()
     confidence[list(found.reading.left_out)] = 0.0
-    xy = np.stack(
-        [np.roll(xy, -lag, axis=0) for xy, lag in zip(read.xy, found.reading.late or [0] * len(read.xy), strict=True)]
-    )
+    lags = found.reading.late or (0,) * len(read.xy)
+    xy = np.stack([np.roll(view, -lag, axis=0) for view, lag in zip(read.xy, lags, strict=True)])
     read = replace(read, xy=xy, confidence=confidence)
     width = float(np.linalg.norm(np.ptp(cameras.centres, axis=0)))
     cameras = replace(cameras, t=cameras.t * (6.0 / max(width, 1e-6)))
@@ -128,7 +127,7 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     """Return what becomes of a spoiled take, and a line about it."""
     filmed = film(take, seed)
     plain = filmed.recording
-    unspoiled = Explanation(explain_nothing(plain), (), True, np.inf, "")
+    unspoiled = Explanation(Reading.as_written(len(plain.cameras)), (), agrees=True, margin=np.inf, runner_up="")
     usual = error_mm(plain, detections_of(filmed, plain), filmed.truth, unspoiled)
     spoiled = KINDS[kind](plain, np.random.default_rng(seed + 1000))
     detections = detections_of(filmed, spoiled)
@@ -150,34 +149,14 @@ def try_case(take: MotionTake, kind: str, seed: int) -> tuple[str, str]:
     return state, f"{line} cpu {cpu:4.1f} {what} [next: {found.runner_up}]"
 
 
-def explain_nothing(recording: Recording):
-    """Return the reading of a recording as written."""
-    from solver_backend.agreement.reading import Reading
-
-    return Reading.as_written(len(recording.cameras))
-
-
 def run() -> list[Metric]:
     """Count what becomes of the held-out takes."""
-    found = Counter(
-        (
-            "static"
-            if kind in STATIC
-            else "delay"
-            if kind in DELAYS
-            else "unknown"
-            if kind in UNKNOWN
-            else "two"
-            if kind in TWO
-            else "plain",
-            try_case(take, kind, seed)[0],
-        )
-        for seed, take in enumerate(HELD_OUT)
-        for kind in KINDS
-    )
-    return [
-        Metric(f"{group}_{state}".replace(" ", "_"), float(count), "cases") for (group, state), count in found.items()
-    ]
+    groups = {"plain": ["as it should be"], "static": STATIC, "unknown": UNKNOWN, "delay": DELAYS, "two": TWO}
+    metrics = list[Metric]()
+    for group, names in groups.items():
+        states = Counter(try_case(take, kind, seed)[0] for seed, take in enumerate(HELD_OUT) for kind in names)
+        metrics += [Metric(f"{group}_{state}", float(count), "cases") for state, count in sorted(states.items())]
+    return metrics
 
 
 def main(argv: list[str]) -> int:

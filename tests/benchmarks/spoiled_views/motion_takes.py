@@ -1,4 +1,4 @@
-"""Twenty takes of recorded motions, seen by cameras around them with a detector's noise: ten to fit constants by, ten held out.
+"""Twenty takes of recorded motions that cameras see with a detector's noise: ten fit constants, ten are held out.
 
 Keypoints are the joints of the recorded skeletons, not of the project's body. Errors of a detector are simulated: they
 last several frames, differ by keypoint and view, and are sometimes far off.
