@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -25,8 +24,6 @@ MOST_STEPS = 1000
 """Steps of the confidence that a file may have."""
 LARGEST_MM = 10_000.0
 """No detector scatters further than this at the person's distance."""
-_APPLIED = ("noise_map_applied",)
-"""Codes of what is noted where a map weighted the confidences."""
 
 
 @dataclass(frozen=True)
@@ -67,17 +64,6 @@ class NoiseMap:
             "confidence": np.round(self.confidence, 5).tolist(), "sigma_mm": np.round(self.sigma_mm, 3).tolist(),
             "captures": list(self.captures), "detections": self.detections,
         }  # fmt: skip
-
-
-def is_applied(notes: Iterable[Diagnostic]) -> bool:
-    """Return whether a capture's confidences were weighted by a noise map already."""
-    return any(item.code in _APPLIED for item in notes)
-
-
-def detector_of(notes: Iterable[Diagnostic]) -> str | None:
-    """Return which detector a capture's notes name, None where they name none."""
-    named = [str(item.values.get("detector", "")) for item in notes if item.code == "detector_used"]
-    return named[0] if named else None
 
 
 def read_noise_map(path: Path | str) -> NoiseMap:

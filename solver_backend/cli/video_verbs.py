@@ -162,21 +162,20 @@ def detector_noise(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Measure what a detector's confidence means on captures of known cameras."""
     import json
 
-    from solver_backend.cameras.noise_map import detector_of, is_applied
     from solver_backend.io.load import load_capture
     from solver_backend.videos.detect.measure_noise_map import measure_noise_map
 
     overwrite = bool(args.overwrite)
     check_output(args.out, overwrite=overwrite)
     captures = [load_capture(path, progress=progress) for path in args.captures]
-    weighted = [capture.name for capture in captures if is_applied(capture.notes)]
+    weighted = [capture.name for capture in captures if capture.noise_map]
     if weighted:
         raise CommandLineInvalid(
             "Confidences that a noise map has weighted are not the detector's own.",
             where=", ".join(weighted), hint="Detect again without --noise, and measure these captures.",
         )  # fmt: skip
-    notes = [note for capture in captures for note in capture.notes]
-    name = args.detector_name or detector_of(notes) or "unnamed detector"
+    named = (capture.detector for capture in captures if capture.detector)
+    name = args.detector_name or next(named, "unnamed detector")
     noise = measure_noise_map(captures, name)
     write_text(args.out, json.dumps(noise.as_dict(), indent=2) + "\n", overwrite=overwrite)
     steps = zip(noise.confidence, noise.sigma_mm, strict=True)

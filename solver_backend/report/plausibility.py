@@ -18,7 +18,6 @@ from solver_backend.io.recognition.world_check import LEG_SHARE
 from solver_backend.report.floor_plausibility import floor_plausibility, joints_of, rests
 from solver_backend.report.marker_plausibility import centres_of, hips_never_move, marker_plausibility, useless
 from solver_backend.report.statistics import KeypointResiduals
-from solver_backend.report.time_plausibility import frame_rate_plausibility
 from solver_backend.types import Capture, JointSet, Motion
 
 STATURES_M = (1.2, 2.2)
@@ -63,8 +62,6 @@ def plausibility(capture: Capture, motion: Motion, residuals: KeypointResiduals 
         yield diagnostic("hips_never_move")
     else:
         yield from floor_plausibility(motion)
-    if not capture.is_one_view:  # whose depth trembles
-        yield from frame_rate_plausibility(motion)
 
 
 def _stature(motion: Motion) -> Iterator[Diagnostic]:

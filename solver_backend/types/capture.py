@@ -201,9 +201,9 @@ class Capture:
     sources: tuple[str, ...] = ()
     """Files the capture was read from."""
     notes: tuple[Diagnostic, ...] = ()
-    """What the reader found and assumed: units, axes, frame rate, dropped people; sentences become diagnostics."""
+    """What the reader found and assumed: units, axes, frame rate, dropped people."""
     problems: tuple[Diagnostic, ...] = ()
-    """What the user should know before solving; sentences become diagnostics."""
+    """What the user should know before solving."""
     people: tuple[PersonInViews, ...] = ()
     """Everybody that two or more views see, where they are several; ``keypoints`` are of the one that is solved."""
     person: str = ""
@@ -214,6 +214,12 @@ class Capture:
     """Floor and scale of a single camera's world were found from a person of this stature, or of the average's."""
     focal_sigma: float = 0.0
     """Standard deviation of a single camera's focal length as a share, where it is guessed."""
+    detector: str = ""
+    """Name of the detector of the keypoints; empty if unknown."""
+    noise_map: str = ""
+    """Detector of the noise map that weighted the confidences; empty if they are the detector's own."""
+    world_checked: bool = False
+    """Whether the reader compared the world with the person; not stored in files."""
     truth: dict[str, np.ndarray] = field(default_factory=dict)
     """Known truth of a synthetic capture: betas, global_orient, body_pose, transl, joints, keypoints3d."""
 

@@ -11,7 +11,6 @@ import pytest
 
 from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cli.main import main
-from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileMissing, JobInvalid
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
@@ -79,11 +78,10 @@ def test_where_a_map_makes_no_sense_is_named() -> None:
         with_meant_confidence(capture, "nowhere.json")
     with written_map(MAP) as path:
         once = with_meant_confidence(capture, str(path))
-        assert "another 1 on 100 keypoints" in words(once.notes)[-1]
+        assert "another 1 with 100 keypoints" in words(once.notes)[-1]
         with pytest.raises(JobInvalid, match="weighted by a noise map"):
             with_meant_confidence(once, str(path))
         with pytest.raises(JobInvalid, match="no keypoints"):
             with_meant_confidence(replace(capture, keypoints=None), str(path))
-        named = diagnostic("detector_used", detector="second 2", moments=9, rate=9.0, videos=1)
-        other = with_meant_confidence(replace(capture, notes=(named,)), str(path))
-        assert "These detections are of second 2." in words(other.notes)[-1]
+        other = with_meant_confidence(replace(capture, detector="second 2"), str(path))
+        assert "(detector: second 2)" in words(other.notes)[-1]

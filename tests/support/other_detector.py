@@ -14,7 +14,6 @@ import numpy as np
 
 from solver_backend.cameras.noise_map import NoiseMap
 from solver_backend.cameras.projection import project
-from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.synthesis.embedded.temporal_noise import autoregressive
 from solver_backend.synthesis.simulation.camera_errors import px_per_mm
 from solver_backend.types import Capture
@@ -38,11 +37,7 @@ def detected_by_another(capture: Capture, seed: int, least_mm: float, most_mm: f
     confidence = 0.95 - 0.1 * badness + 0.005 * rng.normal(size=badness.shape)
     xy = px + error_mm * px_per_mm(cameras, points)[..., None]
     keypoints = replace(capture.keypoints, xy=xy, confidence=np.clip(confidence, 0.01, 1.0))
-    return replace(
-        capture,
-        keypoints=keypoints,
-        notes=(diagnostic("detector_used", detector="another 1", moments=1, rate=1.0, videos=1),),
-    )
+    return replace(capture, keypoints=keypoints, detector="another 1")
 
 
 @contextmanager

@@ -107,7 +107,6 @@ _FIXES = {
     "up_by_person": _again("Keep Z Up", "up_axis", "z"),
     "person_along_axis": _again("Take {axis} as Up", "up_axis", "{axis}", is_choice=False),
     "frame_rate_contradicts": _again("Read at {video:g} fps", "fps", "{video:g}"),
-    "frame_rate_implausible": _again("Read at {likely:g} fps", "fps", "{likely:g}"),
     "takes_joined": _again("Frames 0-{first_end}", "frames", "0 {first_end}"),
 }  # fmt: skip
 """By the codes of diagnostics; texts and values hold the diagnostic's values."""

@@ -9,7 +9,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.cameras.noise_map import detector_of, is_applied, read_noise_map
+from solver_backend.cameras.noise_map import read_noise_map
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
@@ -123,14 +123,13 @@ def with_meant_confidence(capture: Capture, path: str) -> Capture:
             "A noise map is for a detector's confidences, and the capture has no keypoints.",
             where=capture.name, hint="Leave out --noise for recordings of markers.",
         )  # fmt: skip
-    if is_applied(capture.notes):
+    if capture.noise_map:
         raise JobInvalid(
             "The capture's confidences were weighted by a noise map when it was written.",
             where=capture.name, hint="Leave out --noise here, or detect again without it.",
         )  # fmt: skip
-    detector = detector_of(capture.notes) or noise.detector
-    keypoints, note = noise.applied(capture.keypoints, detector)
-    return replace(capture, keypoints=keypoints, notes=(*capture.notes, note))
+    keypoints, note = noise.applied(capture.keypoints, capture.detector or noise.detector)
+    return replace(capture, keypoints=keypoints, notes=(*capture.notes, note), noise_map=noise.detector)
 
 
 ALIKE_S = 0.07

@@ -91,6 +91,7 @@ def _read(path: Path, options: ReadOptions) -> Capture:
             *world.problems,
             *world.check.problems(),
         ),
+        world_checked=True,
     )
     return bring_capture_to_one_time(capture, options)
 

@@ -140,6 +140,7 @@ def _read(root: Path, options: ReadOptions) -> Capture:
         + report_undistorted(world.cameras, person.keypoints, compared),
         stature_m=options.stature if one else 0.0,
         floor_from_person=world.from_person,
+        world_checked=True,
     )
     return capture if options.frames is not None else _configured_frames(capture, config)
 

@@ -84,6 +84,7 @@ _TRUTH = "truth_"
 ROUNDING = 1e-5
 """Share of its largest variance by which a covariance in single precision may be negative."""
 _OF_ONE_CAMERA = ("stature_m", "floor_from_person", "focal_sigma")
+_OF_DETECTOR = ("detector", "noise_map")
 _STORED = (
     "format", "version", "name", "diagnostics", "sources", "footage", "footage_first",
     "camera_names", "K", "distortion", "distortion_model", "R", "t", "image_size", "fps", "xy", "confidence",
@@ -92,6 +93,7 @@ _STORED = (
     "people", "people_xy", "people_confidence", "person", "hands", "people_hands",
     *STORED,
     *_OF_ONE_CAMERA,
+    *_OF_DETECTOR,
 )  # fmt: skip
 
 
@@ -146,6 +148,7 @@ def write_capture(path: Path | str, capture: Capture, *, overwrite: bool = False
             arrays["people_hands"] = hands.astype(np.float32)
     of_one = {name: getattr(capture, name) for name in _OF_ONE_CAMERA}
     arrays |= {name: np.array(float(value)) for name, value in of_one.items() if value}
+    arrays |= {name: np.array(value) for name in _OF_DETECTOR if (value := getattr(capture, name))}
     if capture.markers is not None:
         arrays |= _marker_arrays(capture.markers)
     if capture.others is not None:
@@ -229,6 +232,8 @@ def _capture(fields: Fields, path: Path) -> Capture:
         stature_m=_number(fields, "stature_m"),
         floor_from_person=bool(_number(fields, "floor_from_person")),
         focal_sigma=_number(fields, "focal_sigma"),
+        detector=fields.text("detector", ""),
+        noise_map=fields.text("noise_map", ""),
         truth=_truth(fields, path),
     )
 

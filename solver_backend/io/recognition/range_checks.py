@@ -65,8 +65,7 @@ def _with_problems(capture: Capture, odd: Iterable[Diagnostic]) -> Capture:
 
 def _with_world(capture: Capture) -> Capture:
     """Return the capture with what the person shows of its world, where no reader has looked at it."""
-    is_known = any(item.code == "person_triangulated" for item in capture.notes)
-    if is_known or not _has_views(capture) or capture.is_one_view:
+    if capture.world_checked or not _has_views(capture) or capture.is_one_view:
         return capture
     world = check_world(*capture.require_multiview())
     if np.isnan(world.residual_px):

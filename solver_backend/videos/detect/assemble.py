@@ -134,7 +134,7 @@ def assembled(
         return Capture(
             name, None, _main_person(detections, fps), footage=footage, sources=sources,
             notes=(*detections.notes, diagnostic("person_chosen", basis="most_seen")),
-            problems=(*detections.problems, diagnostic("cameras_not_calibrated")),
+            problems=(*detections.problems, diagnostic("cameras_not_calibrated")), detector=found[0].detector,
         )  # fmt: skip
     cameras, size_notes = in_video_pixels(calibration, found)
 
@@ -153,7 +153,7 @@ def assembled(
         problems=(*calibration.problems, *detections.problems, *person.problems, *warnings_in(scaled), *fitted.problems,
                   *fitted.check.problems()),
         stature_m=one.stature_m, floor_from_person=one.floor_from_person or fitted.from_person,
-        focal_sigma=one.focal_sigma,
+        focal_sigma=one.focal_sigma, detector=found[0].detector, world_checked=True,
     )  # fmt: skip
 
 

@@ -66,7 +66,6 @@ def test_a_correction_is_taken_back_by_its_button(mocap, half_size: Path) -> Non
         (diagnostic("up_by_person", basis="axis", axis="Y"), "up_axis", "z"),
         (diagnostic("person_along_axis", axis="-Y"), "up_axis", "-y"),
         (diagnostic("frame_rate_contradicts", rate=30.0, video=59.94), "fps", "59.94"),
-        (diagnostic("frame_rate_implausible", rate=60.0, way="high", movement="walk", likely=30.0), "fps", "30"),
         (diagnostic("takes_joined", cuts=[200], first_end=199, last_start=200, end=400), "frames", "0 199"),
         (diagnostic("camera_names_exchanged", pairs="a b"), "as_calibrated", "on"),
         (diagnostic("detections_corrected", found="v"), "as_calibrated", "on"),

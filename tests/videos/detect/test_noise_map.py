@@ -11,7 +11,6 @@ from research.simulation.filming import around
 from solver_backend.cameras.noise_map import NoiseMap, read_noise_map
 from solver_backend.cameras.projection import project
 from solver_backend.cli.main import main
-from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import FileDamaged, NoDetections, TooFewViews
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.types import Capture, JointSet, Keypoints2D
@@ -29,10 +28,7 @@ def capture(views: int = 5, frames: int = 250, scatter: float = 1.0) -> Capture:
     depth = np.einsum("cj,fkj->cfk", cameras.R[:, 2], points) + cameras.t[:, 2, None, None]
     sigma_px = true_mm(confidence) / (1000.0 * depth / cameras.K[:, 0, 0, None, None])
     xy = px + scatter * sigma_px[..., None] * rng.normal(size=px.shape)
-    return Capture("known", cameras, Keypoints2D(xy, confidence, JointSet.COCO_17, 60.0), notes=(NAMED,))
-
-
-NAMED = diagnostic("detector_used", detector="toy 1", moments=250, rate=60.0, videos=3)
+    return Capture("known", cameras, Keypoints2D(xy, confidence, JointSet.COCO_17, 60.0), detector="toy 1")
 
 
 def true_mm(confidence: np.ndarray) -> np.ndarray:
@@ -108,7 +104,7 @@ def test_values_that_cannot_be_are_refused(tmp_path: Path) -> None:
 
 
 def test_weighted_confidences_are_not_measured_again(tmp_path: Path) -> None:
-    weighted = replace(capture(frames=20), notes=(diagnostic("noise_map_applied", measured="a", keypoints=9),))
+    weighted = replace(capture(frames=20), noise_map="a")
     write_capture(tmp_path / "c.npz", weighted)
     assert main(["detector-noise", str(tmp_path / "c.npz"), "--out", str(tmp_path / "noise.json")]) == 2
     assert not (tmp_path / "noise.json").exists()
