@@ -15,6 +15,7 @@ from solver_backend.exchange.solve_settings import SCREW, SolveSettings
 from solver_backend.fitters.keyframes.bundle_objective import BundleObjective
 from solver_backend.fitters.keyframes.initial_keys import initial_keys
 from solver_backend.fitters.keyframes.optimise import BundleModel, Schedule, Stretches, solve_sliding
+from solver_backend.fitters.measurements.base import Layer
 from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
@@ -103,14 +104,19 @@ class Method:
         return problem.prior if self.prior is None else self.prior()
 
 
+RECIPES: dict[str, Recipe] = {
+    "views": solve_views,
+    "one camera": solve_one_view,
+    "known person": solve_known_person,
+}
+"""Of a whole take, by ``PointSource.recipe``."""
+
+
 def _solve_take(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take at once, by how many cameras see the person and whether they are known before."""
-    if problem.measurements.one_view is not None:
-        recipe = solve_one_view
-    else:
-        recipe = solve_views if problem.measurements.subject is None else solve_known_person
+    """Solve all keys of a take at once, by the recipe of what was measured."""
+    recipe = RECIPES[problem.measurements.source.recipe]
     return recipe(problem, subject, settings, progress, each)
 
 
@@ -173,9 +179,10 @@ def require_start(settings: SolveSettings, capture: Capture) -> None:
         )  # fmt: skip
 
 
-def diagnose_settings(settings: SolveSettings, *, hands: bool) -> list[Diagnostic]:
-    """Return a warning that names the settings which do nothing in the method; views of hands weight cameras, too."""
-    idle = [name for name in settings.without_effect if not (hands and name == "learn_noise")]
+def diagnose_settings(settings: SolveSettings, layers: Iterable[Layer]) -> list[Diagnostic]:
+    """Return a warning that names the settings which neither the method nor a layer reads."""
+    read = {name for layer in layers for name in layer.SETTINGS}
+    idle = [name for name in settings.without_effect if name not in read]
     return [diagnostic("setting_without_effect", method=settings.method, settings=", ".join(idle))] if idle else []
 
 

@@ -7,31 +7,34 @@ that error, so places, shape and the poses of a sample of frames are then fitted
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.body.landmark_set import Landmarks
+from solver_backend.cameras.triangulation.triangulate import Triangulation
 from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.marker_calibration.unknown_markers import LEAST_FRAMES_OF_BONE as LEAST_FRAMES
 from solver_backend.fitters.marker_calibration.unknown_markers import REACH_M, bone_offsets
-from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.own_views import OwnViews
-from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
+from solver_backend.fitters.measurements.base import NO_TERMS, SolvedLayer
+from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import points_of
+from solver_backend.fitters.model.subject import FrameObjective, points_of
+from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import sample_frames
-from solver_backend.fitters.solution import MethodResult, SolvedFrames
+from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, fit_shape
 from solver_backend.geometry.arrays import Array, constant, index, to_numpy
 from solver_backend.residuals.reprojection import ReprojectionTerm
 from solver_backend.solver.levenberg_marquardt import LMSettings
-from solver_backend.types import BONES, OwnPoint
+from solver_backend.types import BONES, Cameras, Keypoints2D, Motion, OwnPoint
 
 LOOSE_M = 0.06
 """A point that its bone leaves by more in half of the frames is on another. Twice as far as for markers: without the
@@ -46,6 +49,65 @@ _STEPS = LMSettings(40, 1e-4)
 
 
 @dataclass(frozen=True)
+class OwnPoints:
+    """K keypoints and N own points in C views over F frames."""
+
+    cameras: Cameras
+    """C calibrated cameras."""
+    keypoints: Keypoints2D
+    """All K + N."""
+    points: np.ndarray
+    """(F, K + N, 3) metres, NaN where a point was not located."""
+    covariance: np.ndarray
+    """(F, K + N, 3, 3) m²."""
+    sigma_px: np.ndarray
+    """(C, F, K + N) standard deviation of each detection."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
+
+    @classmethod
+    def of(
+        cls, cameras: Cameras, keypoints: Keypoints2D, located: Triangulation, sigma_px: np.ndarray
+    ) -> tuple[OwnPoints, ...]:
+        """Return the own points of a person as one layer; none where there are none.
+
+        Args:
+            cameras: C calibrated cameras.
+            keypoints: of the person.
+            located: these.
+            sigma_px: standard deviation of a detection, broadcast against (C, F, K + N).
+        """
+        if not keypoints.own:
+            return ()
+        sigma_px = np.broadcast_to(sigma_px, keypoints.confidence.shape)
+        return (cls(cameras, keypoints, np.asarray(located.points), np.asarray(located.covariance), sigma_px),)
+
+    def column(self, point: OwnPoint) -> int:
+        """Return the column of an own point."""
+        return self.keypoints.joint_set.num_keypoints + self.keypoints.own.index(point)
+
+    def terms(self) -> FrameObjective:
+        """See ``Layer``: where no point is placed, none is measured."""
+        return NO_TERMS
+
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """Return the problem with landmarks for the points that a solve of the keypoints lets be placed."""
+        placed, like = place_points(self, solved), solved.subject.betas
+        if placed.points:
+            placed = fit_places(_measure(problem, self, placed, like), solved, placed, settings)
+        return _measure(problem, self, placed, like)
+
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """See ``Layer``."""
+        return solved, self
+
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """See ``SolvedLayer``."""
+        return motion
+
+
+@dataclass(frozen=True)
 class PlacedPoints:
     """N own points at places on their bones."""
 
@@ -55,6 +117,7 @@ class PlacedPoints:
     """(N, 3) metres from the bone's joint, in its rest frame."""
     found: tuple[Diagnostic, ...]
     """Those that are not, and why."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
 
     def landmarks(self, body: Body) -> Landmarks:
         """Return the points as landmarks of a body."""
@@ -63,37 +126,43 @@ class PlacedPoints:
         names, weights = tuple(point.name for point in self.points), np.eye(body.layout.num_joints)[joints]
         return Landmarks.of_points(names, rest, body.joints_shapedirs[joints], weights)
 
+    def terms(self) -> FrameObjective:
+        """See ``Layer``: the points are among the body's landmarks."""
+        return NO_TERMS
 
-def solve_with_points(
-    problem: Problem, first: MethodResult, again: Callable[[Problem], MethodResult], settings: SolveSettings,
-    like: Array,
-) -> tuple[Problem, MethodResult]:  # fmt: skip
-    """Return the problem with the own points that could be placed, and its solution; as they are where there are none.
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """See ``Layer``."""
+        return problem
 
-    Args:
-        problem: with measurements of the keypoints alone.
-        first: its solution.
-        again: solves a problem.
-        settings: of both solves.
-        like: array that sets kind, type and device.
-    """
-    own = problem.measurements.own
-    if own is None:
-        return problem, first
-    placed = place_points(own, first[0])
-    if not placed.points:
-        return problem, (_with(first[0], placed.found), first[1])
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Report where the points are, and leave the landmarks of the keypoints, which a motion holds."""
+        found, subject = (*self.found, *self._report(problem, solved)), solved.subject
+        count = len(subject.landmarks) - len(self.points)
+        subject = replace(subject, landmarks=subject.landmarks.part(slice(0, count)), offsets=subject.offsets[:count])
+        return replace(solved, subject=subject, diagnostics=(*solved.diagnostics, *found)), self
 
-    def measured(placed: PlacedPoints) -> Problem:
-        return replace(problem, measurements=with_points(problem.measurements, own, placed, problem.body, like))
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """See ``SolvedLayer``."""
+        return motion
 
-    placed = fit_places(measured(placed), first[0], placed, settings)
-    full = measured(placed)
-    solved, convergence = again(full)
-    return full, (_with(solved, (*placed.found, *_report(full.measurements, placed, solved))), convergence)
+    def _report(self, problem: Problem, solved: SolvedFrames) -> Iterator[Diagnostic]:
+        """Yield where each point is on its bone, and how far it is from its detections."""
+        if not self.points:
+            return
+        count, poses = len(self.points), solved.frames if solved.fitted is None else solved.fitted
+        error, _ = problem.measurements.source.report(to_numpy(points_of(solved.subject, poses)))
+        assert error is not None
+        offsets = self.offsets + to_numpy(solved.subject.offsets)[-count:]
+        residuals = np.moveaxis(error[:, :, -count:], -1, 0)
+        for point, offset, residual in zip(self.points, offsets, residuals, strict=True):
+            place = [f"{1000 * v:.0f}" for v in offset]
+            size = float(np.nanmedian(residual))
+            yield diagnostic("own_point_placed", joints=[point.name], bone=point.bone, offset_mm=place, size=size)
 
 
-def place_points(own: OwnViews, solved: SolvedFrames) -> PlacedPoints:
+def place_points(own: OwnPoints, solved: SolvedFrames) -> PlacedPoints:
     """Return where own points are on their bones by solved poses of the same frames."""
     body, frames = solved.subject.body, solved.frames
     parts = [to_numpy(part) for part in (solved.subject.betas, frames.root, frames.local, frames.transl)]
@@ -140,47 +209,22 @@ def fit_places(full: Problem, solved: SolvedFrames, placed: PlacedPoints, settin
     return replace(placed, offsets=placed.offsets + to_numpy(fitted.offsets)[-count:])
 
 
-def with_points(
-    measurements: Measurements, own: OwnViews, placed: PlacedPoints, body: Body, like: Array
-) -> Measurements:
-    """Return what views measure of the keypoints and of the placed points behind them."""
+def _measure(problem: Problem, own: OwnPoints, placed: PlacedPoints, like: Array) -> Problem:
+    """Return the problem with the placed points behind the keypoints."""
+    measured = problem.measurements
     columns = [*range(own.keypoints.joint_set.num_keypoints), *(own.column(point) for point in placed.points)]
     xy, confidence = own.keypoints.xy[:, :, columns], own.keypoints.confidence[:, :, columns]
     keypoints = replace(own.keypoints, xy=xy, confidence=confidence, own=placed.points)
-    return replace(
-        measurements,
-        landmarks=Landmarks.joined([measurements.landmarks, placed.landmarks(body)]),
+    layers = tuple(placed if layer is own else layer for layer in measured.layers)
+    if not placed.points:
+        return replace(problem, measurements=replace(measured, layers=layers))
+    measured = replace(
+        measured,
+        landmarks=Landmarks.joined([measured.landmarks, placed.landmarks(problem.body)]),
         points=own.points[:, columns],
         covariance=own.covariance[:, columns],
         term=ReprojectionTerm.of(own.cameras, keypoints, own.sigma_px[..., columns], like),
-        report=ReprojectionReport(own.cameras, keypoints),
+        source=ViewPoints(own.cameras, keypoints),
+        layers=layers,
     )
-
-
-def without_points(measurements: Measurements, solved: SolvedFrames) -> SolvedFrames:
-    """Return the solution with the landmarks of the keypoints alone, as a motion holds them."""
-    subject, count = solved.subject, len(measurements.landmarks)
-    if len(subject.landmarks) == count:
-        return solved
-    kept = subject.landmarks.part(slice(0, count))
-    return replace(solved, subject=replace(subject, landmarks=kept, offsets=subject.offsets[:count]))
-
-
-def _report(measurements: Measurements, placed: PlacedPoints, solved: SolvedFrames) -> tuple[Diagnostic, ...]:
-    """Return where each point is on its bone, and how far it is from its detections."""
-    count = len(placed.points)
-    error, _ = measurements.report(to_numpy(points_of(solved.subject, solved.frames)))
-    assert error is not None
-    residuals = np.moveaxis(error[:, :, -count:], -1, 0)
-    offsets = placed.offsets + to_numpy(solved.subject.offsets)[-count:]
-    return tuple(
-        diagnostic(
-            "own_point_placed", joints=[point.name], bone=point.bone, offset_mm=[f"{1000 * v:.0f}" for v in offset],
-            size=float(np.nanmedian(residual)),
-        )
-        for point, offset, residual in zip(placed.points, offsets, residuals, strict=True)
-    )  # fmt: skip
-
-
-def _with(solved: SolvedFrames, found: tuple[Diagnostic, ...]) -> SolvedFrames:
-    return replace(solved, diagnostics=(*solved.diagnostics, *found))
+    return replace(problem, measurements=measured)

@@ -13,8 +13,8 @@ from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.measurements.base import Measurements, RoughMotion
 from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
-from solver_backend.fitters.pipeline import first_subject, prepare
 from solver_backend.fitters.pose_ndf.fit_keypoints import fit_keypoints
+from solver_backend.fitters.prepare import first_subject, prepare
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_frames, posed
 from solver_backend.metrics.positions import pa_mpjpe_mm
@@ -34,7 +34,8 @@ def frame_pa_mm(take: OneViewTake) -> float:
     problem, subject = _problem(take)
     measured = problem.measurements
     rough = _rough(measured)
-    objective = FrameObjective((measured.term, *measured.beside), problem.pose_terms, measured.relative)
+    added = measured.terms
+    objective = FrameObjective((measured.term, *added.points), problem.pose_terms, added.relative)
     fitted = fit_frames(
         subject, problem.prior, objective.select(rough.frames), rough.states, SCALES, LMSettings(20, 1e-3)
     )  # fmt: skip

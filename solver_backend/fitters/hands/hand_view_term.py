@@ -11,7 +11,7 @@ from solver_backend.cameras.projection import CameraArrays, project, project_wit
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
 from solver_backend.exchange.hand_points import NUM_HAND_POINTS
-from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.geometry.runs import true_runs
 from solver_backend.residuals.point_term import PointEvidence, Residuals
 from solver_backend.residuals.reprojection import ReprojectionTerm

@@ -24,9 +24,8 @@ from solver_backend.fitters.hands.hand_view_term import (
     pixels_per_metre,
     sort_hands,
 )
+from solver_backend.fitters.hands.layer import HandClouds, HandViews
 from solver_backend.fitters.hands.marker_hand import marker_size, worn_hand
-from solver_backend.fitters.measurements.hand_clouds import HandClouds
-from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import to_numpy
 from solver_backend.geometry.symmetric import unpacked
@@ -156,45 +155,54 @@ class ArmPaths:
         return WristPath(self.rotations[:, side], self.wrists[:, side], self.covariance[:, side])
 
 
-def measure_hands(
-    measured: HandViews | HandClouds, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings,
-    size: float | None = None,
-) -> MeasuredHands:  # fmt: skip
-    """Return the hands of a body as views or markers have them.
+def measure_viewed_hands(
+    shown: HandViews, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
+) -> MeasuredHands:
+    """Return the hands of a body as views have them.
 
     Args:
-        measured: of both hands.
+        shown: detections of both hands.
         body: with fingers.
         solved: poses of the body.
         fps: frames per second.
         settings: as of the body.
         size: of the hands, where an earlier solve found it.
     """
-    betas, arms = to_numpy(solved.subject.betas), arm_paths(solved)
-    skeletons = hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
-    hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
-    if isinstance(measured, HandViews):
-        kept = sort_hands(measured, arms.wrists, arms.elbows)
-        views, found = kept.views, kept.diagnostics
-        located = locate_hands(views) if len(views.cameras) > 1 else hands_of_one_view(views, arms.wrists)
-        if size is None:
-            size = likely_size(hand_size(skeletons[s], hand.points, hand.spread_m2) for s, hand in located.items())
-        skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
-        for side, hand in located.items():
-            skeleton, path = skeletons[side], arms.of(side)
-            term = hand_term(views, side, path.places, hand.noise)
-            problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), fps, True)
-            hands[side] = MeasuredHand(problem, hand.points)
-        return MeasuredHands(skeletons, hands, size, found)
+    arms, skeletons = arm_paths(solved), _skeletons(body, solved)
+    kept = sort_hands(shown, arms.wrists, arms.elbows)
+    views, hands = kept.views, dict[int, MeasuredHand]()
+    located = locate_hands(views) if len(views.cameras) > 1 else hands_of_one_view(views, arms.wrists)
     if size is None:
-        sizes = [marker_size(skeletons[s], measured.labels[s], cloud) for s, cloud in measured.positions.items()]
+        size = likely_size(hand_size(skeletons[s], hand.points, hand.spread_m2) for s, hand in located.items())
+    skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
+    for side, hand in located.items():
+        skeleton, path = skeletons[side], arms.of(side)
+        term = hand_term(views, side, path.places, hand.noise)
+        problem = HandProblem(skeleton, skeleton.keypoints(), path, term, load_hand_prior(), fps, True)
+        hands[side] = MeasuredHand(problem, hand.points)
+    return MeasuredHands(skeletons, hands, size, kept.diagnostics)
+
+
+def measure_worn_hands(
+    shown: HandClouds, body: Body, solved: SolvedFrames, fps: float, settings: SolveSettings, size: float | None
+) -> MeasuredHands:
+    """Return the hands of a body as markers have them; the arguments are those of ``measure_viewed_hands``."""
+    arms, skeletons = arm_paths(solved), _skeletons(body, solved)
+    hands, found = dict[int, MeasuredHand](), tuple[Diagnostic, ...]()
+    if size is None:
+        sizes = [marker_size(skeletons[s], shown.labels[s], cloud) for s, cloud in shown.positions.items()]
         size = float(np.mean(sizes)) if sizes else 1.0
     skeletons = skeletons[0].scaled(size), skeletons[1].scaled(size)
-    for side in measured.positions:
-        problem, doubts = worn_hand(measured, side, skeletons[side], arms.of(side), fps, settings)
+    for side in shown.positions:
+        problem, doubts = worn_hand(shown, side, skeletons[side], arms.of(side), fps, settings)
         hands[side] = MeasuredHand(problem, np.full((problem.num_frames, NUM_HAND_POINTS, 3), np.nan))
         found = (*found, *doubts)
     return MeasuredHands(skeletons, hands, size, found)
+
+
+def _skeletons(body: Body, solved: SolvedFrames) -> tuple[HandSkeleton, HandSkeleton]:
+    betas = to_numpy(solved.subject.betas)
+    return hand_of_shape(body, betas, 0), hand_of_shape(body, betas, 1)
 
 
 def arm_paths(solved: SolvedFrames) -> ArmPaths:

@@ -21,7 +21,8 @@ from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.hands.hand_problem import DOF, FINGERS, SHIFT, TURN, KeyModel
-from solver_backend.fitters.hands.measured_hands import MeasuredHand, measure_hands
+from solver_backend.fitters.hands.layer import HandClouds, HandViews
+from solver_backend.fitters.hands.measured_hands import MeasuredHand
 from solver_backend.fitters.hands.solve_hand import (
     THROUGH_M,
     SolvedHand,
@@ -31,11 +32,12 @@ from solver_backend.fitters.hands.solve_hand import (
     solve_hand,
     with_learned_noise,
 )
+from solver_backend.fitters.hands.wide_motion import with_hands
 from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.keyframes.splice_range import range_layout
-from solver_backend.fitters.measurements.base import Measurements
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.states import PosedFrames
+from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.quaternions import quat_from_matrix
@@ -134,22 +136,25 @@ class SolvedHands:
     size: float
     """Of the hands, as a share of what the body's shape gives them."""
 
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """Return the motion with fingers."""
+        return with_hands(motion, self, statistics(self))
+
 
 def solve_hands(
-    measurements: Measurements, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    shown: HandViews | HandClouds, solved: SolvedFrames, fps: float, settings: SolveSettings, progress: Progress
 ) -> tuple[SolvedFrames, SolvedHands | None]:
     """Return the poses with arms and wrists that agree with the hands, and the hands; None where the take is too short.
 
     A body without fingers has none either, which is reported.
 
     Args:
-        measurements: what the body was solved from, with hands.
+        shown: what views or markers show of the hands.
         solved: the body's poses.
+        fps: frames per second.
         settings: as of the body.
         progress: called as the sides advance.
     """
-    measured = measurements.hands
-    assert measured is not None
     if len(solved.frames.transl) < LEAST_FRAMES:
         return solved, None
     try:
@@ -157,9 +162,7 @@ def solve_hands(
     except BodyInvalid:
         return replace(solved, diagnostics=(*solved.diagnostics, diagnostic("hands_without_fingers"))), None
     progress(STAGE, 0, 1)
-    from solver_backend.fitters.hands.measured_hands import measure_hands
-
-    found = measure_hands(measured, body, solved, measurements.fps, settings)
+    found = shown.measure(body, solved, fps, settings)
     hands, doubts = dict[int, SolvedHand](), found.diagnostics
     for number, (side, hand) in enumerate(found.hands.items()):
         alive = partial(progress, STAGE, number, len(found.hands))
@@ -231,24 +234,23 @@ class HandRange:
 
 
 def solve_hands_again(
-    measurements: Measurements, solved: SolvedFrames, earlier: Motion, frame_range: FrameRange,
+    shown: HandViews | HandClouds, solved: SolvedFrames, earlier: Motion, frame_range: FrameRange,
     settings: SolveSettings, progress: Progress,
 ) -> tuple[SolvedFrames, dict[int, HandRange]]:  # fmt: skip
     """Return poses whose arms agree with the hands in a range, and these hands by side.
 
-    The hands keep the size that the earlier solve found. Without fingers in the earlier motion, or without anything
-    measured of them, poses stay as they are and there are no hands.
+    The hands keep the size that the earlier solve found. Without fingers in the earlier motion poses stay as they are
+    and there are no hands.
 
     Args:
-        measurements: what the body was solved from.
+        shown: what views or markers show of the hands.
         solved: the body's poses in the whole take, the range's among them.
         earlier: the motion before, with its fingers.
         frame_range: what is solved again.
         settings: as of the body.
         progress: called as the sides advance.
     """
-    measured = measurements.hands
-    if measured is None or not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
+    if not set(SMPL_HANDS.joints) <= set(earlier.body_layout.joints):
         return solved, {}
     try:
         body = with_fingers(solved.subject.body)
@@ -256,7 +258,7 @@ def solve_hands_again(
         return solved, {}
     progress(STAGE, 0, 1)
     size = float(earlier.provenance.get("hands", {}).get("size", 1.0))
-    found = measure_hands(measured, body, solved, measurements.fps, settings, size)
+    found = shown.measure(body, solved, earlier.fps, settings, size)
     hands = dict[int, HandRange]()
     for number, (side, hand) in enumerate(found.hands.items()):
         still = _still_angles(found.skeletons[side], side, earlier, frame_range.pins)

@@ -27,15 +27,14 @@ _UNSEEN_M = 0.04
 """Standard deviation per axis of the joints of a hand that nobody sees, metres."""
 
 
-def with_hands(motion: Motion, hands: SolvedHands) -> Motion:
+def with_hands(motion: Motion, hands: SolvedHands, statistics: Mapping[str, object]) -> Motion:
     """Return a motion with fingers; those that nobody sees rest relaxed, and are flagged.
 
     Args:
         motion: of the body without, its arms following the hands.
         hands: solved beside it.
+        statistics: what the motion records of them.
     """
-    from solver_backend.fitters.hands.solve_hands import statistics
-
     body = with_hand_size(hands.body, hands.size) if hands.size != 1.0 else hands.body
     layout, narrow = body.layout, motion.body_layout
     shared = [narrow.joints.index(name) for name in layout.joints if name in narrow.joints]
@@ -74,7 +73,7 @@ def with_hands(motion: Motion, hands: SolvedHands) -> Motion:
         joint_sigma=None if motion.joint_covariance is None else mean_sigma(covariance),
         resting=resting if motion.resting is not None or resting.any() else None,
         flags=None if flags is None else flags.astype(np.uint8),
-        provenance={**motion.provenance, "hands": statistics(hands)},
+        provenance={**motion.provenance, "hands": dict(statistics)},
     )
 
 

@@ -322,6 +322,6 @@ def bundle_objective(
         prior = problem.prior
         sigma = looseness * prior.residual_sigma
         terms.append(ResidualRotationTerm(sigma, 0.5 * spacing, uncovered=prior.uncovered))
-    measured = problem.measurements
-    frames = FrameObjective((*points, *measured.beside), problem.pose_terms, measured.relative)
+    added = problem.measurements.terms
+    frames = FrameObjective((*points, *added.points), (*problem.pose_terms, *added.poses), added.relative)
     return BundleObjective(frames, tuple(terms))

@@ -8,7 +8,6 @@ import numpy as np
 
 from solver_backend.body.keypoints import joint_landmarks
 from solver_backend.body.landmarks import pose_landmarks
-from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.fitters.keyframes.normal_equations import BLOCK_FRAMES
 from solver_backend.fitters.keyframes.optimise import CHUNK_WINDOWS, OVERLAP_WINDOWS, BundleModel, chunks_of
 from solver_backend.fitters.model.codes import d_pose_d_key
@@ -20,20 +19,9 @@ from solver_backend.geometry.symmetric import packed
 from solver_backend.residuals.point_term import DataTerm
 from solver_backend.solver.block_tridiagonal import BlockTridiagonal
 
-CONSTANT_M = 0.0065
-"""Standard deviation per axis of what does not average out: errors of shape, bias and calibration, which the posterior
-takes as known."""
 CALIBRATION = 0.5
-"""Share of the inflated posterior's variance that is found, as what is constant inflates it too. Like ``CONSTANT_M``,
-set so that the ellipsoids of six benchmark takes hold what they should."""
-
-OF_MARKERS_M = {
-    "pelvis": 0.0030, "hip": 0.0039, "spine1": 0.0033, "knee": 0.0034, "spine2": 0.0035, "ankle": 0.0044,
-    "spine3": 0.0039, "foot": 0.0052, "neck": 0.0044, "collar": 0.0044, "head": 0.0049, "shoulder": 0.0057,
-    "elbow": 0.0083, "wrist": 0.0054, "hand": 0.0066,
-}  # fmt: skip
-"""The same by joint where markers of a calibrated person are solved: four fifths of the error is the calibration's,
-alike in all frames. ``python -m tests.benchmarks.marker_takes.coverage`` finds them, on takes that no table reports."""
+"""Share of the inflated posterior's variance that is found: what is constant inflates it too. Set so that the
+ellipsoids of six benchmark takes hold what they should."""
 
 
 def joint_covariance(
@@ -128,17 +116,6 @@ def covariance_of_joints(
         found.append(spread[low - windows.bounds[0] : high + 1 - windows.bounds[0]])
         done(len(found), len(chunks))
     return array_namespace(keys.z).concat(found)
-
-
-def keypoint_constant_m(layout: BodyLayout) -> np.ndarray:
-    """Return (J,) standard deviations per axis of what does not average out where keypoints are solved, metres."""
-    return np.full(layout.num_joints, CONSTANT_M)
-
-
-def marker_constant_m(layout: BodyLayout) -> np.ndarray:
-    """Return (J,) standard deviations per axis of what does not average out of a calibrated person, metres."""
-    parts = [name.removeprefix("left_").removeprefix("right_") for name in layout.joints]
-    return np.array([OF_MARKERS_M.get(part, CONSTANT_M) for part in parts])
 
 
 def _between(found: Array, frames: np.ndarray, wanted: np.ndarray) -> Array:

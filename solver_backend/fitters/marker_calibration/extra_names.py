@@ -24,7 +24,7 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
     bone_offsets,
     loose_groups,
 )
-from solver_backend.fitters.measurements.markers import measured_at
+from solver_backend.fitters.measurements.markers import assign_person, measured_at
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import posed
 from solver_backend.geometry.arrays import Array, to_numpy
@@ -241,7 +241,7 @@ def _take(
     part, columns = matched(person, named.labels or ())
     worn, subject = named.columns(columns, part.labels), subject_of(part, body, like)
     measured = measured_at(worn, subject.landmarks, like, part.sigma_m)
-    problem = Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=part.sigma_m))
+    problem = Problem.of(body, prior, assign_person(measured, subject, part.sigma_m))
     progress("Naming the other points", 0, 1)
     rough = rough_motion(problem, subject)
     poses = posed(problem.prior, rough.states)

@@ -41,7 +41,8 @@ from solver_backend.fitters.marker_calibration.person_doubts import (
 from solver_backend.fitters.marker_calibration.rough_motion import rough_markers, rough_motion
 from solver_backend.fitters.marker_calibration.subject_record import matched, record_of, subject_of
 from solver_backend.fitters.marker_calibration.unknown_markers import Attachment, BonePoses, attach, loose_groups
-from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers, measured_at
+from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers, measured_at
+from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import posed
@@ -87,7 +88,7 @@ def marker_problem(
 
     def ready(markers: MarkerCloud) -> Problem:
         measured = measured_at(markers, subject.landmarks, like, person.sigma_m)
-        return Problem.of(body, prior, replace(measured, subject=subject, marker_sigma=person.sigma_m))
+        return Problem.of(body, prior, assign_person(measured, subject, person.sigma_m))
 
     problem = _cleaned(ready(worn), worn, ready, progress, found)
     if not doubts:
@@ -128,7 +129,10 @@ def _cleaned(
     diagnostics = gathered(merge([*found, *diagnose_labels(still, cleaned.faults, cloud.labels)]))
     provenance = {**again.measurements.provenance, "diagnostics": [item.as_dict() for item in diagnostics]}
     progress("Checking the labels", 1, 1)
-    measured = replace(again.measurements, marker_flags=flags, rough=rough, provenance=provenance)
+    source = again.measurements.source
+    assert isinstance(source, LocatedPoints)
+    source = replace(source, flags=flags)
+    measured = replace(again.measurements, source=source, rough=rough, provenance=provenance)
     return replace(again, measurements=measured)
 
 

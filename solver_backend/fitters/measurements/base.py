@@ -1,28 +1,105 @@
-"""What a solve starts from and is evaluated by, whatever was measured: keypoints in views, or optical markers."""
+"""Measurements of one person: located points, the source they are from, and the layers that add to them."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, ClassVar, Protocol
 
 import numpy as np
 
 from solver_backend.body.landmark_set import Landmarks
-from solver_backend.fitters.measurements.hand_clouds import HandClouds
-from solver_backend.fitters.measurements.hand_views import HandViews
-from solver_backend.fitters.measurements.own_views import OwnViews
+from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.diagnostics import Severity
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.model.states import FrameStates
-from solver_backend.fitters.model.subject import Subject
-from solver_backend.residuals.point_term import DataTerm, PointTerm
-from solver_backend.types import JointSet, MarkerCloud
+from solver_backend.fitters.model.subject import FrameObjective, Subject
+from solver_backend.residuals.point_term import DataTerm
+from solver_backend.types import Motion
+
+if TYPE_CHECKING:
+    from solver_backend.fitters.output.build_motion import PosedTake
+    from solver_backend.fitters.problem import Problem
+    from solver_backend.fitters.recipes.bundle import Bundle
+    from solver_backend.fitters.solution import SolvedFrames
+
+NO_TERMS = FrameObjective(())
+"""Of a layer that adds nothing to the objective."""
 
 
-class ResidualReport(Protocol):
-    """How far a motion is from the measurements, in their own unit."""
+class SolvedLayer(Protocol):
+    """A layer after the solve."""
 
-    def __call__(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """Return the motion with what the layer found; ``posed`` is the body in all frames."""
+        ...
+
+
+class Layer(SolvedLayer, Protocol):
+    """One kind of measurement: what it adds to the solve of a body, and what it leaves in the motion."""
+
+    SETTINGS: ClassVar[frozenset[str]]
+    """Settings that it reads besides those of the method."""
+
+    def terms(self) -> FrameObjective:
+        """Return the terms that it adds to the objective of every frame."""
+        ...
+
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """Return the problem with the landmarks that a first solve lets the layer add; the same one if there are none.
+
+        A problem with other landmarks is solved again.
+        """
+        ...
+
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Return the poses as they are with the layer, and what was solved beside them."""
+        ...
+
+
+class PointSource(Layer, Protocol):
+    """The layer that the body's own points are from."""
+
+    KEEPS_BONES: ClassVar[bool]
+    """``record`` needs the rotations of the bones, which take more memory than all else."""
+    REST: ClassVar[RestWords]
+    """How parts are reported that nothing informs."""
+
+    @property
+    def recipe(self) -> str:
+        """Row of ``methods.RECIPES`` that solves a whole take."""
+        ...
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether the landmarks' places on the body are known to millimetres."""
+        ...
+
+    def report(self, points: np.ndarray) -> tuple[np.ndarray | None, dict[str, float]]:
         """Return (C, F, L) reprojection errors in pixels, if there are images, and statistics, of (F, L, 3) points."""
         ...
+
+    def constant_m(self, layout: BodyLayout) -> np.ndarray:
+        """Return (J,) standard deviations per axis of what does not average out at each joint, metres."""
+        ...
+
+    def learn_noise(self, bundle: Bundle) -> DataTerm:
+        """Return the data term with the noise that the poses of a bundle leave."""
+        ...
+
+
+@dataclass(frozen=True)
+class RestWords:
+    """How parts of the body that nothing informs are reported."""
+
+    severity: Severity
+    """Of the diagnostic."""
+    one: str
+    """What one part lacks."""
+    several: str
+    """What several parts lack."""
 
 
 @dataclass(frozen=True)
@@ -33,31 +110,6 @@ class RoughMotion:
     """(S,) frame numbers, ascending."""
     states: FrameStates
     """S poses as codes."""
-
-
-@dataclass(frozen=True)
-class OneView:
-    """What a single camera leaves open."""
-
-    camera: str
-    """Its name."""
-    centre: np.ndarray
-    """(3,) place of the camera, metres."""
-    size_sigma: float
-    """Standard deviation of the person's size and distance, as a share: alike in all frames."""
-    focal_sigma: float
-    """The same of the focal length, by which distances alone are wrong."""
-    size_source: str
-    """What the size is from."""
-    up_from_person: bool
-    """Up and floor of the world were found from the person."""
-    sight: np.ndarray
-    """(F, 3) unit direction from the camera to the person."""
-    sight_sigma_m: np.ndarray
-    """(F, J) standard deviation along the line of sight of each recorded joint about the body's middle, as the lifter
-    has it, metres."""
-    slant_chances: np.ndarray
-    """(F, 8, 3) chances that each bone of arms and legs points towards the camera, across or away from it."""
 
 
 @dataclass(frozen=True)
@@ -74,36 +126,25 @@ class Measurements:
     """How far landmarks are from what was measured."""
     fps: float
     """Frames per second."""
-    report: ResidualReport
-    """The same for people to read."""
-    joint_set: JointSet | None = None
-    """Names of the points, where they are a detector's keypoints."""
-    marker_labels: tuple[str, ...] | None = None
-    """Names of the points, where they are optical markers."""
-    marker_sigma: np.ndarray | None = None
-    """(L,) standard deviation of each marker around where the body has it, per axis, metres."""
-    marker_flags: np.ndarray | None = None
-    """(F, L) bit mask of ``MARKER_*``."""
+    source: PointSource
+    """What the points are from."""
     subject: Subject | None = None
     """The person, where they are known before the solve: markers are calibrated first."""
     rough: RoughMotion | None = None
     """Where to start from, where that was found with the person."""
-    beside: tuple[PointTerm, ...] = ()
-    """What else holds the points: a floor."""
-    relative: tuple[PointTerm, ...] = ()
-    """What is known of the points but for a shift of all of them: a lifted pose."""
-    one_view: OneView | None = None
-    """What one camera leaves open, where there is but one."""
-    hands: HandViews | HandClouds | None = None
-    """The hands that views or markers show beside the points; None where none does."""
-    own: OwnViews | None = None
-    """The own points of the user that views show beside the keypoints; None where there are none."""
-    loose: MarkerCloud | None = None
-    """Markers of the recording that are no known places of the person."""
-    others: MarkerCloud | None = None
-    """Those that are nobody's, by their prefixes."""
+    layers: tuple[Layer, ...] = ()
+    """What adds to the points, in the order in which it is finished after the body."""
     provenance: dict[str, Any] = field(default_factory=dict)
     """What a motion records of them: noise, and faults that were found."""
+
+    @property
+    def terms(self) -> FrameObjective:
+        """What source and layers add to the data term."""
+        parts = [layer.terms() for layer in (self.source, *self.layers)]
+        points, poses, relative = (
+            tuple(term for part in parts for term in getattr(part, name)) for name in ("points", "poses", "relative")
+        )
+        return FrameObjective(points, poses, relative)
 
     @property
     def num_frames(self) -> int:

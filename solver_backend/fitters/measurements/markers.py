@@ -3,23 +3,23 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from types import MappingProxyType
 
 import numpy as np
 
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
-from solver_backend.body.label_places import places_given
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.landmarks import pose_landmarks
 from solver_backend.body.marker_layouts import load_layouts
-from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, is_unnamed, least_markers, name_markers
+from solver_backend.body.marker_names import LEAST_LIMB_MARKERS, LEAST_MARKERS, least_markers, name_markers
 from solver_backend.body.markers import marker_landmarks
 from solver_backend.exchange.errors import JobInvalid, MarkersUnknown, NoDetections, SubjectInvalid
 from solver_backend.exchange.progress import Progress, silent
 from solver_backend.exchange.solve_settings import LANDMARKS_JOINTS, SolveSettings
 from solver_backend.fitters.measurements.base import Measurements, seen_frames
+from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.geometry.arrays import Array, constant
@@ -111,8 +111,7 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
         covariance=noise,
         term=term,
         fps=cloud.fps,
-        report=MarkerResiduals(points),
-        marker_labels=cloud.labels,
+        source=LocatedPoints.of(points, cloud.labels),
         provenance={
             "markers": list(landmarks.names),
             "sigma_mm": [round(1000 * float(value), 3) for value in sigma_m],
@@ -120,23 +119,16 @@ def measured_at(cloud: MarkerCloud, landmarks: Landmarks, like: Array, sigma_m: 
     )
 
 
-@dataclass(frozen=True)
-class MarkerResiduals:
-    """How far points are from the markers, in millimetres."""
+def assign_person(measured: Measurements, subject: Subject, sigma_m: np.ndarray) -> Measurements:
+    """Return measured markers as those of a calibrated person.
 
-    markers: np.ndarray
-    """(F, L, 3) metres, NaN where missing."""
-
-    def __call__(self, points: np.ndarray) -> tuple[None, dict[str, float]]:
-        """Return None, as there are no images, and statistics of (F, L, 3) points, over all seen markers together."""
-        error = 1000 * np.linalg.norm(points - self.markers, axis=-1)
-        error = error[np.isfinite(error)]
-        return None, {
-            "marker_mean_mm": float(error.mean()),
-            "marker_median_mm": float(np.median(error)),
-            "marker_p95_mm": float(np.quantile(error, 0.95)),
-            "marker_rmse_mm": float(np.sqrt((error**2).mean())),
-        }
+    Args:
+        measured: L markers.
+        subject: who wears them.
+        sigma_m: (L,) standard deviation of each marker around where the body has it, per axis.
+    """
+    assert isinstance(measured.source, LocatedPoints)
+    return replace(measured, subject=subject, source=replace(measured.source, sigma_m=sigma_m))
 
 
 def _require_labels(cloud: MarkerCloud) -> tuple[str, ...]:
@@ -168,21 +160,6 @@ def _listed(labels: tuple[str, ...], most: int = 12) -> str:
     return (", ".join(labels[:most]) or "none") + more
 
 
-def loose_markers(cloud: MarkerCloud, worn: Sequence[str], layout: str = "") -> MarkerCloud | None:
-    """Return the markers that a person does not wear and no program computed; None where there are none.
-
-    Args:
-        cloud: all markers.
-        worn: labels of the person's.
-        layout: path of a file that states how labels are read, see ``read_label_places``; empty for none.
-    """
-    labels = cloud.labels or ()
-    names = name_markers([label for label in labels if not is_unnamed(label)], places_given(layout))
-    used = {*worn, *names.virtual, *names.doubled}
-    kept = [i for i, label in enumerate(labels) if label not in used]
-    return cloud.columns(kept, tuple(labels[i] for i in kept)) if kept else None
-
-
 def measure_landmarks(
     landmarks: Landmarks, points: np.ndarray, fps: float, like: Array, sigma_m: float = SIGMA_M
 ) -> Measurements:
@@ -212,8 +189,7 @@ def measure_landmarks(
         covariance=np.zeros((*points.shape, 3)),
         term=term,
         fps=fps,
-        report=MarkerResiduals(points),
-        marker_labels=landmarks.names,
+        source=LocatedPoints.of(points, landmarks.names),
         provenance={"landmarks": list(landmarks.names), "sigma_mm": round(1000 * sigma_m, 3)},
     )
 

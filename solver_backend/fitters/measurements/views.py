@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,13 +15,17 @@ from solver_backend.cameras.triangulation.triangulate import Triangulation, tria
 from solver_backend.exchange.diagnostics import Diagnostic
 from solver_backend.exchange.errors import JobInvalid, MotionInvalid, NoDetections
 from solver_backend.exchange.progress import Progress
-from solver_backend.exchange.solve_settings import SYNC_AUTO
-from solver_backend.fitters.measurements.base import Measurements, RoughMotion, seen_frames
-from solver_backend.fitters.measurements.hand_views import HandViews
-from solver_backend.fitters.measurements.own_views import OwnViews
-from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport, fit_sigma_px
+from solver_backend.exchange.solve_settings import SYNC_AUTO, SolveSettings
+from solver_backend.fitters.hands.layer import Hands
+from solver_backend.fitters.measurements.base import Measurements, RoughMotion, SolvedLayer, seen_frames
 from solver_backend.fitters.measurements.sanitise import check_capture
+from solver_backend.fitters.measurements.sources import ViewPoints, fit_sigma_px
 from solver_backend.fitters.model.states import FrameStates, PosedFrames
+from solver_backend.fitters.model.subject import FrameObjective
+from solver_backend.fitters.output.build_motion import PosedTake
+from solver_backend.fitters.own_points import OwnPoints
+from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.geometry.symmetric import unpacked
@@ -93,10 +98,8 @@ def measurements_of(
         covariance=covariance,
         term=ReprojectionTerm.of(cameras, named, fit_px[..., :count], like),
         fps=named.fps,
-        report=ReprojectionReport(cameras, named),
-        joint_set=named.joint_set,
-        hands=HandViews.of(cameras, keypoints),
-        own=OwnViews.of(cameras, keypoints, triangulation, fit_px),
+        source=ViewPoints(cameras, named),
+        layers=(*OwnPoints.of(cameras, keypoints, triangulation, fit_px), *Hands.of_views(cameras, keypoints)),
         provenance={
             "diagnostics": [item.as_dict() for item in found],
             "sigma_px": [round(float(s), 3) for s in sigma_px[:count]],
@@ -181,7 +184,34 @@ def begin_at(
     share = 1.0 / max(1.0, ALIKE_S * measurements.fps)
     held = RelativePositionTerm.of(points @ R.T, precision, share, like)
     rough = RoughMotion(known, states.select(known))
-    return replace(measurements, rough=rough, relative=(*measurements.relative, held))
+    return replace(measurements, rough=rough, layers=(HeldMotion(held), *measurements.layers))
+
+
+@dataclass(frozen=True)
+class HeldMotion:
+    """An earlier motion that holds the body where too few points are located."""
+
+    term: RelativePositionTerm
+    """Its poses, wherever they are."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
+
+    def terms(self) -> FrameObjective:
+        """See ``Layer``."""
+        return FrameObjective((), relative=(self.term,))
+
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """See ``Layer``."""
+        return problem
+
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """See ``Layer``."""
+        return solved, self
+
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """See ``SolvedLayer``."""
+        return motion
 
 
 def _placed(points: np.ndarray, measurements: Measurements) -> tuple[float, np.ndarray, np.ndarray]:

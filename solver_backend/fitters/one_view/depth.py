@@ -2,23 +2,32 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
-from solver_backend.exchange.body_layout import SMPL
-from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
-from solver_backend.fitters.measurements.base import OneView
+from solver_backend.exchange.body_layout import SMPL, BodyLayout
+from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
+from solver_backend.exchange.progress import Progress
+from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.measurements.base import RestWords, SolvedLayer
+from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import BLOCK_POSES, PosedFrames
-from solver_backend.fitters.model.subject import Subject, pose
+from solver_backend.fitters.model.subject import FrameObjective, Subject, pose
 from solver_backend.fitters.one_view.faults import glides
+from solver_backend.fitters.output.build_motion import PosedTake
 from solver_backend.fitters.problem import Problem
+from solver_backend.fitters.recipes.bundle import Bundle
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import constant, to_numpy
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.runs import true_runs
 from solver_backend.geometry.symmetric import packed, unpacked
 from solver_backend.priors.limb_slants import PARTS, bone_slants, flip_chances
+from solver_backend.residuals.point_term import DataTerm, PointTerm
+from solver_backend.residuals.relative_positions import RelativePositionTerm
+from solver_backend.types import Motion
 
 ALIKE = 0.9
 """Lifted depths are off by so many of the lifter's deviations in solved takes, and for so long that a bundle averages
@@ -40,6 +49,88 @@ LIMB_ENDS = {
     "head": "head",
 }  # fmt: skip
 """Joints by which limbs are named."""
+
+
+@dataclass(frozen=True)
+class OneView:
+    """What a single camera leaves open."""
+
+    camera: str
+    """Its name."""
+    centre: np.ndarray
+    """(3,) place of the camera, metres."""
+    size_sigma: float
+    """Standard deviation of the person's size and distance, as a share: alike in all frames."""
+    focal_sigma: float
+    """The same of the focal length, by which distances alone are wrong."""
+    size_source: str
+    """What the size is from."""
+    up_from_person: bool
+    """Up and floor of the world were found from the person."""
+    sight: np.ndarray
+    """(F, 3) unit direction from the camera to the person."""
+    sight_sigma_m: np.ndarray
+    """(F, J) standard deviation along the line of sight of each recorded joint about the body's middle, as the lifter
+    has it, metres."""
+    slant_chances: np.ndarray
+    """(F, 8, 3) chances that each bone of arms and legs points towards the camera, across or away from it."""
+
+
+@dataclass(frozen=True)
+class OneCamera:
+    """Keypoints that one camera sees, with the pose that was lifted from them."""
+
+    views: ViewPoints
+    """Detections of all cameras, of which one has any."""
+    open: OneView
+    """What it leaves open."""
+    floor: tuple[PointTerm, ...]
+    """The floor, where the person's feet show it."""
+    lifted: RelativePositionTerm
+    """The lifted pose, wherever it is."""
+    SETTINGS: ClassVar[frozenset[str]] = frozenset()
+    KEEPS_BONES: ClassVar[bool] = False
+    REST: ClassVar[RestWords] = RestWords(Severity.WARNING, "is not seen", "are not seen")
+    recipe: ClassVar[str] = "one camera"
+    calibrated: ClassVar[bool] = False
+
+    @property
+    def sight(self) -> np.ndarray:
+        """(F, 3) unit direction from the camera to the person."""
+        return self.open.sight
+
+    def terms(self) -> FrameObjective:
+        """Return the floor and the lifted pose."""
+        return FrameObjective(self.floor, relative=(self.lifted,))
+
+    def blocks(self, problem: Problem, solved: SolvedFrames, settings: SolveSettings) -> Problem:
+        """See ``Layer``."""
+        return problem
+
+    def after(
+        self, problem: Problem, solved: SolvedFrames, settings: SolveSettings, progress: Progress
+    ) -> tuple[SolvedFrames, SolvedLayer]:
+        """Calm the depth, state how far off it may be, and bring parts that nothing informs to rest."""
+        solved = steady_depth(solved, self.open, problem.fps)
+        solved = with_open_depth(solved, self.open, np.asarray(solved.subject.body.recorded_joints))
+        found = diagnose_one_view(solved, self.open, problem)
+        return self.views.after(problem, replace(solved, diagnostics=(*solved.diagnostics, *found)), settings, progress)
+
+    def record(self, motion: Motion, posed: PosedTake) -> Motion:
+        """See ``SolvedLayer``."""
+        return self.views.record(motion, posed)
+
+    def report(self, points: np.ndarray) -> tuple[np.ndarray, dict[str, float]]:
+        """See ``PointSource``."""
+        return self.views.report(points)
+
+    def constant_m(self, layout: BodyLayout) -> np.ndarray:
+        """See ``PointSource``."""
+        return self.views.constant_m(layout)
+
+    def learn_noise(self, bundle: Bundle) -> DataTerm:
+        """Keep the noise: one camera would take every wrong depth for noise."""
+        return bundle.data
 
 
 def with_open_depth(solved: SolvedFrames, one: OneView, joints: np.ndarray) -> SolvedFrames:

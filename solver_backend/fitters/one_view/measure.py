@@ -13,11 +13,12 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.exchange.progress import Progress
-from solver_backend.fitters.measurements.base import Measurements, OneView, RoughMotion, seen_frames
-from solver_backend.fitters.measurements.hand_views import HandViews
-from solver_backend.fitters.measurements.reprojection_report import ReprojectionReport
+from solver_backend.fitters.hands.layer import Hands
+from solver_backend.fitters.measurements.base import Measurements, RoughMotion, seen_frames
+from solver_backend.fitters.measurements.sources import ViewPoints
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject
+from solver_backend.fitters.one_view.depth import OneCamera, OneView
 from solver_backend.fitters.one_view.faults import bridge_repeats, diagnose_cuts, restore_sides
 from solver_backend.geometry.arrays import Array, constant
 from solver_backend.priors.base import AutoencodingPrior
@@ -183,8 +184,8 @@ def measure_one_view(
     found += diagnose_cuts(cameras.names[view], detected)
     if whole.own:
         found.append(diagnostic("own_point_unused", reason="single", joints=[point.name for point in whole.own]))
-    hands = HandViews.of(camera, whole.views([view]))
-    if hands is not None:
+    hands = Hands.of_views(camera, whole.views([view]))
+    if hands:
         found.append(diagnostic("hands_one_view"))
     detected, exchanged = restore_sides(cameras.names[view], detected)
     found += exchanged
@@ -239,14 +240,10 @@ def measure_one_view(
         covariance=_covariances(sigma, sight, size.sigma, np.nan_to_num(points - centre)),
         term=ReprojectionTerm.of(cameras, keypoints, _sigma_px(cameras, keypoints, in_camera[..., 2], view), like),
         fps=detected.fps,
-        report=ReprojectionReport(cameras, keypoints),
-        joint_set=detected.joint_set,
+        source=OneCamera(ViewPoints(cameras, keypoints), one, (FloorTerm(),) if size.has_floor else (), lifted),
         subject=replace(Subject.average(body, landmarks, like), betas=constant(shape, like)),
         rough=RoughMotion(frames, states),
-        beside=(FloorTerm(),) if size.has_floor else (),
-        relative=(lifted,),
-        hands=hands,
-        one_view=one,
+        layers=hands,
         provenance={"diagnostics": [item.as_dict() for item in found], "size_factor": round(size.factor, 4)},
     )
 

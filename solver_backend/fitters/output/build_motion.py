@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
 from solver_backend.body.kinematics import recorded_vectors
 from solver_backend.fitters.keyframes.lost_limbs import lost_landmarks
-from solver_backend.fitters.marker_calibration.gap_filling import bone_rotations, filled
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.base import Measurements, SolvedLayer
 from solver_backend.fitters.model.states import BLOCK_POSES
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.solution import SolvedFrames
 from solver_backend.geometry.arrays import Array, to_numpy
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.geometry.symmetric import mean_sigma
-from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, MARKER_FILLED, MARKER_SEEN, Motion
+from solver_backend.types import FLAG_RESTING, FLAG_UNSEEN, FLAG_UNSURE, Motion
 
 FAR, FAR_SIGMAS = 3.0, 2.0
 """A frame's median residual is far above the take's from so many times that on, and so many standard deviations."""
@@ -75,92 +76,95 @@ def _far(normalised: np.ndarray) -> np.ndarray:
     return measured & (per_frame > max(FAR * float(np.median(per_frame[measured])), FAR_SIGMAS))
 
 
+@dataclass(frozen=True)
+class PosedTake:
+    """A body in all frames of a take."""
+
+    subject: Subject
+    """The person."""
+    points: np.ndarray
+    """(F, L, 3) landmarks, metres, in the poses that explain what was measured."""
+    joints: np.ndarray
+    """(F, J, 3) metres."""
+    bones: np.ndarray
+    """(F, J, 3, 3) global rotations; empty where the source keeps none."""
+    deviations: np.ndarray
+    """(C, F, K) residuals in standard deviations, NaN where nothing was measured."""
+
+    @classmethod
+    def of(cls, measurements: Measurements, solved: SolvedFrames) -> PosedTake:
+        """Pose some frames at a time."""
+        parts = []
+        for start in range(0, len(solved.frames.transl), BLOCK_POSES):
+            part = slice(start, start + BLOCK_POSES)
+            posed = pose(solved.subject, solved.frames.select(part))
+            fitted = posed if solved.fitted is None else pose(solved.subject, solved.fitted.select(part))
+            bones = posed.skeleton.G if measurements.source.KEEPS_BONES else posed.skeleton.G[:0]
+            left = measurements.term.select(part).residuals(fitted.points).deviations
+            parts.append([to_numpy(a) for a in (fitted.points, posed.skeleton.joints, bones, left)])
+        points, joints, bones, left = zip(*parts, strict=True)
+        whole = (np.concatenate(part) for part in (points, joints, bones))
+        return cls(solved.subject, *whole, np.concatenate(left, axis=1))
+
+    @property
+    def offsets(self) -> np.ndarray:
+        """(L, 3) metres."""
+        return to_numpy(self.subject.offsets)
+
+
 def build_motion(
-    measurements: Measurements, solved: SolvedFrames, *, scale: float, provenance: dict[str, Any]
-) -> Motion:
+    measurements: Measurements, solved: SolvedFrames, layers: Sequence[SolvedLayer] = (), *, scale: float,
+    provenance: dict[str, Any],
+) -> Motion:  # fmt: skip
     """Return the Motion of F solved frames.
 
     Args:
         measurements: what was solved from.
         solved: F poses.
+        layers: what was solved beside the body's own points.
         scale: robust scale in standard deviations, beyond twice which a measurement counts as an outlier.
         provenance: stored as it is.
     """
-    subject, frames = solved.subject, solved.frames
-    points, joints, bones, deviations = _posed(measurements, solved)
-    reprojection_px, statistics = measurements.report(points)
-    outliers = deviations[np.isfinite(deviations)] > 2 * scale
+    subject, frames, posed = solved.subject, solved.frames, PosedTake.of(measurements, solved)
+    reprojection_px, statistics = measurements.source.report(posed.points)
+    outliers = posed.deviations[np.isfinite(posed.deviations)] > 2 * scale
     statistics = {
         **{name: _rounded(value) for name, value in statistics.items()},
         "outliers_percent": _rounded(100 * outliers.mean()),
-        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(to_numpy(subject.offsets), axis=-1)],
+        "offsets_mm": [_rounded(v) for v in 1000 * np.linalg.norm(posed.offsets, axis=-1)],
     }
-    keyframes = np.zeros(len(points), dtype=bool)
+    keyframes = np.zeros(measurements.num_frames, dtype=bool)
     keyframes[np.round(solved.key_times).astype(int)] = True
     covariance = None if solved.covariance is None else to_numpy(solved.covariance)
     sigma = None if covariance is None else mean_sigma(covariance)
-    lost = lost_landmarks(points, measurements.points, measurements.covariance)
-    return Motion(
+    lost = lost_landmarks(posed.points, measurements.points, measurements.covariance)
+    motion = Motion(
         betas=to_numpy(subject.betas),
         global_orient=_turns(frames.root),
-        body_pose=recorded_vectors(subject.body, _turns(frames.local)).reshape(len(points), -1),
+        body_pose=recorded_vectors(subject.body, _turns(frames.local)).reshape(measurements.num_frames, -1),
         transl=to_numpy(frames.transl),
         fps=measurements.fps,
         body=subject.body.id,
-        joints=joints[:, list(subject.body.recorded_joints)],
+        joints=posed.joints[:, list(subject.body.recorded_joints)],
         body_layout=subject.body.layout.recorded,
-        **_points(measurements, points, subject, bones),
-        joint_set=measurements.joint_set,
         joint_sigma=sigma,
         joint_covariance=covariance,
         keyframes=keyframes,
         contacts=solved.contacts,
-        flags=flagged(deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),
+        flags=flagged(posed.deviations, measurements.seen, sigma, lost.any(axis=1), solved.resting),
         resting=solved.resting,
         reprojection_px=None if reprojection_px is None else reprojection_px.astype(np.float32),
         provenance={**provenance, **_found(provenance, solved), "statistics": statistics},
     )
-
-
-def _posed(measurements: Measurements, solved: SolvedFrames) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Return points (F, L, 3), joints, bones and deviations (C, F, K), some frames at a time.
-
-    Bones are of takes of markers alone; nobody asks for others, and they take more memory than all else.
-    """
-    parts = []
-    for start in range(0, len(solved.frames.transl), BLOCK_POSES):
-        part = slice(start, start + BLOCK_POSES)
-        posed = pose(solved.subject, solved.frames.select(part))
-        fitted = posed if solved.fitted is None else pose(solved.subject, solved.fitted.select(part))
-        bones = posed.skeleton.G if measurements.marker_labels is not None else posed.skeleton.G[:0]
-        left = measurements.term.select(part).residuals(fitted.points).deviations
-        parts.append([to_numpy(a) for a in (fitted.points, posed.skeleton.joints, bones, left)])
-    points, joints, bones, deviations = zip(*parts, strict=True)
-    return np.concatenate(points), np.concatenate(joints), np.concatenate(bones), np.concatenate(deviations, axis=1)
+    for layer in (measurements.source, *layers):
+        motion = layer.record(motion, posed)
+    return motion
 
 
 def _turns(rotations: Array) -> np.ndarray:
     """Return the axis-angle vectors of (F, ..., 3, 3) rotations, some frames at a time."""
     starts = range(0, rotations.shape[0], BLOCK_POSES)
     return np.concatenate([to_numpy(log_so3(rotations[start : start + BLOCK_POSES])) for start in starts])
-
-
-def _points(measurements: Measurements, points: np.ndarray, subject: Subject, bones: np.ndarray) -> dict[str, Any]:
-    """Return the motion's (F, L, 3) points as what they are: markers with their residuals, or keypoints."""
-    if measurements.marker_labels is None:
-        return {"keypoints3d": points}
-    recorded, seen = measurements.points, measurements.located
-    flags = np.where(seen, MARKER_SEEN, MARKER_FILLED).astype(np.uint8)
-    return {
-        "markers": points,
-        "marker_labels": measurements.marker_labels,
-        "marker_residual_mm": 1000 * np.linalg.norm(points - recorded, axis=-1),
-        "marker_flags": flags if measurements.marker_flags is None else flags | measurements.marker_flags,
-        "marker_sigma": measurements.marker_sigma,
-        "cleaned_markers": filled(recorded, points, bone_rotations(subject.landmarks, bones), measurements.fps),
-        "offsets": to_numpy(subject.offsets),
-        "layout": subject.landmarks.names,
-    }
 
 
 def _found(provenance: dict[str, Any], solved: SolvedFrames) -> dict[str, Any]:

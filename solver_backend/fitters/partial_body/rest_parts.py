@@ -19,8 +19,8 @@ from solver_backend.body.kinematics import forward_kinematics, subtree_matrix
 from solver_backend.body.landmark_set import Landmarks
 from solver_backend.body.resting_posture import PARTS, rest_rotations
 from solver_backend.exchange.body_layout import BodyLayout
-from solver_backend.exchange.diagnostics import Diagnostic, Severity, diagnostic
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.exchange.diagnostics import Diagnostic, diagnostic
+from solver_backend.fitters.measurements.base import Measurements, RestWords
 from solver_backend.fitters.partial_body.resting_spread import (
     ANCHORS,
     assumed_joints,
@@ -180,7 +180,7 @@ def rest_parts(measurements: Measurements, solved: SolvedFrames, pinned: Sequenc
     return replace(
         solved, frames=frames, covariance=covariance, contacts=contacts, fitted=fitted, resting=resting > 0.0,
         diagnostics=(
-            *solved.diagnostics, *_diagnose(shares, markers=measurements.marker_labels is not None),
+            *solved.diagnostics, *_diagnose(shares, measurements.source.REST),
             *([diagnostic("place_assumed", part=where, mm=1000 * sigma_m)] if where else []),
         ),
     )  # fmt: skip
@@ -234,20 +234,16 @@ def _below(layout: BodyLayout, part: str) -> tuple[str, ...]:
     return tuple(layout.joints[j] for j in sorted(moved))
 
 
-def _diagnose(shares: dict[str, np.ndarray], *, markers: bool) -> Iterator[Diagnostic]:
+def _diagnose(shares: dict[str, np.ndarray], words: RestWords) -> Iterator[Diagnostic]:
     """Yield what rests: parts that rest in the same frames together."""
     by_runs: dict[tuple[tuple[int, int], ...], list[str]] = {}
     for part, share in shares.items():
         by_runs.setdefault(tuple(true_runs(share > 0.0)), []).append(part)
     for runs, parts in by_runs.items():
         runs = () if runs == ((0, len(shares[parts[0]]) - 1),) else runs
-        words = listed(parts)
-        several = " and " in words or words.endswith("s")
-        lack = "have no markers" if several else "has no markers"
-        if not markers:
-            lack = "are not seen by two cameras" if several else "is not seen by two cameras"
-        severity = Severity.NOTE if markers else Severity.WARNING
-        yield diagnostic("parts_at_rest", severity=severity, frames=runs, part=f"{words} {lack}")
+        subject = listed(parts)
+        lack = words.several if " and " in subject or subject.endswith("s") else words.one
+        yield diagnostic("parts_at_rest", severity=words.severity, frames=runs, part=f"{subject} {lack}")
 
 
 def listed(parts: list[str]) -> str:

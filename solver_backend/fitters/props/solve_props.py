@@ -15,10 +15,9 @@ from solver_backend.fitters.marker_calibration.unknown_markers import (
     FRAMES,
     LEAST_MARKERS,
     BonePoses,
-    LooseGroup,
     loose_groups,
 )
-from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.props.layer import Props
 from solver_backend.fitters.props.prop_equations import (
     LEAST_SIGMA_M,
     MOST_SIGMA_M,
@@ -155,23 +154,20 @@ UNSURE_M, UNSURE_RAD = 0.02, np.radians(10.0)
 
 
 def solve_props(
-    measurements: Measurements, solved: SolvedFrames, progress: Progress
-) -> tuple[tuple[Prop, ...], list[Diagnostic]]:
+    markers: Props, solved: SolvedFrames, progress: Progress
+) -> tuple[tuple[Prop, ...], list[Diagnostic]]:  # fmt: skip
     """Return the props among the markers of a take that nobody wears, and what was found of them.
 
     Args:
-        measurements: of the take.
+        markers: what nobody wears.
         solved: the person's poses, whose bones carry some of the markers.
         progress: called as props are solved.
     """
-    found = list[tuple[MarkerCloud, LooseGroup]]()
-    if measurements.others is not None:
-        found += [(measurements.others, group) for group in loose_groups(measurements.others)]
-    if measurements.loose is not None and measurements.loose.labels:
-        loose = measurements.loose
-        frames = np.unique(np.linspace(0, len(loose.positions) - 1, FRAMES).astype(int))
-        some = MarkerCloud(loose.positions[frames], loose.fps, loose.labels)
-        found += [(loose, group) for group in loose_groups(some, _bones(solved, frames))]
+    found = [(cloud, group) for cloud in markers.others for group in loose_groups(cloud)]
+    for cloud in markers.loose:
+        frames = np.unique(np.linspace(0, len(cloud.positions) - 1, FRAMES).astype(int))
+        some = MarkerCloud(cloud.positions[frames], cloud.fps, cloud.labels)
+        found += [(cloud, group) for group in loose_groups(some, _bones(solved, frames))]
     found = sorted(found, key=lambda item: -len(item[1].columns))[:MOST]
     props, diagnostics = list[Prop](), list[Diagnostic]()
     for n, (cloud, group) in enumerate(found):

@@ -10,6 +10,7 @@ import numpy as np
 from solver_backend.exchange.errors import MotionInvalid
 from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.solve_settings import SolveSettings
+from solver_backend.fitters.hands.layer import Hands
 from solver_backend.fitters.hands.wide_motion import with_fingers_of, without_fingers
 from solver_backend.fitters.keyframes.frame_range import FrameRange
 from solver_backend.fitters.keyframes.initial_keys import initial_keys, keys_of_frames, window_of
@@ -27,7 +28,6 @@ from solver_backend.fitters.model.states import Keyframes, PosedFrames, hemisphe
 from solver_backend.fitters.model.subject import Subject, points_of
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle, Pass
-from solver_backend.fitters.recipes.steps import constant_m_of
 from solver_backend.fitters.solution import Solution, SolvedFrames
 from solver_backend.fitters.subject_calibration.shape import ShapePrior, refit_shape
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise
@@ -69,7 +69,8 @@ def solve_range(
     subject = replace(subject, betas=constant(motion.betas, subject.betas))
     window, scale = window_of(motion, problem.frames_of(settings.refine_window)), settings.robust_scale
     sampled, objective = before.select(sample), problem.objective.select(sample)
-    person = ShapePrior(free_betas=False, free_offsets=problem.measurements.subject is None)
+    learns = problem.measurements.subject is None
+    person = ShapePrior(free_betas=False, free_offsets=learns)
     subject = refit_shape(subject, sampled, objective, scale, person)
     layout, moving = range_layout(frame_range, motion.num_frames, window)
     fixed = _pinned(_keys_at(problem, before, layout.key_times), problem, layout, frame_range)
@@ -85,7 +86,7 @@ def solve_range(
         both.run(bundle.move(start), partial(progress, STAGE, done, 3)) for done, start in enumerate((fixed, anew))
     ]
     best = min(found, key=cost_of)
-    if settings.contacts and problem.measurements.subject is None:
+    if settings.contacts and learns:
 
         def find_standing_feet(bundle: Bundle) -> Bundle:
             posed = bundle.posed.poses
@@ -113,7 +114,7 @@ def _covariance(bundle: Bundle, solved: SolvedRange) -> np.ndarray:
     data, points = bundle.problem.measurements.term.select(layout.frames), points_of(model.subject, solved.frames)
     inflation = noise_inflation(points, data, scale, max(1, bundle.window // 2))
     system = model.information(layout, keys, scale).with_fixed(~solved.free).block_tridiagonal()
-    constant_m = constant_m_of(bundle.problem)
+    constant_m = bundle.problem.measurements.source.constant_m(bundle.problem.body.layout.recorded)
     return to_numpy(packed(joint_covariance(model, layout, keys, solved.frames, system, inflation, constant_m)))
 
 
@@ -177,10 +178,13 @@ def solve_again(
         JobInvalid: the take does not have the frame range.
         MotionInvalid: the motion belongs to another take or body.
     """
-    from solver_backend.fitters.hands.solve_hands import solve_hands_again
+    from solver_backend.fitters.hands.solve_hands import HandRange, solve_hands_again
 
     body = without_fingers(motion)
     solved, frames = solve_range(problem, subject, body, frame_range, settings, progress)
-    frames, hands = solve_hands_again(problem.measurements, frames, motion, frame_range, settings, progress)
+    hands = dict[int, HandRange]()
+    for layer in problem.measurements.layers:
+        if isinstance(layer, Hands):
+            frames, hands = solve_hands_again(layer.shown, frames, motion, frame_range, settings, progress)
     again = spliced(problem, body, solved, frames, settings.robust_scale)
     return Solution(with_fingers_of(again, motion, solved, hands, problem.body), solved.status)

@@ -10,7 +10,7 @@ import numpy as np
 from solver_backend.body.body import Body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.cameras.triangulation.triangulate import Triangulation, triangulate
-from solver_backend.fitters.measurements.reprojection_report import fit_sigma_px
+from solver_backend.fitters.measurements.sources import fit_sigma_px
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.recipes.live import PersonFollower

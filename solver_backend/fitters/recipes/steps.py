@@ -13,18 +13,12 @@ from solver_backend.fitters.freed_memory import give_back_freed_memory
 from solver_backend.fitters.keyframes import lost_limbs
 from solver_backend.fitters.keyframes.initial_keys import dense_layout, keys_of_frames
 from solver_backend.fitters.keyframes.optimise import Schedule
-from solver_backend.fitters.keyframes.posterior import (
-    covariance_of_joints,
-    keypoint_constant_m,
-    marker_constant_m,
-    noise_inflation,
-)
+from solver_backend.fitters.keyframes.posterior import covariance_of_joints, noise_inflation
 from solver_backend.fitters.model.codes import state_layout
 from solver_backend.fitters.model.keyframe_curve import keys_at
 from solver_backend.fitters.model.keyframe_layout import control_points
 from solver_backend.fitters.model.states import hemisphere_aligned
 from solver_backend.fitters.model.subject import points_of
-from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.recipes.bundle import OFF_THE_MANIFOLD, ON_THE_MANIFOLD, Bundle
 from solver_backend.fitters.solution import MethodResult, SolvedFrames
 from solver_backend.fitters.subject_calibration.foot_contacts import find_contacts
@@ -32,6 +26,7 @@ from solver_backend.fitters.subject_calibration.shape import ShapePrior
 from solver_backend.fitters.subject_calibration.shape import refit_shape as refit
 from solver_backend.fitters.subject_calibration.variances import with_learned_noise, with_window_variances
 from solver_backend.geometry.arrays import index, to_numpy
+from solver_backend.residuals.point_term import DataTerm
 
 
 def space_keys(bundle: Bundle) -> Bundle:
@@ -79,33 +74,36 @@ def refit_shape(bundle: Bundle, *, offsets: bool) -> Bundle:
     return replace(bundle, posed=posed.of_subject(subject))
 
 
-def learn_view_noise(bundle: Bundle) -> Bundle:
+def learn_view_noise(bundle: Bundle) -> DataTerm:
     """Learn how reliable each keypoint is in each view; landmarks that are measured once stay as they are."""
     problem, posed = bundle.problem, bundle.posed
     sample = posed.poses.select(index(problem.sample, posed.keys.z))
-    return replace(bundle, data=with_learned_noise(problem, posed.subject, sample, bundle.settings))
+    return with_learned_noise(problem, posed.subject, sample, bundle.settings)
 
 
-def learn_window_noise(bundle: Bundle) -> Bundle:
-    """Learn how reliable each landmark is in each stretch of the take."""
+def learn_window_noise(bundle: Bundle) -> DataTerm:
+    """Learn how reliable each landmark is in each part of the take."""
     problem, settings, posed = bundle.problem, bundle.settings, bundle.posed
     if not settings.learn_noise:
-        return bundle
+        return bundle.data
     # Codes that stay were found from the same landmarks, and count.
     names = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
     dof = state_layout(problem.prior).only(names).dof * posed.layout.num_keys / problem.num_frames
     seen = None if posed.frames is None else np.isin(np.arange(problem.num_frames), posed.frames)
     scale, term = settings.robust_scale, problem.measurements.term
-    return replace(bundle, data=with_window_variances(term, posed.points, problem.fps, scale, dof, seen))
+    return with_window_variances(term, posed.points, problem.fps, scale, dof, seen)
 
 
-def find_standing_feet(bundle: Bundle) -> Bundle:
-    """Find where feet stand, to hold them there."""
+def learn_noise(bundle: Bundle) -> Bundle:
+    """Learn how reliable the measurements are, as their source has it."""
+    return replace(bundle, data=bundle.problem.measurements.source.learn_noise(bundle))
+
+
+def find_standing_feet(bundle: Bundle, sight: np.ndarray | None = None) -> Bundle:
+    """Find where feet stand, to hold them there; ``sight`` (F, 3) is the direction of a single camera."""
     if not bundle.settings.contacts:
         return bundle
     posed = bundle.posed
-    one = bundle.problem.measurements.one_view
-    sight = None if one is None else one.sight
     names, fps = posed.subject.landmarks.names, bundle.problem.fps
     contacts = find_contacts(to_numpy(posed.points), names, fps, sight=sight)
     return replace(bundle, contacts=contacts)
@@ -138,18 +136,9 @@ def solved_take(bundle: Bundle, progress: Progress, stride: int = 1) -> MethodRe
     give_back_freed_memory()
     # Standing feet steady the solution, but how sure it is follows from what was measured.
     measured = bundle.with_objective([block.name for block in bundle.free.blocks], contacts=False).model
-    constant_m = constant_m_of(problem)
+    constant_m = problem.measurements.source.constant_m(problem.body.layout.recorded)
     covariance = covariance_of_joints(
         measured, layout, keys, frames, scale, inflation, constant_m, stride=stride, done=partial(progress, SPREAD)
     )
     feet = None if contacts is None else contacts.feet(names)
     return SolvedFrames(posed.subject, frames, layout.key_times, covariance, feet), bundle.solution.convergence
-
-
-def constant_m_of(problem: Problem) -> np.ndarray:
-    """Return (J,) standard deviations per axis of what does not average out at each joint, metres.
-
-    Where a person was calibrated from markers it is what that leaves.
-    """
-    of = keypoint_constant_m if problem.measurements.marker_sigma is None else marker_constant_m
-    return of(problem.body.layout.recorded)

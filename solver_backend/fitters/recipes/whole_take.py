@@ -14,7 +14,7 @@ from solver_backend.fitters.keyframes.optimise import Schedule, Stretches, solve
 from solver_backend.fitters.marker_calibration.rough_motion import RATE_HZ
 from solver_backend.fitters.model.keyframe_layout import KeyframeLayout
 from solver_backend.fitters.model.subject import Subject
-from solver_backend.fitters.one_view.depth import diagnose_one_view, steady_depth, with_open_depth
+from solver_backend.fitters.one_view.depth import OneCamera
 from solver_backend.fitters.problem import REFERENCE_FPS, Problem
 from solver_backend.fitters.recipes.bundle import (
     FIXED_CODES,
@@ -29,8 +29,7 @@ from solver_backend.fitters.recipes.bundle import (
 from solver_backend.fitters.recipes.steps import (
     STAGE,
     find_standing_feet,
-    learn_view_noise,
-    learn_window_noise,
+    learn_noise,
     refit_shape,
     resolve_lost_limbs,
     resolve_outlier_markers,
@@ -47,8 +46,6 @@ def passes_of(problem: Problem, settings: SolveSettings) -> tuple[Pass, ...]:
     between = Schedule((2 * scale,), steps, problem.frames_of(2, 1), 1e-2, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
-    in_space = problem.measurements.marker_labels is not None
-    learn_noise: Step = learn_window_noise if in_space else learn_view_noise
     # The bias waits for residual rotations: what poses cannot follow would pass for bias, and stay.
     shape, shape_and_bias = partial(refit_shape, offsets=False), partial(refit_shape, offsets=True)
     return (
@@ -76,26 +73,23 @@ def one_view_passes(problem: Problem, settings: SolveSettings) -> tuple[Pass, ..
     near = Schedule((4 * scale, 2 * scale), steps, problem.frames_of(2, 1), 1e-2, hessian_frames=3, promise=1.0)
     last = Schedule((scale,), steps, tolerance=3e-3, promise=1.0)
     free = OFF_THE_MANIFOLD if settings.residual_rotations else ON_THE_MANIFOLD
+    source = problem.measurements.source
+    assert isinstance(source, OneCamera)
+    feet: Step = partial(find_standing_feet, sight=source.sight)
     return (
         Pass(near, ON_THE_MANIFOLD),
-        Pass(replace(last, scales=(2 * scale,)), free, (space_keys, find_standing_feet)),
-        Pass(last, free, (find_standing_feet,)),
+        Pass(replace(last, scales=(2 * scale,)), free, (space_keys, feet)),
+        Pass(last, free, (feet,)),
     )
 
 
 def solve_one_view(
     problem: Problem, subject: Subject, settings: SolveSettings, progress: Progress, each: Stretches
 ) -> MethodResult:
-    """Solve all keys of a take that one camera sees, and state what it leaves open."""
-    one = problem.measurements.one_view
-    assert one is not None
+    """Solve all keys of a take that one camera sees."""
     passes = one_view_passes(problem, settings)
     bundle = start_take(problem, subject, settings, passes[0].schedule, each, progress)
-    solved, convergence = solved_take(run_passes(bundle, passes, progress, STAGE), progress)
-    joints = np.asarray(solved.subject.body.recorded_joints)
-    solved = steady_depth(solved, one, problem.fps)
-    solved = with_open_depth(solved, one, joints)
-    return replace(solved, diagnostics=(*solved.diagnostics, *diagnose_one_view(solved, one, problem))), convergence
+    return solved_take(run_passes(bundle, passes, progress, STAGE), progress)
 
 
 CALM_M_S2, CLOSEST = 4.0, 0.4
@@ -139,10 +133,10 @@ class KnownPersonPlan:
         last = Schedule((scale,), steps, max(1, round(0.2 * window)), 1e-2)
         starts_near = measured.rough is not None and fastest / (8 * RATE_HZ**2) < NEAR_M
         free = FIXED_CODES if settings.residual_rotations else ON_THE_MANIFOLD
-        off = Pass(last, free, (resolve_lost_limbs, learn_window_noise), LOOSENESS)
+        off = Pass(last, free, (resolve_lost_limbs, learn_noise), LOOSENESS)
         passes = (off,) if starts_near else (Pass(near, ON_THE_MANIFOLD), off)
         after: tuple[Step, ...] = (resolve_lost_limbs,)
-        if settings.residual_rotations and measured.marker_sigma is not None:
+        if settings.residual_rotations and measured.source.calibrated:
             after += (partial(resolve_outlier_markers, schedule=replace(last, scales=(4 * scale, scale))),)
         return cls(window, passes, after, stride, problem.frames_of(4, 1))
 

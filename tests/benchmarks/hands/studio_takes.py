@@ -15,7 +15,7 @@ from solver_backend.cameras.projection import project
 from solver_backend.exchange.body_layout import SMPL_HANDS
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.fitters.hands.hand_view_term import sort_hands
-from solver_backend.fitters.measurements.hand_views import HandViews
+from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.synthesis.studio.hands.hand_detector import HandFaults, detect_hands

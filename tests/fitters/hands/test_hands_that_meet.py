@@ -13,9 +13,9 @@ from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.hand_points import SIDES
 from solver_backend.exchange.progress import silent
+from solver_backend.fitters.hands.layer import HandViews
 from solver_backend.fitters.hands.solve_hands import SolvedHands, follow_hand, solve_hands
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.hand_views import HandViews
 from solver_backend.fitters.measurements.views import measure_views
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import Subject
@@ -38,7 +38,7 @@ ARMS = [SMPL.joints.index(f"{s}_{part}") - 1 for s in SIDES for part in ("collar
 class Scene:
     """A person whose arms are somewhere, as four views have the hands."""
 
-    measurements: Measurements
+    views: HandViews
     solved: SolvedFrames
     """The body as it truly is."""
     hands: MovingHands
@@ -83,11 +83,11 @@ def scene(where: str, elsewhere_m: float = 0.0) -> Scene:
     subject = replace(Subject.average(person.body, measured().landmarks, np.zeros(1)), betas=person.betas)
     solved = SolvedFrames(subject, PosedFrames(person.orient, person.local, person.transl))
     views = HandViews(cameras, np.nan_to_num(found[..., :2]), found[..., 2])
-    return Scene(replace(measured(), hands=views), solved, hands)
+    return Scene(views, solved, hands)
 
 
 def solve_scene(made: Scene) -> tuple[SolvedFrames, SolvedHands]:
-    solved, hands = solve_hands(made.measurements, made.solved, QUICK, silent)
+    solved, hands = solve_hands(made.views, made.solved, FPS, QUICK, silent)
     assert hands is not None
     return solved, hands
 
@@ -110,7 +110,7 @@ def test_hands_are_solved_where_they_are(where: str) -> None:
     others = np.delete(np.arange(local[0].shape[1]), ARMS)
     np.testing.assert_array_equal(local[0][:, others], local[1][:, others])
     assert np.median(moved_m(made, solved)) < 0.015
-    views = made.measurements.hands
+    views = made.views
     assert isinstance(views, HandViews)
     seen = (views.confidence > 0).any(axis=-1).sum(axis=0) >= 2
     assert seen.mean() > 0.3, "the scene shows something"

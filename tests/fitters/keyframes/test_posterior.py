@@ -6,10 +6,9 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.fitters import SolveSettings, resolve_range, solve
 from solver_backend.fitters.keyframes.frame_range import FrameRange
-from solver_backend.fitters.keyframes.posterior import CONSTANT_M, OF_MARKERS_M
 from solver_backend.fitters.measurements.markers import measure_motion
+from solver_backend.fitters.measurements.sources import CONSTANT_M, OF_MARKERS_M
 from solver_backend.fitters.problem import Problem
-from solver_backend.fitters.recipes.steps import constant_m_of
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.synthesis.embedded.marker_demo import record_markers
 from solver_backend.types import SMPL_JOINTS, Capture
@@ -39,4 +38,4 @@ def test_points_of_a_motion_are_no_calibrated_persons():
     motion = solve(Capture("take", markers=record_markers(40, seed=4).cloud), QUICK).motion
     body = load_body()
     problem = Problem.of(body, load_sposer(), measure_motion(body, motion, [], np.zeros(1)))
-    np.testing.assert_array_equal(constant_m_of(problem), np.full(24, CONSTANT_M))
+    np.testing.assert_array_equal(problem.measurements.source.constant_m(body.layout.recorded), np.full(24, CONSTANT_M))

@@ -11,6 +11,7 @@ from solver_backend.fitters.keyframes.initial_keys import _neighbours
 from solver_backend.fitters.keyframes.lost_limbs import _lost_windows, resolve_lost_limbs
 from solver_backend.fitters.keyframes.optimise import Schedule, solve_keys
 from solver_backend.fitters.measurements.base import Measurements
+from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.states import Keyframes
 from solver_backend.fitters.model.subject import pose
 from tests.support.stick_scene import ROTATIONS, StickScene
@@ -18,9 +19,8 @@ from tests.support.stick_scene import ROTATIONS, StickScene
 
 def _measured(scene: StickScene) -> Measurements:
     covariance = np.tile(1e-4 * np.eye(3), (*scene.points.shape[:2], 1, 1))
-    return Measurements(
-        scene.subject.landmarks, np.asarray(scene.points), covariance, scene.term, 60.0, lambda points: (None, {})
-    )
+    points, landmarks = np.asarray(scene.points), scene.subject.landmarks
+    return Measurements(landmarks, points, covariance, scene.term, 60.0, LocatedPoints.of(points, landmarks.names))
 
 
 def _of_windows(keys: Keyframes) -> Callable[[slice], Keyframes]:

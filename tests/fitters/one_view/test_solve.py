@@ -12,7 +12,9 @@ from solver_backend.exchange.diagnostics import read_diagnostics
 from solver_backend.exchange.errors import NoDetections
 from solver_backend.exchange.progress import silent
 from solver_backend.exchange.solve_settings import SolveSettings
-from solver_backend.fitters.pipeline import prepare, solve
+from solver_backend.fitters.hands.layer import Hands
+from solver_backend.fitters.pipeline import solve
+from solver_backend.fitters.prepare import prepare
 from solver_backend.geometry.symmetric import unpacked
 from solver_backend.report.diagnose import diagnose
 from solver_backend.types import FLAG_UNSEEN, Capture, Motion
@@ -104,4 +106,4 @@ def test_hands_of_one_camera_are_measured_and_named(filmed: Capture) -> None:
         with_hands = replace(filmed, keypoints=replace(filmed.keypoints, hands=shown))
         measured = prepare(with_hands, SolveSettings(), silent).measurements
         codes = {item.code for item in read_diagnostics(measured.provenance["diagnostics"])}
-        assert ("hands_one_view" in codes) == expected == (measured.hands is not None)
+        assert ("hands_one_view" in codes) == expected == any(isinstance(layer, Hands) for layer in measured.layers)

@@ -10,7 +10,7 @@ from solver_backend.body.body import load_body
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters.keyframes.initial_keys import closer_window, paces
 from solver_backend.fitters.measurements.base import RoughMotion
-from solver_backend.fitters.measurements.markers import known_markers_of, measure_markers
+from solver_backend.fitters.measurements.markers import assign_person, known_markers_of, measure_markers
 from solver_backend.fitters.model.states import FrameStates
 from solver_backend.fitters.model.subject import Subject
 from solver_backend.fitters.problem import Problem
@@ -68,9 +68,12 @@ def test_outlier_markers_draw_again_where_the_person_was_calibrated_and_nowhere_
     """A motion's own keypoints, which a clean-up solves, belong to no marker that could lie on a bent hand."""
     body, take = load_body(), record_markers(12, 30.0, seed=3).cloud
     measured = measure_markers(known_markers_of(take), body, np.zeros(1))
-    measured = replace(measured, subject=Subject.average(body, measured.landmarks, np.zeros(1)))
-    sigma = None if marker_sigma is None else np.full(len(measured.landmarks.names), marker_sigma)
-    problem = Problem.of(body, load_sposer(), replace(measured, marker_sigma=sigma))
+    subject = Subject.average(body, measured.landmarks, np.zeros(1))
+    if marker_sigma is None:
+        measured = replace(measured, subject=subject)
+    else:
+        measured = assign_person(measured, subject, np.full(len(measured.landmarks.names), marker_sigma))
+    problem = Problem.of(body, load_sposer(), measured)
     plan = KnownPersonPlan.of(problem, SolveSettings(residual_rotations=residuals))
     found = [step.func for step in plan.after if isinstance(step, partial)]
     assert found == ([steps.resolve_outlier_markers] if residuals and marker_sigma is not None else [])

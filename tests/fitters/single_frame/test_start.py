@@ -8,7 +8,7 @@ import pytest
 from solver_backend.body.body import load_body
 from solver_backend.body.keypoints import keypoint_landmarks
 from solver_backend.fitters.measurements.base import Measurements
-from solver_backend.fitters.measurements.markers import MarkerResiduals
+from solver_backend.fitters.measurements.sources import LocatedPoints
 from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.fitters.problem import Problem
 from solver_backend.fitters.single_frame import fit_to_points, lifted_betas, posed
@@ -34,7 +34,9 @@ def subject(joint_set: JointSet) -> Subject:
 def located(person: Subject, points: np.ndarray) -> Measurements:
     covariance = np.broadcast_to(1e-4 * np.eye(3), (*points.shape, 3))
     term = PositionTerm(np.nan_to_num(points), np.isfinite(points).all(-1) * 1e4)
-    return Measurements(person.landmarks, points, covariance, term, 60.0, MarkerResiduals(points))
+    return Measurements(
+        person.landmarks, points, covariance, term, 60.0, LocatedPoints.of(points, person.landmarks.names)
+    )
 
 
 @pytest.mark.parametrize("lost", [None, "left_shoulder"])
