@@ -24,10 +24,10 @@ from solver_backend.exchange.world_settings import WorldSettings
 
 if TYPE_CHECKING:
     from solver_backend.io.calibration import Calibration
+    from solver_backend.live.recorder import Recorder
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.streaming.moments import LiveMoments
     from solver_backend.videos.streaming.picture_sources import PictureSource
-    from solver_backend.videos.streaming.recording import ViewsRecorder
 
 MOST_CAMERAS = 4
 """More are no help to one person, and a load."""
@@ -39,13 +39,14 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the cameras end, the time is over, or somebody stops it; what was recorded is kept."""
     _check(args)
     from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.pose_lines import LiveStatistics
+    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.session_loop import LiveStatistics
     from solver_backend.live.views_session import ViewsSession
     from solver_backend.videos.detect.assemble import FilmedSize, in_video_pixels
     from solver_backend.videos.detect.detect_videos import joint_set_of
     from solver_backend.videos.detect.detector import DetectorProcess, chosen_detector
     from solver_backend.videos.streaming.moments import LiveMoments
-    from solver_backend.videos.streaming.recording import ViewsRecorder
+    from solver_backend.videos.streaming.recording import ViewsRecording, motion_of
 
     sources = picture_sources(args.sources, repeat=bool(args.repeat))
     calibration = _calibration(args.calibration, [source.name for source in sources])
@@ -65,8 +66,9 @@ def camera_live(args: argparse.Namespace, progress: Progress) -> Outcome:
         stack.callback(sys.setswitchinterval, sys.getswitchinterval())
         sys.setswitchinterval(_SWITCH_S)
         if args.record is not None:
-            recorder = ViewsRecorder(args.record, session, live.about["name"], overwrite=bool(args.overwrite))
-            stack.enter_context(recorder)
+            check_output(motion_of(args.record), overwrite=bool(args.overwrite))
+            form = ViewsRecording(session, live.about["name"])
+            recorder = stack.enter_context(Recorder(args.record, form, overwrite=bool(args.overwrite)))
         sender = open_sender(args.send, session.proportions)
         if sender is not None:
             stack.enter_context(sender)
@@ -159,17 +161,16 @@ def _calibration(path: Path, names: list[str]) -> Calibration:
 
 
 def _lines(
-    live: LiveMoments, session: ViewsSession, recorder: ViewsRecorder | None, args: argparse.Namespace
+    live: LiveMoments, session: ViewsSession, recorder: Recorder[...] | None, args: argparse.Namespace
 ) -> Iterator[LiveLine]:
     """Yield the lines of moments, each after it was recorded, until the time is over."""
-    from solver_backend.live.pose_lines import with_display
+    from solver_backend.live.session_loop import with_display
+    from solver_backend.videos.streaming.recording import run_recorded
 
     for moment in live.moments():
-        for line in session.run([moment]):
-            if "frame" in line:
+        for line in [moment] if isinstance(moment, dict) else run_recorded(session, moment, recorder):
+            if "event" not in line:
                 line["dropped"], line["views_left_out"] = live.counts.dropped, live.counts.views_left_out
-                if recorder is not None and not isinstance(moment, dict):
-                    recorder.add(moment, line)
                 if args.with_points:
                     line = with_display(line, session)
             yield line

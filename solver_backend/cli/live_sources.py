@@ -35,10 +35,10 @@ class LiveSource:
 
     lines: Iterator[LiveLine]
     proportions: Proportions
-    recorder: Recorder | None = None
+    recorder: Recorder[...] | None = None
     summary: Callable[[], dict[str, object]] = field(default=dict)
     """Returns what is known of the source at the end."""
-    beside: tuple[Recorder, ...] = ()
+    beside: tuple[Recorder[...], ...] = ()
     """What else is recorded, and finished at the end."""
 
 
@@ -94,17 +94,18 @@ def _poses(args: argparse.Namespace) -> LiveSource:
         )
     from solver_backend.body.body import load_body
     from solver_backend.io.native.motion_file import read_subject
-    from solver_backend.live.face_recording import FaceRecorder
-    from solver_backend.live.pose_recording import PoseRecorder
+    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import FaceRecording, PosesRecording
     from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, listen, pose_lines
 
     address, assembly = read_address(args.source), FrameAssembly()
     onto = BonesOnBody(load_body(), None if args.subject is None else read_subject(args.subject).betas)
     recorder = face = None
     if args.record is not None:
-        recorder = PoseRecorder(args.record, args.source, onto.person, overwrite=bool(args.overwrite))
+        form = PosesRecording(args.source, onto.person)
+        recorder = Recorder(args.record, form, overwrite=bool(args.overwrite))
         face_path = args.record.with_name(f"{args.record.stem}_face.csv")
-        face = FaceRecorder(face_path, overwrite=bool(args.overwrite))
+        face = Recorder(face_path, FaceRecording(), overwrite=bool(args.overwrite))
     lines = pose_lines(listen(address, assembly), onto, recorder, face)
     found = LiveSource(lines, onto.proportions, recorder, lambda: {"not_used": dict(assembly.counts)})
     return replace(found, beside=() if face is None else (face,))
@@ -120,8 +121,9 @@ def _face(args: argparse.Namespace) -> LiveSource:
             "A face is recorded as a table.", where=str(args.record), hint="Name a file that ends in .csv."
         )
     from solver_backend.body.body import load_body
-    from solver_backend.live.face_recording import FaceRecorder
     from solver_backend.live.face_source import FaceAssembly, ask_phone, face_lines
+    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import FaceRecording
     from solver_backend.live.vmc_source import listen
 
     address = read_address(args.source, FACES)
@@ -129,7 +131,7 @@ def _face(args: argparse.Namespace) -> LiveSource:
     there, ask = address, None
     if address.scheme == IFACIALMOCAP and not address.is_local and address.host not in ("0.0.0.0", "::"):
         there, ask = replace(address, host="0.0.0.0"), ask_phone(address.host, address.port)
-    recorder = None if args.record is None else FaceRecorder(args.record, overwrite=bool(args.overwrite))
+    recorder = None if args.record is None else Recorder(args.record, FaceRecording(), overwrite=bool(args.overwrite))
     heard = listen(there, assembly) if ask is None else listen(there, assembly, ask)
     return LiveSource(
         face_lines(heard, recorder), lambda: (body.layout, body.rest_joints(np.zeros(10))), recorder,
@@ -140,7 +142,8 @@ def _face(args: argparse.Namespace) -> LiveSource:
 def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
     """Return points of a take, or of lines, with a fit that makes poses of them."""
     from solver_backend.live.frames import KeepUp, from_lines, read_ahead, replayed
-    from solver_backend.live.recording import LiveRecorder
+    from solver_backend.live.recorder import Recorder
+    from solver_backend.live.recordings import PointsRecording, record_points
     from solver_backend.live.session import LiveSession, person_fit
 
     network, fit = person_fit(args.subject)
@@ -155,12 +158,13 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
         frames = replayed(cloud, paced=not args.fast, repeat=args.repeat)
     recorder, keep_up = None, KeepUp()
     if args.record is not None:
-        recorder = LiveRecorder(args.record, fps, lambda: session.to_metres, overwrite=bool(args.overwrite))
-        frames = recorder.watched(frames)
+        form = PointsRecording(fps, lambda: session.to_metres)
+        recorder = Recorder(args.record, form, overwrite=bool(args.overwrite))
+        frames = record_points(frames, recorder)
     make_ready(session)
     lines = session.run(frames if args.fast else keep_up.in_time(frames))
     return LiveSource(
-        _with_points(session, lines, keep_up, shown=args.with_points), lambda: proportions_of(session), recorder,
+        _with_points(session, lines, keep_up, shown=args.with_points), session.proportions, recorder,
         lambda: {"dropped": keep_up.dropped},
     )  # fmt: skip
 
@@ -168,7 +172,7 @@ def _points(args: argparse.Namespace, progress: Progress) -> LiveSource:
 def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, *, shown: bool) -> Iterator[LiveLine]:
     """Yield lines with the points that were fitted and the number of dropped frames, and an event at the first."""
     from solver_backend.live.frames import LATE_S
-    from solver_backend.live.pose_lines import with_display
+    from solver_backend.live.session_loop import with_display
 
     named = False
     for line in lines:
@@ -181,12 +185,6 @@ def _with_points(session: LiveSession, lines: Iterator[LiveLine], keep_up: Any, 
             yield event_line("frames_dropped", message, line["t"])
         line["dropped"] = keep_up.dropped
         yield with_display(line, session) if shown else line
-
-
-def proportions_of(session: LiveSession) -> Any:
-    """Return the layout and rest joints of the person of a session as they are known by now."""
-    subject = session.fit.subject
-    return subject.body.layout, subject.body.rest_joints(subject.betas)
 
 
 def make_ready(session: LiveSession) -> None:

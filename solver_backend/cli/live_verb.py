@@ -18,9 +18,9 @@ from solver_backend.exchange.progress import Progress
 from solver_backend.exchange.vmc.address import read_address
 
 if TYPE_CHECKING:
-    from solver_backend.live.pose_lines import LiveStatistics
     from solver_backend.live.recorder import Recorder
     from solver_backend.live.sending import PoseSender, Proportions
+    from solver_backend.live.session_loop import LiveStatistics
 
 
 def live(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -33,7 +33,7 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
         raise CommandLineInvalid("--parent-pipe watches standard input, which the points come by.")
     if args.send is not None:
         read_address(args.send)
-    from solver_backend.live.pose_lines import LiveStatistics
+    from solver_backend.live.session_loop import LiveStatistics
 
     statistics = LiveStatistics()
     source = open_source(args, progress)
@@ -56,19 +56,23 @@ def live(args: argparse.Namespace, progress: Progress) -> Outcome:
     return Outcome(f"live: {text}", data)
 
 
-def report_recovered(recorder: Recorder | None, stream: Lines) -> None:
+def report_recovered(recorder: Recorder[...] | None, stream: Lines) -> None:
     """Write a line on what a run that was killed has left, and is finished now."""
     if recorder is not None and recorder.recovered is not None:
         message = f"A recording that was not finished is now {recorder.recovered}."
         stream.write(event_line("recovered", message))
 
 
-def recorded(recorder: Recorder | None) -> dict[str, str]:
-    """Return where recordings are: this run's, and one that was finished for a run that was killed."""
+def recorded(recorder: Recorder[...] | None) -> dict[str, str]:
+    """Return where recordings are: this run's, and one that was finished for a run that was killed.
+
+    ``not_recorded`` names the file of a run in which nothing came that could be recorded.
+    """
     if recorder is None:
         return {}
-    found = {"recovered": recorder.recovered, "recorded": recorder.path if recorder.count else None}
-    return {name: str(path) for name, path in found.items() if path is not None and path.exists()}
+    key = "recorded" if recorder.count and recorder.path.exists() else "not_recorded"
+    found = {"recovered": recorder.recovered, key: recorder.path}
+    return {name: str(path) for name, path in found.items() if path is not None}
 
 
 def open_sender(address: str | None, proportions: Proportions) -> PoseSender | None:

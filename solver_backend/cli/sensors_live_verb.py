@@ -6,13 +6,12 @@ import argparse
 import time
 from collections.abc import Iterator
 from contextlib import nullcontext
-from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from solver_backend.cli.cancel import cancelling_until_held
 from solver_backend.cli.line_output import Lines
-from solver_backend.cli.live_sources import make_ready, proportions_of
+from solver_backend.cli.live_sources import make_ready
 from solver_backend.cli.live_verb import open_sender, run_lines
 from solver_backend.cli.oak_verbs import oak_devices
 from solver_backend.cli.outcome import Outcome
@@ -37,11 +36,11 @@ def sensors_live(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Run until the sensors end, the time is over, or whoever started it ends it; what was recorded is kept."""
     overwrite = bool(args.overwrite)
     _check(args)
-    from solver_backend.live.pose_lines import LiveStatistics
+    from solver_backend.live.session_loop import LiveStatistics
 
     statistics = LiveStatistics()
     session = _session(args.subject) if args.poses else None  # before a sensor begins, for it takes time
-    sender = None if session is None else open_sender(args.send, partial(proportions_of, session))
+    sender = None if session is None else open_sender(args.send, session.proportions)
     with (
         cancelling_until_held() as hold,
         sender or nullcontext(),
@@ -152,7 +151,7 @@ def _session(subject: Path | None) -> LiveSession:
 
 def _poses(session: LiveSession, frames: Iterator[PointFrame], *, with_points: bool) -> Iterator[LiveLine]:
     """Yield the lines of the live fit."""
-    from solver_backend.live.pose_lines import with_display
+    from solver_backend.live.session_loop import with_display
 
     for line in session.run(frames):
         yield with_display(line, session) if with_points and "frame" in line else line

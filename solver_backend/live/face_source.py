@@ -24,8 +24,8 @@ from typing import Any
 from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
 from solver_backend.exchange.plain_text import plain
 from solver_backend.exchange.vmc.address import IFACIALMOCAP, LIVE_LINK
-from solver_backend.live.face_recording import FaceRecorder
 from solver_backend.live.named_once import JUMP_S, OneSender
+from solver_backend.live.recordings import FaceRecorder
 
 VERSION = 6
 """Of Live Link Face's packets."""

@@ -1,71 +1,94 @@
-"""Recording while something is live: pieces as they come, a file of them at the end or when the next run starts."""
+"""Record while something is live: every item as it comes, a finished file at the end or when the next run starts."""
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Callable
 from contextlib import nullcontext, suppress
 from pathlib import Path
-from typing import Self
+from typing import Any, ClassVar, Generic, ParamSpec, Protocol, Self, final
 
-from solver_backend.exchange.errors import MocapError, OutputNotWritable
+import numpy as np
+
+from solver_backend.exchange.errors import FileDamaged, MocapError, OutputNotWritable
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.unfinished import is_held, lock
-from solver_backend.io.appended_file import AppendedFile, open_appended
+from solver_backend.io.appended_file import open_appended
 from solver_backend.io.markers.live_recording import SUFFIX
 
+Item = ParamSpec("Item")
 
-class Recorder:
-    """Appends pieces to ``PATH.recording``, and makes ``PATH`` of them at the end; a context manager.
 
-    Whatever ends the process, the pieces before are in that file, which the next run to the same path finishes under a
-    name of its own.
+class RecordingFormat(Protocol[Item]):
+    """How items become bytes, and a recording becomes a file."""
+
+    pieces: ClassVar[str]
+    """Plural of the items, for messages."""
+
+    def head(self) -> bytes:
+        """Return what stands before the first item."""
+        ...
+
+    def encode(self, *args: Item.args, **kwargs: Item.kwargs) -> bytes:
+        """Return one item's bytes."""
+        ...
+
+    def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
+        """Write a recording to a file and remove it; return whether it held anything.
+
+        Raises:
+            FileDamaged: it is not a recording of this format.
+            OutputExists, OutputNotWritable: the file cannot be written; the recording is kept.
+        """
+        ...
+
+
+@final
+class Recorder(Generic[Item]):
+    """Append items to ``PATH.recording`` and make ``PATH`` of them at the end; a context manager.
+
+    The items are in that file however the process ends. The next run to the same path finishes it under another name.
     """
 
-    def __init__(self, path: Path, finish: Callable[..., bool], pieces: str, *, overwrite: bool) -> None:
+    def __init__(self, path: Path, form: RecordingFormat[Item], *, overwrite: bool) -> None:
         """Begin a recording.
-
-        Args:
-            path: the file.
-            finish: writes a recording (the first path) to a file (the second) and removes it, takes ``overwrite``, and
-                returns whether anything was in it.
-            pieces: what they are called.
-            overwrite: replace a file that is there.
 
         Raises:
             OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
         """
         # First: a run that was killed as it finished has left both, and the file that is there is refused.
-        self.recovered = recover(path, finish)
+        self.recovered = recover(path, form.finish)
         self.path = check_output(path, overwrite=overwrite)
         self.unfinished = recording_of(self.path)
-        self._finish, self._pieces, self._overwrite = finish, pieces, overwrite
-        self._file: AppendedFile = open_appended(self.unfinished, fresh=True)
+        self._form, self._overwrite = form, overwrite
+        self._file = open_appended(self.unfinished, fresh=True)
         lock(self._file.handle)
         self.finished = False
 
     @property
     def count(self) -> int:
-        """Number of pieces in the file."""
+        """Number of items in the file."""
         return self._file.written
 
+    def add(self, *args: Item.args, **kwargs: Item.kwargs) -> None:
+        """Append an item; one that cannot be written is counted, and reported at the end."""
+        piece = self._form.encode(*args, **kwargs)
+        self._file.append(piece if self._file.written else self._form.head() + piece)
+
     def finish(self) -> None:
-        """Write the file and remove the unfinished recording; only the latter where nothing came.
+        """Write the file and remove the unfinished recording; only the latter if nothing came.
 
         Raises:
-            OutputNotWritable: the file cannot be written (the unfinished one is kept), or pieces were lost.
+            OutputNotWritable: the file cannot be written (the unfinished one is kept), or items were lost.
         """
         if self.finished:
             return
         self.finished = True
         self._file.close()
-        self._write()
-        self._file.require_whole(
-            f"The other {self._pieces} are in {self.path.name}; make room on the disk before recording."
-        )
-
-    def _write(self) -> None:
-        self._finish(self.unfinished, self.path, overwrite=self._overwrite)
+        self._form.finish(self.unfinished, self.path, overwrite=self._overwrite, lost=self._file.lost)
+        hint = f"The other {self._form.pieces} are in {self.path.name}; make room on the disk before recording."
+        self._file.require_whole(hint)
 
     def __enter__(self) -> Self:
         return self
@@ -82,7 +105,7 @@ def recording_of(path: Path) -> Path:
 
 
 def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
-    """Finish what a run that was killed has left of the recording to a file; return where it is, None for nothing.
+    """Finish what a killed run has left of the recording to a file; return where it is, None for nothing.
 
     Args:
         path: the file.
@@ -104,7 +127,38 @@ def recover(path: Path, finish: Callable[[Path, Path], bool]) -> Path | None:
     try:
         os.rename(left, aside)
     except OSError as error:
-        raise OutputNotWritable(
-            f"An earlier recording cannot be finished: {error.strerror or error}.", where=str(left)
-        ) from error
+        message = f"An earlier recording cannot be finished: {error.strerror or error}."
+        raise OutputNotWritable(message, where=str(left)) from error
     return whole if finish(aside, whole) else None
+
+
+def pack_head(form: str, version: int, **values: object) -> bytes:
+    """Return the JSON line before rows of numbers."""
+    return json.dumps({"format": form, "version": version, **values}).encode() + b"\n"
+
+
+def pack_row(*parts: Any) -> bytes:
+    """Return one row of numbers, little-endian float64."""
+    return np.concatenate([np.ravel(part) for part in parts]).astype("<f8").tobytes()
+
+
+def read_rows(
+    recording: Path, form: str, version: int, width: Callable[[dict[str, Any]], int]
+) -> tuple[dict[str, Any], np.ndarray]:
+    """Return the head and the (N, width) rows of a recording; a last row that was cut off is left out.
+
+    Raises:
+        FileDamaged: it is not of this format, or of another version.
+    """
+    head, line, content = recording.read_bytes().partition(b"\n")
+    if not line:  # ended before the first item was whole
+        return {}, np.zeros((0, 0))
+    try:
+        found = json.loads(head)
+        if found["format"] == form and found["version"] == version:
+            size = width(found)
+            count = len(content) // (8 * size)
+            return found, np.frombuffer(content[: 8 * size * count], "<f8").reshape(count, size)
+    except (ValueError, KeyError, TypeError, RecursionError, MocapError):
+        pass
+    raise FileDamaged("The recording cannot be read, or is of another body.", where=str(recording))

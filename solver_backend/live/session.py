@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field
+from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.body.marker_names import name_markers
-from solver_backend.exchange.live_lines import FrameDelays, FrameLine, LiveLine
+from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.fitters.recipes.live import LiveFit, fit_average_person
 from solver_backend.io.native.motion_file import read_subject
 from solver_backend.io.recognition.up_axis import rotation_to_z_up
@@ -19,7 +18,7 @@ from solver_backend.labelling.exclusive_labels import labels_of_frame
 from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS
 from solver_backend.labelling.point_network import PointNetwork, load_network
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.pose_lines import LOST_S, SourceClock, delays, doubts_of, event, pose_of, rounded
+from solver_backend.live.session_loop import LOST_S, SessionLoop, doubts_of, event, pose_of
 
 UNITS = {"m": 1.0, "mm": 1e-3, "cm": 1e-2}
 AXES = ("z", "y", "x", "-y", "-z", "-x")
@@ -137,31 +136,28 @@ _TRIAL_FRAMES = 6
 """Frames of a trial before any comes, so that the first real one is not late; chosen by hand."""
 
 
-@dataclass
-class LiveSession:
-    """One person, live."""
+class LiveSession(SessionLoop[PointFrame, LiveFit]):
+    """One person by live points."""
 
-    network: PointNetwork
-    fit: LiveFit
-    unit: str | None = None
-    """Unit of the points; found from the first frames if None."""
-    up_axis: str | None = None
-    """Axis that points up; found from the first frames if None."""
-    tracks: PointTracks = field(default_factory=PointTracks)
+    def __init__(
+        self, network: PointNetwork, fit: LiveFit, *, unit: str | None = None, up_axis: str | None = None
+    ) -> None:
+        """Take what labels points and what fits them.
 
-    def __post_init__(self) -> None:
+        Args:
+            network: labels points.
+            fit: of the person.
+            unit: of the points; found from the first frames if None.
+            up_axis: axis that points up; found from the first frames if None.
+        """
+        super().__init__(fit)
+        self.network, self.unit, self.up_axis = network, unit, up_axis
+        self.tracks = PointTracks()
         self._first: list[np.ndarray] = []
-        self._clock = SourceClock()
         self._good: float | None = None
         self._last_points: np.ndarray | None = None
         self._still_s = 0.0
-        self._number = 0
-        self._shape_sent = False
         self._turn: np.ndarray | None = None
-        self.shown: np.ndarray | None = None
-        """Points of the last frame that was fitted, metres, Z up."""
-        self.shown_off_m = np.zeros(0)
-        """Metres between each of them and where the body has it; NaN where it has no name."""
 
     def warm_up(self) -> None:
         """Fit a few frames of the body at rest and forget them, so that no first frame of a person is late."""
@@ -171,31 +167,13 @@ class LiveSession:
         for number in range(_TRIAL_FRAMES):
             list(trial.step(PointFrame(number / 60.0, rest + 1e-4 * number, time.perf_counter())))
 
-    def run(self, frames: Iterable[PointFrame]) -> Iterator[LiveLine]:
-        """Yield a line a frame, and events; nothing that comes as a frame ends it."""
-        for frame in frames:
-            try:
-                yield from self.step(frame)
-            except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
-                self._reset()
-                yield event("restarted", f"The frame could not be fitted ({error}); starting again.", frame.time)
-
     @property
     def to_metres(self) -> np.ndarray | None:
         """(3, 3) what turns the source's points into metres, Z up; None while it is not known."""
         return self._turn
 
-    def step(self, frame: PointFrame) -> Iterator[LiveLine]:
-        """Yield what one frame makes: perhaps events, then a pose or what keeps it from having one."""
-        if frame.fault:
-            yield event("line_ignored", frame.fault, frame.time)
-            return
-        dt, broken = self._clock.passed(frame.time)
-        if broken:
-            self._reset()
-        if broken == "ran_back":
-            yield event("time_ran_back", "Time ran backwards: tracks and pose start again.", frame.time)
-        points = frame.points
+    def _lines(self, moment: PointFrame, dt: float) -> Iterator[LiveLine]:
+        frame, points = moment, moment.points
         if len(points) < FEWEST:
             yield self._nothing(frame, f"{len(points)} points: too few for a person", "waiting")
             return
@@ -209,9 +187,6 @@ class LiveSession:
             yield self._nothing(frame, "the stream is frozen: the same points repeat", "frozen")
             return
         yield self._fitted(frame, points @ self._turn.T, dt)
-        if not self._shape_sent and (shape := self.fit.known_shape) is not None:
-            self._shape_sent = True
-            yield {**event("shape", "The person's shape is known.", frame.time), "betas": rounded(shape)}
 
     def _fitted(self, frame: PointFrame, points: np.ndarray, dt: float) -> FrameLine:
         """Return the pose of a frame."""
@@ -240,13 +215,15 @@ class LiveSession:
                 self.fit.restart()
         else:
             self._good = frame.time
-        self._number += 1
-        line: FrameLine = {
-            "frame": self._number - 1, "t": round(frame.time, 6), "state": state,
-            **pose_of(found.pose), "markers": len(named), "points": len(frame.points),
-            "off_mm": round(1e3 * found.off_m, 2), **_delays(frame),
-        }  # fmt: skip
-        return {**line, "why": doubts} if doubts else line
+        return self._line(
+            frame,
+            state,
+            doubts,
+            **pose_of(found.pose),
+            markers=len(named),
+            points=len(frame.points),
+            off_mm=round(1e3 * found.off_m, 2),
+        )
 
     def _nearest(self, points: np.ndarray) -> np.ndarray:
         """Return which points may be the person's: all, or of very many those about the body or their middle."""
@@ -282,21 +259,13 @@ class LiveSession:
         return self._still_s > FROZEN_S
 
     def _nothing(self, frame: PointFrame, why: str, state: str) -> FrameLine:
-        self._number += 1
-        return {
-            "frame": self._number - 1, "t": round(frame.time, 6), "state": state, "why": why,
-            "points": len(frame.points), **_delays(frame),
-        }  # fmt: skip
+        return self._line(frame, state, why, points=len(frame.points))
 
 
 def _sure(evidence: np.ndarray, labels: np.ndarray) -> np.ndarray:
     """Return (N,) whether each label has most of what its track has gathered."""
     shifted = np.exp(evidence - evidence.max(1, keepdims=True))
     return shifted[np.arange(len(labels)), labels] > SURE * shifted.sum(1)
-
-
-def _delays(frame: PointFrame) -> FrameDelays:
-    return delays(frame.arrived, frame.lag_s)
 
 
 def person_fit(subject: Path | None) -> tuple[PointNetwork, LiveFit]:

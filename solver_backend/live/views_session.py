@@ -3,30 +3,27 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.cameras.projection import project
-from solver_backend.exchange.body_layout import BodyLayout
 from solver_backend.exchange.diagnostics import sentence
-from solver_backend.exchange.live_lines import EventLine, FrameDelays, FrameLine, LiveLine
+from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine
 from solver_backend.exchange.world_settings import WorldSettings
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.model.subject import pose
 from solver_backend.fitters.recipes.live_views import FEWEST, UPRIGHT, LiveViewsFit, ViewsFrame
 from solver_backend.io.recognition.world_fit import fit_world
-from solver_backend.live.pose_lines import (
+from solver_backend.live.session_loop import (
     LOST_S,
-    SourceClock,
-    delays,
+    SessionLoop,
     doubts_of,
     event,
     keypoint_limbs,
     pose_of,
-    rounded,
 )
 from solver_backend.types import Cameras, JointSet, Keypoints2D
 
@@ -104,44 +101,49 @@ class ViewMoment:
     times: tuple[float, ...] = ()
     """Seconds of each view's own picture, NaN of a view left out."""
 
-
-@dataclass
-class ViewsSession:
-    """One person before cameras, live."""
-
-    cameras: Cameras
-    """As calibrated; in a world that fits the person once that is known."""
-    joint_set: JointSet
-    """What is detected."""
-    betas: np.ndarray | None = None
-    """(10,) shape of a person who is known."""
-    world: WorldSettings = field(default_factory=WorldSettings)
-    """How the world is scaled and levelled."""
-    up_axis: str | None = None
-    """Axis of the calibration that points up; Z, or the one that the person stands along, if None."""
-
-    def __post_init__(self) -> None:
-        self.fit = LiveViewsFit(load_body(), self.cameras, self.joint_set, self.betas)
-        self._first: list[tuple[np.ndarray, np.ndarray]] = []
-        self._limbs = keypoint_limbs(self.joint_set.keypoints)
-        self._clock, self._good = SourceClock(), float("-inf")
-        self._number, self._shape_reported, self._world_known = 0, False, False
-        self._expected: np.ndarray | None = None
-        self._may_start_anew = True
-        self._sides = ExchangedSides(self.joint_set.keypoints)
-        self.sides_put_back = 0
-        """Pairs of limbs of one view whose sides were exchanged."""
-        self.shown: np.ndarray | None = None
-        """(N, 3) located keypoints of the last moment, metres, Z up."""
-        self.shown_off_m = np.zeros(0)
-        """(N,) metres between each of them and where the body has it."""
-        self.chosen: tuple[np.ndarray, np.ndarray] | None = None
-        """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
+    @property
+    def fault(self) -> str:
+        """Nothing: a moment always holds its views."""
+        return ""
 
     @property
-    def is_in_world(self) -> bool:
-        """Whether up and floor of the cameras' world are known."""
-        return self._world_known
+    def lag_s(self) -> float:
+        """Seconds by which a pose of it is behind by now."""
+        return time.perf_counter() - self.arrived
+
+
+class ViewsSession(SessionLoop[ViewMoment, LiveViewsFit]):
+    """One person before live cameras."""
+
+    def __init__(
+        self,
+        cameras: Cameras,
+        joint_set: JointSet,
+        betas: np.ndarray | None = None,
+        world: WorldSettings = WorldSettings(),
+        up_axis: str | None = None,
+    ) -> None:
+        """Take cameras and what is known of the person.
+
+        Args:
+            cameras: as calibrated; the session moves them to a world that fits the person once that is known.
+            joint_set: what is detected.
+            betas: (10,) shape of a person who is known.
+            world: how the world is scaled and levelled.
+            up_axis: axis of the calibration that points up; Z, or the one that the person stands along, if None.
+        """
+        super().__init__(LiveViewsFit(load_body(), cameras, joint_set, betas))
+        self.cameras, self.joint_set, self.world, self.up_axis = cameras, joint_set, world, up_axis
+        self._first: list[tuple[np.ndarray, np.ndarray]] = []
+        self._limbs = keypoint_limbs(joint_set.keypoints)
+        self._good, self._world_known = float("-inf"), False
+        self._expected: np.ndarray | None = None
+        self._may_start_anew = True
+        self._sides = ExchangedSides(joint_set.keypoints)
+        self.sides_put_back = 0
+        """Pairs of limbs of one view whose sides were exchanged."""
+        self.chosen: tuple[np.ndarray, np.ndarray] | None = None
+        """(C, K, 2) px and (C, K) confidence of the person at the last moment."""
 
     def warm_up(self) -> None:
         """Fit a few moments of a body that stands before the cameras and forget them: no person's first one is late."""
@@ -154,31 +156,8 @@ class ViewsSession:
             trial.step(xy, sure, trial.locate(xy, sure), 1.0 / 30.0)
         trial.deviations()
 
-    def proportions(self) -> tuple[BodyLayout, np.ndarray]:
-        """Return the layout and the (J, 3) rest joints of the person as they are known by now."""
-        subject = self.fit.subject
-        return subject.body.layout, subject.body.rest_joints(subject.betas)
-
-    def run(self, moments: Iterable[ViewMoment | EventLine]) -> Iterator[LiveLine]:
-        """Yield a line a moment, and events; nothing that comes as a moment ends it."""
-        for moment in moments:
-            if isinstance(moment, dict):
-                yield moment
-                continue
-            try:
-                yield from self.step(moment)
-            except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
-                self._reset()
-                message = f"The moment could not be fitted ({error}); starting again."
-                yield event("restarted", message, moment.time)
-
-    def step(self, moment: ViewMoment) -> Iterator[LiveLine]:
-        """Yield what one moment makes: perhaps events, then a pose or what keeps it from having one."""
-        dt, broken = self._clock.passed(moment.time)
-        if broken:
-            self._reset()
-        if broken == "ran_back":
-            yield event("time_ran_back", "Time ran backwards: the pose starts again.", moment.time)
+    def _lines(self, moment: ViewMoment, dt: float) -> Iterator[LiveLine]:
+        self.chosen = None
         xy, confidence = self._person(moment)
         self.chosen = xy, confidence
         located = self.fit.locate(xy, confidence)
@@ -204,9 +183,6 @@ class ViewsSession:
             yield from self._enter_world(moment)
             located = self.fit.locate(xy, confidence)
         yield self._fitted(moment, self.fit.step(xy, confidence, located, dt))
-        if not self._shape_reported and (shape := self.fit.known_shape) is not None:
-            self._shape_reported = True
-            yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
 
     def _fitted(self, moment: ViewMoment, found: ViewsFrame) -> FrameLine:
         seen = np.isfinite(found.points_off_m)
@@ -223,13 +199,15 @@ class ViewsSession:
             self._good = moment.time
         elif moment.time - self._good > LOST_S:
             self._reset()
-        self._number += 1
-        line: FrameLine = {
-            "frame": self._number - 1, "t": round(moment.time, 6), "state": "tracking" if off_m < BAD_M and not doubts
-            else "unsure", **pose_of(found.pose), "points": int(seen.sum()), "views": _views(moment),
-            "off_mm": round(1e3 * off_m, 2), **_delays(moment),
-        }  # fmt: skip
-        return {**line, "why": doubts} if doubts else line
+        return self._line(
+            moment,
+            "tracking" if off_m < BAD_M and not doubts else "unsure",
+            doubts,
+            **pose_of(found.pose),
+            points=int(seen.sum()),
+            views=_views(moment),
+            off_mm=round(1e3 * off_m, 2),
+        )
 
     def _person(self, moment: ViewMoment) -> tuple[np.ndarray, np.ndarray]:
         """Return the person's (C, K, 2) px and (C, K) confidence, missing where a view does not show them.
@@ -275,11 +253,8 @@ class ViewsSession:
         self._expected, self._good, self._may_start_anew = None, float("-inf"), True
 
     def _nothing(self, moment: ViewMoment, why: str, state: str) -> FrameLine:
-        self._number += 1
-        return {
-            "frame": self._number - 1, "t": round(moment.time, 6), "state": state, "why": why,
-            "points": 0 if self.shown is None else len(self.shown), "views": _views(moment), **_delays(moment),
-        }  # fmt: skip
+        points = 0 if self.shown is None else len(self.shown)
+        return self._line(moment, state, why, points=points, views=_views(moment))
 
 
 def _split(seen: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -313,7 +288,3 @@ def _middle(cameras: Cameras) -> np.ndarray:
 
 def _views(moment: ViewMoment) -> int:
     return sum(people is not None for people in moment.people)
-
-
-def _delays(moment: ViewMoment) -> FrameDelays:
-    return delays(moment.arrived, time.perf_counter() - moment.arrived)

@@ -31,9 +31,8 @@ from solver_backend.exchange.vmc.humanoid import Humanoid
 from solver_backend.exchange.vmc.osc import LONGEST, OscMessage, PacketInvalid, decode_packet
 from solver_backend.exchange.vmc.t_pose import t_pose, turned
 from solver_backend.fitters.motion_import.shape_from_lengths import shape_from_lengths
-from solver_backend.live.face_recording import FaceRecorder
 from solver_backend.live.named_once import JUMP_S, OneSender
-from solver_backend.live.pose_recording import PoseRecorder
+from solver_backend.live.recordings import FaceRecorder, PoseRecorder
 
 FARTHEST_M = 1e4
 """No person is farther from the origin, in metres."""

@@ -21,7 +21,6 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged
 from solver_backend.exchange.vmc.address import FACES, IFACIALMOCAP, LIVE_LINK, VmcAddress, read_address
-from solver_backend.live.face_recording import FaceRecorder, finish_face
 from solver_backend.live.face_source import (
     BLEND_SHAPES,
     REQUEST,
@@ -32,7 +31,8 @@ from solver_backend.live.face_source import (
     decode_live_link,
     face_lines,
 )
-from solver_backend.live.recorder import recording_of
+from solver_backend.live.recorder import Recorder, recording_of
+from solver_backend.live.recordings import FaceRecording
 from solver_backend.live.vmc_source import listen
 
 ROOT = Path(__file__).parents[2]
@@ -199,7 +199,7 @@ def test_a_phone_is_asked_answers_and_is_asked_again_after_silence(monkeypatch):
 
 def test_channels_are_recorded_as_a_table(tmp_path):
     path = tmp_path / "face.csv"
-    with FaceRecorder(path, overwrite=False) as recorder:
+    with Recorder(path, FaceRecording(), overwrite=False) as recorder:
         recorder.add(0.0, {"jawOpen": 0.5, "smile": 1.0})
         recorder.add(0.5, {"jawOpen": 0.25})
     assert path.read_text() == "time,jawOpen,smile\n0.000000,0.5000,1.0000\n0.500000,0.2500,1.0000\n"
@@ -209,15 +209,16 @@ def test_channels_are_recorded_as_a_table(tmp_path):
 def test_what_a_killed_run_left_is_finished_by_the_next_and_a_cut_line_is_left_out(tmp_path):
     path = tmp_path / "face.csv"
     program = (
-        "import os, signal\nfrom pathlib import Path\nfrom solver_backend.live.face_recording import FaceRecorder\n"
-        f"r = FaceRecorder(Path({str(path)!r}), overwrite=False)\nr.add(0.0, dict(jawOpen=0.5))\n"
+        "import os, signal\nfrom pathlib import Path\nfrom solver_backend.live.recorder import Recorder\n"
+        "from solver_backend.live.recordings import FaceRecording\n"
+        f"r = Recorder(Path({str(path)!r}), FaceRecording(), overwrite=False)\nr.add(0.0, dict(jawOpen=0.5))\n"
         "os.kill(os.getpid(), signal.SIGKILL)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env={**os.environ}, check=False)
     assert ended.returncode == -signal.SIGKILL
     with recording_of(path).open("ab") as left:
         left.write(b'[0.1, {"jawO')
-    again = FaceRecorder(path, overwrite=False)
+    again = Recorder(path, FaceRecording(), overwrite=False)
     again.finish()
     assert again.recovered is not None and again.recovered.read_text().splitlines()[1:] == ["0.000000,0.5000"]
 
@@ -227,7 +228,7 @@ def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     path = tmp_path / "face.csv.recording"
     path.write_bytes(content)
     with pytest.raises(FileDamaged):
-        finish_face(path, tmp_path / "face.csv")
+        FaceRecording().finish(path, tmp_path / "face.csv")
     assert path.exists()
 
 

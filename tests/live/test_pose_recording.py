@@ -21,8 +21,8 @@ from solver_backend.exchange.motion_file import FLAG_UNSEEN
 from solver_backend.exchange.so3 import matrix_from_rotvec
 from solver_backend.exchange.vmc.address import VmcAddress
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.live.pose_recording import PoseRecorder, finish_poses, rate_of
-from solver_backend.live.recorder import recording_of
+from solver_backend.live.recorder import Recorder, recording_of
+from solver_backend.live.recordings import PoseRecorder, PosesRecording, rate_of
 from solver_backend.live.sending import PoseSender, replayed_poses, rest_joints
 from tests.support.full_disk import full_disk
 from tests.support.short_motion import short_motion
@@ -41,7 +41,8 @@ def vectors_of(motion) -> np.ndarray:
 
 
 def recorder(path: Path, motion) -> PoseRecorder:
-    return PoseRecorder(path, "vmc://test", lambda: (load_body(), motion.betas), overwrite=False)
+    form = PosesRecording("vmc://test", lambda: (load_body(), motion.betas))
+    return Recorder(path, form, overwrite=False)
 
 
 def record(path: Path, motion, times: np.ndarray) -> PoseRecorder:
@@ -151,7 +152,7 @@ def test_a_full_disk_costs_the_poses_that_do_not_fit(tmp_path, motion):
 def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     (tmp_path / "a.npz.recording").write_bytes(content)
     with pytest.raises(FileDamaged):
-        finish_poses(tmp_path / "a.npz.recording", tmp_path / "a.npz")
+        PosesRecording().finish(tmp_path / "a.npz.recording", tmp_path / "a.npz")
     assert os.listdir(tmp_path) == ["a.npz.recording"]
 
 

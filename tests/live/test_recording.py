@@ -18,8 +18,8 @@ import pytest
 from solver_backend.exchange.errors import OutputExists, OutputNotWritable
 from solver_backend.io.markers.read import read_markers
 from solver_backend.live.frames import PointFrame
-from solver_backend.live.recorder import recording_of, recover
-from solver_backend.live.recording import LiveRecorder, finish_points, finish_recording
+from solver_backend.live.recorder import Recorder, recording_of, recover
+from solver_backend.live.recordings import PointRecorder, PointsRecording, record_points
 from tests.support.full_disk import full_disk
 
 ROOT = Path(__file__).parents[2]
@@ -32,14 +32,14 @@ def frames(count: int = FRAMES, points: int = 20) -> list[PointFrame]:
     return [PointFrame(k / 60.0, rng.uniform(0.0, 1700.0, (points, 3)), 0.0) for k in range(count)]
 
 
-def recorder(path: Path, fps: float | None = 60.0, *, overwrite: bool = False) -> LiveRecorder:
-    return LiveRecorder(path, fps, lambda: 1e-3 * np.eye(3), overwrite=overwrite)
+def recorder(path: Path, fps: float | None = 60.0, *, overwrite: bool = False) -> PointRecorder:
+    return Recorder(path, PointsRecording(fps, lambda: 1e-3 * np.eye(3)), overwrite=overwrite)
 
 
 def test_what_was_recorded_becomes_a_c3d_and_nothing_else_stays(tmp_path: Path) -> None:
     path, came = tmp_path / "walk.c3d", frames()
     with recorder(path) as record:
-        assert list(record.watched(came)) == came
+        assert list(record_points(came, record)) == came
         assert recording_of(path).stat().st_size > 0
     take = read_markers(path)
     assert np.allclose(take.cloud.positions, [1e-3 * frame.points for frame in came], atol=1e-6)
@@ -52,13 +52,14 @@ def test_an_error_on_the_way_keeps_what_came_before(tmp_path: Path) -> None:
         raise MemoryError
 
     with pytest.raises(MemoryError), recorder(tmp_path / "walk.c3d") as record:
-        list(record.watched(breaks()))
+        list(record_points(breaks(), record))
     assert read_markers(tmp_path / "walk.c3d").report.frames == 9
 
 
 def test_a_run_without_points_leaves_no_file(tmp_path: Path) -> None:
     with recorder(tmp_path / "walk.c3d") as record:
-        list(record.watched([PointFrame(0.0, np.zeros((0, 3)), 0.0), PointFrame(0.0, np.ones((9, 3)), 0.0, "no")]))
+        came = [PointFrame(0.0, np.zeros((0, 3)), 0.0), PointFrame(0.0, np.ones((9, 3)), 0.0, "no")]
+        list(record_points(came, record))
     assert os.listdir(tmp_path) == []
 
 
@@ -66,7 +67,7 @@ def test_a_full_disk_costs_the_frames_that_do_not_fit(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     record = recorder(path)
     with full_disk(5000):
-        list(record.watched(frames()))
+        list(record_points(frames(), record))
     assert 0 < record.count < FRAMES
     with pytest.raises(OutputNotWritable, match=r"frames could not be written"):
         record.finish()
@@ -76,19 +77,19 @@ def test_a_full_disk_costs_the_frames_that_do_not_fit(tmp_path: Path) -> None:
 def test_what_cannot_be_finished_stays_and_is_named(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     record = recorder(path)
-    list(record.watched(frames()))
+    list(record_points(frames(), record))
     with full_disk(2000), pytest.raises(OutputNotWritable) as caught:
         record.finish()
     assert "walk.c3d.recording" in caught.value.hint
     assert read_markers(recording_of(path)).report.frames == FRAMES
-    assert finish_recording(recording_of(path), path, None) and os.listdir(tmp_path) == ["walk.c3d"]
+    assert PointsRecording().finish(recording_of(path), path) and os.listdir(tmp_path) == ["walk.c3d"]
 
 
 def test_frames_that_a_full_disk_cost_are_counted_where_finishing_fails_too(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     record = recorder(path)
     with full_disk(5000):
-        list(record.watched(frames()))
+        list(record_points(frames(), record))
         with pytest.raises(OutputNotWritable) as caught:
             record.finish()
     assert f"{record.count} of {FRAMES} frames are in walk.c3d.recording" in caught.value.hint
@@ -97,25 +98,25 @@ def test_frames_that_a_full_disk_cost_are_counted_where_finishing_fails_too(tmp_
 def test_the_next_run_finishes_what_a_killed_one_left(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     killed = recorder(path)
-    list(killed.watched(frames(7)))
+    list(record_points(frames(7), killed))
     with pytest.raises(OutputNotWritable, match="Another process is recording"):
         recorder(path)
     os.close(killed._file.handle)  # as the system does
     with recorder(path) as record:
         assert record.recovered == tmp_path / "walk_recovered_1.c3d"
-        list(record.watched(frames(3)))
+        list(record_points(frames(3), record))
     assert read_markers(tmp_path / "walk_recovered_1.c3d").report.frames == 7
     assert read_markers(path).report.frames == 3
     assert sorted(os.listdir(tmp_path)) == ["walk.c3d", "walk_recovered_1.c3d"]
     with pytest.raises(OutputExists):
         recorder(path)
-    assert recover(path, finish_points) is None
+    assert recover(path, PointsRecording().finish) is None
 
 
 def test_what_was_killed_between_its_file_and_its_end_is_kept_though_the_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "walk.c3d"
     killed = recorder(path)
-    list(killed.watched(frames(7)))
+    list(record_points(frames(7), killed))
     os.close(killed._file.handle)
     path.write_bytes(b"finished")
     with pytest.raises(OutputExists):
@@ -130,7 +131,7 @@ def test_memory_does_not_grow_with_the_recording(tmp_path: Path) -> None:
         frame = frames(1, 40)[0]
         tracemalloc.start()
         with recorder(path) as record:
-            for _ in record.watched(PointFrame(k / 120.0, frame.points, 0.0) for k in range(count)):
+            for _ in record_points((PointFrame(k / 120.0, frame.points, 0.0) for k in range(count)), record):
                 pass
         most = tracemalloc.get_traced_memory()[1]
         tracemalloc.stop()

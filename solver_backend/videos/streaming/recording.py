@@ -1,67 +1,101 @@
-"""Recording cameras while they are live: keypoints, times and poses as they come, a capture and a motion at the end."""
+"""Record live cameras: keypoints, times and poses as they come, a capture and a motion at the end."""
 
 from __future__ import annotations
 
-import json
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Any, ClassVar
 
 import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.exchange.diagnostics import diagnostic
-from solver_backend.exchange.errors import FileDamaged, MocapError
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
-from solver_backend.exchange.live_lines import FrameLine
-from solver_backend.exchange.outputs import check_output
+from solver_backend.exchange.live_lines import FrameLine, LiveLine
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.io.native.motion_file import write_motion
-from solver_backend.live.pose_recording import poses_at, rate_of
-from solver_backend.live.recorder import Recorder
+from solver_backend.live.recorder import Recorder, pack_head, pack_row, read_rows
+from solver_backend.live.recordings import poses_at, rate_of
 from solver_backend.live.views_session import ViewMoment, ViewsSession
 from solver_backend.types import NUM_BETAS, Cameras, Capture, JointSet, Keypoints2D
 from solver_backend.videos.sync.resample import at_times
 
-_FORMAT, _VERSION = "manifold_mocap_live_views", 1
+_FORMAT, _VERSION = "manifold_mocap_live_views", 2
 _TURNS = 3 * (1 + NUM_BODY_JOINTS)
 """Numbers of a pose: axis-angles of the root and the body's joints."""
 
 
-class ViewsRecorder(Recorder):
-    """Appends every moment to ``TAKE.npz.recording``; makes ``TAKE.npz`` and ``TAKE_live.npz`` of it at the end.
+@dataclass(frozen=True)
+class ViewsRecording:
+    """Moments of live cameras, from the first on; becomes ``TAKE.npz`` and, if there was a pose, ``TAKE_live.npz``.
 
-    The first is a capture of the keypoints at one rate, the second the live poses at the same frames, for a solve to
-    start from; a context manager.
+    The first file is a capture of the keypoints at one rate. The second holds the live poses at the same frames, for a
+    solve to start from. Every row holds the cameras' poses as they were known, because the world may become known late.
     """
 
-    def __init__(self, path: Path, session: ViewsSession, source: str, *, overwrite: bool) -> None:
-        """Begin a recording; what a run that was killed has left is finished under a name of its own.
+    pieces: ClassVar[str] = "moments"
+    session: ViewsSession | None = None
+    """The session that is recorded; None to finish what another run left."""
+    source: str = ""
+    """Name of the detector."""
 
-        Raises:
-            OutputExists, OutputNotWritable: it cannot be written, or another process records to it.
-        """
-        check_output(motion_of(path), overwrite=overwrite)
-        super().__init__(path, finish_views, "moments", overwrite=overwrite)
-        self._session, self._source = session, source
+    def head(self) -> bytes:
+        """Return the line that describes cameras, keypoints and body."""
+        assert self.session is not None
+        cameras = self.session.cameras
+        arrays = {key: getattr(cameras, key).tolist() for key in ("K", "distortion", "image_size")}
+        body, joint_set = self.session.fit.subject.body.id, self.session.joint_set.value
+        described = {"names": cameras.names, "models": cameras.models, **arrays}
+        return pack_head(_FORMAT, _VERSION, body=body, source=self.source, joint_set=joint_set, **described)
 
-    @property
-    def count(self) -> int:
-        """Number of moments in the file."""
-        return max(self._file.written - 1, 0)
-
-    def add(self, moment: ViewMoment, line: FrameLine | None) -> None:
-        """Append a moment, and the line that was made of it; moments before the world is known are left out."""
-        session = self._session
-        if not session.is_in_world or session.chosen is None:
-            return
-        if self._file.written == 0 and self._file.lost == 0:
-            self._file.append(json.dumps(_head(session, self._source)).encode() + b"\n")
-        xy, confidence = session.chosen
+    def encode(self, moment: ViewMoment, line: FrameLine | None) -> bytes:
+        """Return the row of a moment and of the line that was made of it, None where there is no line."""
+        session = self.session
+        assert session is not None
+        cameras, count = session.cameras, session.joint_set.num_keypoints
+        unseen = np.full((len(cameras), count, 2), np.nan), np.zeros((len(cameras), count))
         pose = np.full(3 + _TURNS, np.nan)
         if line is not None and "trans" in line and "root" in line and "pose" in line:
             pose = np.array([*line["trans"], *line["root"], *line["pose"]])
-        parts = [[moment.time], moment.times, pose, session.fit.subject.betas, xy.ravel(), confidence.ravel()]
-        self._file.append(np.concatenate(parts).astype("<f8").tobytes())
+        who = session.fit.subject.betas
+        return pack_row([moment.time], moment.times, cameras.R, cameras.t, pose, who, *(session.chosen or unseen))
+
+    def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
+        """Write the capture and the live motion, see ``RecordingFormat``; nothing where no person was ever seen."""
+        head, rows = read_rows(recording, _FORMAT, _VERSION, lambda head: sum(_widths(head)))
+        parts = np.split(rows, np.cumsum(_widths(head))[:-1], axis=1) if len(rows) else [np.zeros((0, 1))] * 8
+        time_s, seen_s, R, t, poses, betas, xy, confidence = parts
+        seen = bool((confidence > 0).any())
+        if seen:
+            cameras, joint_set = _cameras(head, R[-1], t[-1]), JointSet(head["joint_set"])
+            C, K, time_s = len(cameras), joint_set.num_keypoints, time_s[:, 0]
+            fps = rate_of(time_s)
+            frames = time_s[0] + np.arange(round((time_s[-1] - time_s[0]) * fps) + 1) / fps
+            xy, confidence = xy.reshape(-1, C, K, 2), confidence.reshape(-1, C, K)
+            views = [_view(seen_s[:, c], xy[:, c], confidence[:, c], frames) for c in range(C)]
+            keypoints = Keypoints2D(np.stack([v[0] for v in views]), np.stack([v[1] for v in views]), joint_set, fps)
+            note = diagnostic("detected_live", source=head["source"], file=motion_of(path).name)
+            write_capture(path, Capture(path.stem, cameras, keypoints, notes=(note,)), overwrite=overwrite)
+            posed = np.isfinite(poses).all(1)
+            if posed.any():
+                body = load_body()
+                hands = np.zeros((len(rows), 3 * body.layout.num_joints - _TURNS))  # live poses have no fingers
+                found = np.concatenate([time_s[:, None], poses, hands], axis=1)[posed]
+                motion = poses_at(frames, found, fps, betas[-1], body, head["source"])
+                write_motion(motion_of(path), motion, overwrite=overwrite)
+        recording.unlink()
+        return seen
+
+
+def run_recorded(
+    session: ViewsSession, moment: ViewMoment, recorder: Recorder[[ViewMoment, FrameLine | None]] | None
+) -> list[LiveLine]:
+    """Return what a session makes of a moment, after the moment was recorded."""
+    lines = list(session.run([moment]))
+    if recorder is not None:
+        recorder.add(moment, next((line for line in lines if "event" not in line), None))
+    return lines
 
 
 def motion_of(capture: Path) -> Path:
@@ -69,41 +103,19 @@ def motion_of(capture: Path) -> Path:
     return capture.with_name(f"{capture.stem}_live.npz")
 
 
-def finish_views(recording: Path, path: Path, *, overwrite: bool = False) -> bool:
-    """Write a recording of views as a capture and the live motion and remove it; return whether it had moments.
+def _widths(head: dict[str, Any]) -> tuple[int, ...]:
+    """Return the numbers of a row's parts: times, cameras, pose, shape and keypoints."""
+    if head["body"] != load_body().id:
+        raise ValueError("another body")
+    C, K = len(head["names"]), JointSet(head["joint_set"]).num_keypoints
+    return 1, C, 9 * C, 3 * C, 3 + _TURNS, NUM_BETAS, 2 * C * K, C * K
 
-    Raises:
-        FileDamaged: it is none, or of another body than the one that ships.
-        OutputExists, OutputNotWritable: they cannot be written; the recording is kept.
-    """
-    head, line, content = recording.read_bytes().partition(b"\n")
-    count = 0
-    if line:
-        cameras, joint_set, source = _read_head(head, recording)
-        C, K = len(cameras.names), joint_set.num_keypoints
-        widths = (1, C, 3 + _TURNS, NUM_BETAS, 2 * C * K, C * K)
-        count = len(content) // (8 * sum(widths))
-        rows = np.frombuffer(content[: 8 * sum(widths) * count], "<f8").reshape(count, -1)
-        if count:
-            time_s, seen_s, poses, betas, xy, confidence = np.split(rows, np.cumsum(widths)[:-1], axis=1)
-            time_s, fps = time_s[:, 0], rate_of(time_s[:, 0])
-            frames = time_s[0] + np.arange(round((time_s[-1] - time_s[0]) * fps) + 1) / fps
-            xy, confidence = xy.reshape(count, C, K, 2), confidence.reshape(count, C, K)
-            views = [_view(seen_s[:, c], xy[:, c], confidence[:, c], frames) for c in range(C)]
-            keypoints = Keypoints2D(
-                np.stack([v[0] for v in views]), np.stack([v[1] for v in views]), joint_set, fps
-            )  # fmt: skip
-            note = diagnostic("detected_live", source=source, file=motion_of(path).name)
-            write_capture(path, Capture(path.stem, cameras, keypoints, notes=(note,)), overwrite=overwrite)
-            posed = np.isfinite(poses).all(1)
-            if posed.any():
-                body = load_body()
-                hands = np.zeros((count, 3 * body.layout.num_joints - _TURNS))  # which live does not turn
-                found = np.concatenate([time_s[:, None], poses, hands], axis=1)[posed]
-                motion = poses_at(frames, found, fps, betas[-1], body, source)
-                write_motion(motion_of(path), motion, overwrite=overwrite)
-    recording.unlink()
-    return count > 0
+
+def _cameras(head: dict[str, Any], R: np.ndarray, t: np.ndarray) -> Cameras:
+    K, distortion, size = (np.array(head[key]) for key in ("K", "distortion", "image_size"))
+    return Cameras(
+        tuple(head["names"]), K, distortion, R.reshape(-1, 3, 3), t.reshape(-1, 3), size, tuple(head["models"])
+    )
 
 
 def _view(
@@ -116,29 +128,3 @@ def _view(
     places, sureness = placed(xy[there]), placed(np.where(np.isfinite(xy[there]).all(-1), confidence[there], np.nan))
     known = np.isfinite(places).all(-1) & np.isfinite(sureness)
     return np.where(known[..., None], places, np.nan), np.where(known, sureness, 0.0)
-
-
-def _head(session: ViewsSession, source: str) -> dict[str, object]:
-    cameras = session.cameras
-    return {
-        "format": _FORMAT, "version": _VERSION, "body": session.fit.subject.body.id, "source": source,
-        "joint_set": session.joint_set.value, "names": cameras.names, "distortion_models": cameras.models,
-        **{key: getattr(cameras, key).tolist() for key in ("K", "distortion", "R", "t", "image_size")},
-    }  # fmt: skip
-
-
-def _read_head(head: bytes, recording: Path) -> tuple[Cameras, JointSet, str]:
-    """Return cameras, joint set and source of a recording.
-
-    Raises:
-        FileDamaged: it is none, or of another body.
-    """
-    try:
-        found = json.loads(head)
-        if found["format"] == _FORMAT and found["version"] == _VERSION and found["body"] == load_body().id:
-            arrays = {key: np.array(found[key]) for key in ("K", "distortion", "R", "t", "image_size")}
-            cameras = Cameras(names=tuple(found["names"]), models=tuple(found["distortion_models"]), **arrays)
-            return cameras, JointSet(found["joint_set"]), str(found["source"])
-    except (ValueError, KeyError, TypeError, MocapError):
-        pass
-    raise FileDamaged("The recording of views cannot be read, or is of another body.", where=str(recording))

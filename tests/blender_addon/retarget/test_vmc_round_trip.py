@@ -18,7 +18,8 @@ from blender_addon.retarget.retarget import retarget
 from solver_backend.body.body import load_body
 from solver_backend.exchange.vmc.bundle import FrameBundle
 from solver_backend.exchange.vmc.humanoid import Humanoid
-from solver_backend.live.pose_recording import PoseRecorder
+from solver_backend.live.recorder import Recorder
+from solver_backend.live.recordings import PosesRecording
 from solver_backend.live.sending import rest_joints
 from solver_backend.live.vmc_source import BonesOnBody, FrameAssembly, pose_lines
 from solver_backend.types import Motion
@@ -36,7 +37,7 @@ def recorded(motion: Motion, path: Path) -> Path:
     bundle = FrameBundle(Humanoid(motion.body_layout, rest_joints(motion)))
     vectors = np.concatenate([motion.global_orient, motion.body_pose], axis=1).reshape(FRAMES, -1, 3)
     onto, assembly = BonesOnBody(load_body()), FrameAssembly()
-    with PoseRecorder(path, "test", onto.person, overwrite=False) as recorder:
+    with Recorder(path, PosesRecording("test", onto.person), overwrite=False) as recorder:
         packets = (bundle.encode(k / FPS, vectors[k], motion.transl[k]) for k in range(FRAMES))
         frames = (frame for k, packet in enumerate(packets) for frame in assembly.take(packet, "me", k / FPS))
         assert sum("frame" in line for line in pose_lines(frames, onto, recorder)) == FRAMES

@@ -18,16 +18,17 @@ import pytest
 
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.cli.live_verb import recorded
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
 from solver_backend.fitters.pipeline import solve
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.native.capture_file import read_capture
 from solver_backend.io.native.motion_file import read_motion
-from solver_backend.live.recorder import recording_of
+from solver_backend.live.recorder import Recorder, recording_of
 from solver_backend.live.views_session import ViewMoment, ViewsSession
 from solver_backend.videos.streaming.moments import LiveMoments
-from solver_backend.videos.streaming.recording import ViewsRecorder, finish_views, motion_of
+from solver_backend.videos.streaming.recording import ViewsRecording, motion_of, run_recorded
 from tests.support.filmed_moments import FakeCamera, FakeDetector, demo_views, seen_by
 from tests.support.full_disk import full_disk
 
@@ -231,31 +232,32 @@ def test_joints_that_no_view_shows_are_less_sure(filmed):
 
 
 @pytest.fixture
-def recorded(filmed, tmp_path) -> Path:
+def recorded_take(filmed, tmp_path) -> Path:
     session, path = session_of(filmed), tmp_path / "take.npz"
-    with ViewsRecorder(path, session, "fake", overwrite=False) as recorder:
+    with recorder_of(path, session) as recorder:
         record_into(session, recorder, moments_of(filmed))
     return path
 
 
-def record_into(session: ViewsSession, recorder: ViewsRecorder, moments: list[ViewMoment]) -> None:
-    for moment in moments:
-        for line in session.run([moment]):
-            recorder.add(moment, line if "frame" in line else None)
+def recorder_of(path: Path, session: ViewsSession) -> Recorder[...]:
+    return Recorder(path, ViewsRecording(session, "fake"), overwrite=False)
+
+
+def record_into(session: ViewsSession, recorder: Recorder[...], moments: list[ViewMoment]) -> list[Any]:
+    return [line for moment in moments for line in run_recorded(session, moment, recorder)]
 
 
 @pytest.mark.slow
-def test_keypoints_times_and_poses_are_recorded_and_a_solve_starts_from_them(filmed, recorded):
-    capture, live = read_capture(recorded), read_motion(motion_of(recorded))
+def test_keypoints_times_and_poses_are_recorded_and_a_solve_starts_from_them(filmed, recorded_take):
+    capture, live = read_capture(recorded_take), read_motion(motion_of(recorded_take))
     assert capture.keypoints is not None and capture.keypoints.fps == live.fps == 20.0
-    assert capture.keypoints.num_frames == live.num_frames == 120 - 11
-    first = 11 * 3
-    true = filmed.keypoints.xy[:, first::3]
+    assert capture.keypoints.num_frames == live.num_frames == 120
+    true = filmed.keypoints.xy[:, ::3]
     np.testing.assert_allclose(capture.keypoints.xy, true, atol=1e-3)
     start = solve(capture, start=live).motion
-    joints = filmed.truth["joints"][first::3, :22]
+    joints = filmed.truth["joints"][::3, :22]
     assert 1e3 * np.linalg.norm(start.joints[:, :22] - joints, axis=-1).mean() < 1.2 * solved_mm(filmed)
-    assert not recording_of(recorded).exists()
+    assert not recording_of(recorded_take).exists()
 
 
 @pytest.mark.slow
@@ -265,12 +267,12 @@ def test_a_view_that_was_left_out_is_filled_from_its_neighbours_and_not_over_lon
     for k in (40, 60, 61, 62, 63):
         seen = moments[k]
         moments[k] = ViewMoment(seen.time, 0.0, (None, seen.people[1]), (np.nan, seen.times[1]))
-    with ViewsRecorder(path, session, "fake", overwrite=False) as recorder:
+    with recorder_of(path, session) as recorder:
         record_into(session, recorder, moments)
     keypoints = read_capture(path).keypoints
     assert keypoints is not None
     seen = (keypoints.confidence[0] > 0).any(-1)
-    assert seen[40 - 11] and not seen[61 - 11 : 63 - 11].any() and seen[70 - 11]
+    assert seen[40] and not seen[61:63].any() and seen[70]
 
 
 @pytest.mark.slow
@@ -280,21 +282,21 @@ def test_what_a_killed_run_left_is_finished_by_the_next(filmed, tmp_path):
         "import os, signal\nfrom pathlib import Path\n"
         "from tests.videos.streaming.test_camera_live import *\n"
         "f = demo_views([0, 1]); s = session_of(f)\n"
-        f"r = ViewsRecorder(Path({str(path)!r}), s, 'fake', overwrite=False)\n"
+        f"r = recorder_of(Path({str(path)!r}), s)\n"
         "record_into(s, r, moments_of(f)[:60])\nos.kill(os.getpid(), signal.SIGKILL)\n"
     )
     ended = subprocess.run([sys.executable, "-c", program], cwd=ROOT, env={**os.environ}, check=False)
     assert ended.returncode == -signal.SIGKILL and recording_of(path).exists() and not path.exists()
-    recorder = ViewsRecorder(path, session_of(filmed), "fake", overwrite=False)
+    recorder = recorder_of(path, session_of(filmed))
     recorder.finish()
     assert recorder.recovered == tmp_path / "take_recovered_1.npz"
-    assert read_motion(motion_of(recorder.recovered)).num_frames == 60 - 11
+    assert read_motion(motion_of(recorder.recovered)).num_frames == 60
 
 
 @pytest.mark.slow
 def test_a_full_disk_costs_the_moments_that_do_not_fit(filmed, tmp_path):
     session, path = session_of(filmed), tmp_path / "take.npz"
-    recorder = ViewsRecorder(path, session, "fake", overwrite=False)
+    recorder = recorder_of(path, session)
     moments = moments_of(filmed)
     record_into(session, recorder, moments[:80])
     with full_disk(recorder.unfinished.stat().st_size + 100):
@@ -304,15 +306,64 @@ def test_a_full_disk_costs_the_moments_that_do_not_fit(filmed, tmp_path):
     assert read_capture(path).keypoints is not None
 
 
+def unlike(moments: list[ViewMoment]) -> list[ViewMoment]:
+    """Return moments whose views disagree: the second view is shifted by far more than the person's size."""
+    return [replace(m, people=(m.people[0], m.people[1] + np.array([0.0, 900.0, 0.0]))) for m in moments]
+
+
+@pytest.mark.parametrize(
+    ("state", "moments"),
+    [
+        ("no_person", lambda filmed: unlike(moments_of(filmed)[:15])),
+        ("waiting", lambda filmed: moments_of(filmed)[:3]),
+        ("tracking", lambda filmed: moments_of(filmed)[:15]),
+    ],
+)
+def test_a_recording_holds_every_moment_in_whichever_state_the_session_ends(filmed, tmp_path, state, moments):
+    session, path, came = session_of(filmed), tmp_path / "take.npz", moments(filmed)
+    lines: list[Any] = []
+    with recorder_of(path, session) as recorder:
+        for moment in came:
+            lines += record_into(session, recorder, [moment])
+    assert lines[-1]["state"] == state and recorder.count == len(came)
+    keypoints = read_capture(path).keypoints
+    assert keypoints is not None and keypoints.num_frames == len(came)
+    assert (keypoints.confidence > 0).any(axis=(0, 2)).all()
+    assert motion_of(path).exists() == (state == "tracking") and os.listdir(tmp_path).count("take.npz.recording") == 0
+
+
+def test_a_moment_that_cannot_be_fitted_is_recorded_too(filmed, tmp_path, monkeypatch):
+    session, path, moments = session_of(filmed), tmp_path / "take.npz", moments_of(filmed)[:4]
+
+    def broken(*_: object) -> None:
+        raise np.linalg.LinAlgError("singular")
+
+    monkeypatch.setattr(session.fit, "locate", broken)
+    with recorder_of(path, session) as recorder:
+        lines = record_into(session, recorder, moments)
+    assert {line.get("event") for line in lines} == {"restarted"}
+    capture = read_capture(path)
+    assert capture.keypoints is not None and capture.keypoints.num_frames == 4
+
+
+def test_a_session_without_a_moment_or_a_person_is_named(filmed, tmp_path):
+    nobody = [replace(m, people=(np.zeros((0, 25, 3)),) * 2) for m in moments_of(filmed)[:4]]
+    for moments in ([], nobody):
+        session, path = session_of(filmed), tmp_path / f"{len(moments)}.npz"
+        with recorder_of(path, session) as recorder:
+            record_into(session, recorder, moments)
+        assert recorded(recorder) == {"not_recorded": str(path)} and not path.exists()
+
+
 @pytest.mark.parametrize("content", [b"", b"\0" * 50, b'{"format": 1}\n', b"[]\n" + bytes(100)])
 def test_a_recording_that_is_none_is_refused_and_kept(tmp_path, content):
     path = tmp_path / "take.npz.recording"
     path.write_bytes(content)
     if not content or b"\n" not in content:
-        assert not finish_views(path, tmp_path / "take.npz")
+        assert not ViewsRecording(None, "").finish(path, tmp_path / "take.npz")
         return
     with pytest.raises(FileDamaged):
-        finish_views(path, tmp_path / "take.npz")
+        ViewsRecording(None, "").finish(path, tmp_path / "take.npz")
     assert path.exists()
 
 

@@ -1,16 +1,18 @@
-"""Make the lines of a live run, and count them."""
+"""Run one person live: a line for every moment, whatever comes, and statistics of the lines."""
 
 from __future__ import annotations
 
 import math
 import time
+from abc import ABC, abstractmethod
 from collections import Counter, deque
-from collections.abc import Mapping, Sequence
-from typing import Protocol
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from typing import Any, Generic, Protocol, TypeVar, cast
 
 import numpy as np
 
-from solver_backend.exchange.live_lines import EventLine, FrameDelays, FrameLine, LiveLine, PoseValues, event_line
+from solver_backend.exchange.body_layout import BodyLayout
+from solver_backend.exchange.live_lines import EventLine, FrameLine, LiveLine, PoseValues, event_line
 from solver_backend.fitters.model.states import PosedFrames
 from solver_backend.fitters.recipes.live import PersonFollower
 from solver_backend.geometry.rotations import log_so3
@@ -23,36 +25,111 @@ LOST_S = 0.4
 _LONGEST_S, _SHORTEST_S = 0.1, 1e-3
 
 
-class SourceClock:
-    """The time of the frame before."""
+class Moment(Protocol):
+    """What a live source shows at one time."""
 
-    def __init__(self) -> None:
+    @property
+    def time(self) -> float:
+        """Seconds on the source's clock."""
+        ...
+
+    @property
+    def arrived(self) -> float:
+        """``time.perf_counter()`` when it came."""
+        ...
+
+    @property
+    def fault(self) -> str:
+        """What is wrong with it if it holds nothing."""
+        ...
+
+    @property
+    def lag_s(self) -> float:
+        """Seconds by which a pose of it is behind by now."""
+        ...
+
+
+Shown = TypeVar("Shown", bound=Moment)
+
+
+Fit = TypeVar("Fit", bound=PersonFollower)
+
+
+class SessionLoop(ABC, Generic[Shown, Fit]):
+    """One person, live: clock, restarts, lines and events; subclasses fit the moments."""
+
+    def __init__(self, fit: Fit) -> None:
+        self.fit = fit
         self._before: float | None = None
+        self._number, self._shape_reported = 0, False
+        self.shown: np.ndarray | None = None
+        """(N, 3) points of the last fitted moment, metres, Z up."""
+        self.shown_off_m = np.zeros(0)
+        """(N,) metres between each of them and the body; NaN where they are not the body's."""
 
-    def passed(self, time_s: float) -> tuple[float, str]:
-        """Return seconds since the last frame within the bounds of a fit, and ``gap`` or ``ran_back`` if it was that.
+    @abstractmethod
+    def _lines(self, moment: Shown, dt: float) -> Iterator[LiveLine]:
+        """Yield events, then a pose or the reason why there is none; ``dt`` is seconds since the last moment."""
 
-        Args:
-            time_s: of this frame, on the source's clock.
-        """
-        before, self._before = self._before, time_s
-        if before is None:
-            return NEVER, ""
-        if time_s < before - 1e-6:
-            return NEVER, "ran_back"
-        found = "gap" if time_s - before > LOST_S else ""
-        return min(max(time_s - before, _SHORTEST_S), _LONGEST_S), found
+    @abstractmethod
+    def _reset(self) -> None:
+        """Forget the pose."""
+
+    def proportions(self) -> tuple[BodyLayout, np.ndarray]:
+        """Return the layout and the (J, 3) rest joints of the person as they are known by now."""
+        subject = self.fit.subject
+        return subject.body.layout, subject.body.rest_joints(subject.betas)
+
+    def run(self, moments: Iterable[Shown | EventLine]) -> Iterator[LiveLine]:
+        """Yield a line per moment, and events; nothing that comes as a moment ends it."""
+        for moment in moments:
+            if isinstance(moment, dict):
+                yield moment
+                continue
+            try:
+                yield from self.step(moment)
+            except (ValueError, IndexError, FloatingPointError, np.linalg.LinAlgError) as error:
+                self._reset()
+                message = f"The moment could not be fitted ({error}); starting again."
+                yield event("restarted", message, moment.time)
+
+    def step(self, moment: Shown) -> Iterator[LiveLine]:
+        """Yield what one moment makes: perhaps events, then a pose or the reason why there is none."""
+        if moment.fault:
+            yield event("line_ignored", moment.fault, moment.time)
+            return
+        before, self._before = self._before, moment.time
+        dt = NEVER if before is None else moment.time - before
+        if dt < -1e-6:
+            self._reset()
+            yield event("time_ran_back", "Time ran backwards: the pose starts again.", moment.time)
+            dt = NEVER
+        elif dt > LOST_S:
+            self._reset()
+        posed = False
+        for line in self._lines(moment, min(max(dt, _SHORTEST_S), _LONGEST_S)):
+            posed |= "pose" in line
+            yield line
+        if posed and not self._shape_reported and (shape := self.fit.known_shape) is not None:
+            self._shape_reported = True
+            yield {**event("shape", "The person's shape is known.", moment.time), "betas": rounded(shape)}
+
+    def _line(self, moment: Shown, state: str, why: str = "", **values: Any) -> FrameLine:
+        """Return the line of a moment."""
+        self._number += 1
+        reason = {"why": why} if why else {}
+        delays = {
+            "latency_ms": round(1e3 * (time.perf_counter() - moment.arrived), 3),
+            "lag_ms": round(1e3 * moment.lag_s, 3),
+        }
+        start = {"frame": self._number - 1, "t": round(moment.time, 6), "state": state}
+        return cast("FrameLine", {**start, **values, **reason, **delays})
 
 
 def pose_of(frame: PosedFrames) -> PoseValues:
     """Return the keys ``root``, ``pose`` and ``trans`` of one pose."""
     root, pose = log_so3(frame.root)[0], log_so3(frame.local)[0].ravel()
     return {"root": rounded(root), "pose": rounded(pose), "trans": rounded(frame.transl[0])}
-
-
-def delays(arrived: float, lag_s: float) -> FrameDelays:
-    """Return how long a frame took since it arrived, and how far its pose is behind the source."""
-    return {"latency_ms": round(1e3 * (time.perf_counter() - arrived), 3), "lag_ms": round(1e3 * lag_s, 3)}
 
 
 def event(kind: str, message: str, time_s: float) -> EventLine:
@@ -117,26 +194,7 @@ def keypoint_limbs(names: Sequence[str]) -> dict[str, list[int]]:
     }  # fmt: skip
 
 
-class Shown(Protocol):
-    """A live session, as a display sees it."""
-
-    @property
-    def fit(self) -> PersonFollower:
-        """The fit, for the doubt of its joints."""
-        ...
-
-    @property
-    def shown(self) -> np.ndarray | None:
-        """(N, 3) points of the last frame, metres, Z up."""
-        ...
-
-    @property
-    def shown_off_m(self) -> np.ndarray:
-        """(N,) metres between each of them and where the body has it; NaN where it is none of the body's."""
-        ...
-
-
-def with_display(line: FrameLine, session: Shown) -> FrameLine:
+def with_display(line: FrameLine, session: SessionLoop[Any, Any]) -> FrameLine:
     """Return a line with ``cloud``, ``cloud_off_mm`` and, where it has a pose, ``sigma_mm``."""
     if session.shown is None:
         return line

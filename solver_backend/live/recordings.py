@@ -1,0 +1,243 @@
+"""Formats of live recordings: points become a C3D file, poses a motion, faces a table."""
+
+from __future__ import annotations
+
+import csv
+import io
+import json
+import math
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, ClassVar
+
+import numpy as np
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.body.hands import FIRST_FINGER, with_fingers
+from solver_backend.body.kinematics import forward_kinematics
+from solver_backend.exchange.body_layout import SMPL, SMPL_HANDS
+from solver_backend.exchange.errors import FileDamaged, OutputNotWritable
+from solver_backend.exchange.motion_file import FLAG_UNSEEN
+from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.so3 import quat_from_rotvec, rotvec_from_quat, sign_continuous
+from solver_backend.fitters.motion_import.shape_from_lengths import standing_feet
+from solver_backend.geometry.interpolation import slerp
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.io.markers.c3d_writer import C3dSize, unnamed_labels, write_c3d_parts
+from solver_backend.io.markers.live_recording import LiveBlock, measure_recording, pack_block, read_parts
+from solver_backend.io.native.motion_file import write_motion
+from solver_backend.live.frames import PointFrame
+from solver_backend.live.recorder import Recorder, pack_head, pack_row, read_rows
+from solver_backend.types import Motion
+
+PointRecorder = Recorder[[PointFrame]]
+PoseRecorder = Recorder[[float, np.ndarray, np.ndarray]]
+FaceRecorder = Recorder[[float, dict[str, float]]]
+_FRAMES_AT_ONCE = 512
+"""Frames of points in memory while a recording is finished."""
+_POSES, _VERSION, _ROW = "manifold_mocap_live_poses", 1, 4 + 3 * SMPL_HANDS.num_joints
+_RATES = (24.0, 25.0, 30.0, 48.0, 50.0, 60.0, 72.0, 75.0, 90.0, 100.0, 120.0, 144.0, 200.0, 240.0)
+"""Usual frame rates of senders."""
+_NEAR = 0.03
+"""Largest difference of a measured rate from a usual one, a share."""
+_NEIGHBOURS = 4.0
+"""Longer intervals, in usual ones, are silences and not lost frames."""
+_SILENCE_S, _CUT_TO_S = 10.0, 1.0
+"""A longer silence is not part of a take and is cut to the second value."""
+_GAP_S = 0.1
+"""Frames farther than this from a received pose were interpolated."""
+
+
+@dataclass(frozen=True)
+class PointsRecording:
+    """Live points; readers of markers also open the unfinished file, see ``live_recording``."""
+
+    pieces: ClassVar[str] = "frames"
+    fps: float | None = None
+    """Nominal rate, None where none was given."""
+    world: Callable[[], np.ndarray | None] = lambda: None
+    """Returns the (3, 3) matrix that turns the points into metres, Z up, None while it is not known."""
+
+    def head(self) -> bytes:
+        """Return nothing: every block describes itself."""
+        return b""
+
+    def encode(self, frame: PointFrame) -> bytes:
+        """Return one frame's block."""
+        return pack_block(LiveBlock(frame.time, frame.points, self.fps, self.world()))
+
+    def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
+        """Write a C3D file, see ``RecordingFormat``; points whose world was never known stay as they came."""
+        with recording.open("rb") as stream:
+            extent = measure_recording(stream)
+            world = self.world()
+            turn = extent.to_metres if world is None else world
+            turn = np.eye(3) if turn is None else np.asarray(turn)
+            # Rows of a scaled rotation: no coordinate grows by more than the sum of a row.
+            reach = extent.largest * float(np.abs(turn).sum(axis=1).max())
+            size = C3dSize(extent.frames, unnamed_labels(extent.most), extent.rate, reach)
+            stream.seek(0)
+            parts = ((part @ turn.T, None) for part in read_parts(stream, extent.most, _FRAMES_AT_ONCE))
+            if extent.most:
+                try:
+                    write_c3d_parts(path, size, parts, overwrite=overwrite)
+                except OutputNotWritable as error:
+                    kept = f"{extent.frames} of {extent.frames + lost} frames are in {recording.name}"
+                    hint = f"{kept}: info and solve open it, the next run finishes it."
+                    raise OutputNotWritable(error.message, where=str(path), hint=hint) from error
+        recording.unlink()
+        return bool(extent.most)
+
+
+def record_points(frames: Iterable[PointFrame], recorder: PointRecorder) -> Iterator[PointFrame]:
+    """Yield the same frames, each after it was recorded."""
+    for frame in frames:
+        if not frame.fault:
+            recorder.add(frame)
+        yield frame
+
+
+@dataclass
+class PosesRecording:
+    """Live poses of one sender."""
+
+    pieces: ClassVar[str] = "poses"
+    source: str = ""
+    """Where they come from."""
+    person: Callable[[], tuple[Body, np.ndarray]] = lambda: (load_body(), np.zeros(10))
+    """Returns the body and its (10,) shape; asked at the first pose."""
+    _last: float | None = field(default=None, init=False)
+    _cut: float = field(default=0.0, init=False)
+
+    def head(self) -> bytes:
+        """Return the line that describes body and shape."""
+        body, betas = self.person()
+        return pack_head(_POSES, _VERSION, body=body.id, betas=np.asarray(betas).tolist(), source=self.source)
+
+    def encode(self, time: float, rotvec: np.ndarray, transl: np.ndarray) -> bytes:
+        """Return one pose's row.
+
+        Args:
+            time: seconds, not before the last one's.
+            rotvec: (24, 3) axis-angles, or (52, 3) with fingers, which may begin at any pose.
+            transl: (3,) metres.
+        """
+        if self._last is not None and time - self._last > _SILENCE_S:
+            self._cut += time - self._last - _CUT_TO_S
+        self._last = time
+        turns = np.zeros((SMPL_HANDS.num_joints, 3))
+        known = len(rotvec) if len(rotvec) == len(turns) else FIRST_FINGER
+        turns[:known] = rotvec[:known]
+        return pack_row([time - self._cut], transl, turns)
+
+    def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
+        """Write a motion of one rate, see ``RecordingFormat``."""
+        head, rows = read_rows(recording, _POSES, _VERSION, _row_width)
+        if len(rows):
+            body = load_body()
+            if rows[:, 4 + 3 * FIRST_FINGER :].any():
+                body = with_fingers(body)
+            else:
+                rows = np.pad(rows[:, : 4 + 3 * FIRST_FINGER], ((0, 0), (0, 3 * (SMPL.num_joints - FIRST_FINGER))))
+            rows = rows[np.concatenate([[True], np.diff(rows[:, 0]) > 1e-4])]
+            fps = rate_of(rows[:, 0])
+            times = rows[0, 0] + np.arange(round((rows[-1, 0] - rows[0, 0]) * fps) + 1) / fps
+            motion = poses_at(times, rows, fps, np.array(head["betas"]), body, head["source"])
+            write_motion(path, motion, overwrite=overwrite)
+        recording.unlink()
+        return len(rows) > 0
+
+
+def _row_width(head: dict[str, Any]) -> int:
+    if head["body"] != load_body().id:
+        raise ValueError("another body")
+    return _ROW
+
+
+def poses_at(times: np.ndarray, rows: np.ndarray, fps: float, betas: np.ndarray, body: Body, source: str) -> Motion:
+    """Return a motion at (F,) even times, by great arcs between recorded poses; the ends hold the nearest pose.
+
+    Args:
+        times: seconds, at the rate.
+        rows: (N, 4 + 3 J) time ascending, transl and axis-angles of the poses that came.
+        fps: the rate.
+        betas: (10,) shape.
+        body: whose poses they are.
+        source: where they came from.
+    """
+    after = np.clip(np.searchsorted(rows[:, 0], times), 1, max(len(rows) - 1, 1))
+    before, after = after - 1, np.minimum(after, len(rows) - 1)
+    apart = rows[after, 0] - rows[before, 0]
+    share = np.clip((times - rows[before, 0]) / np.where(apart > 0, apart, 1.0), 0.0, 1.0)
+    quat = sign_continuous(quat_from_rotvec(rows[:, 4:].reshape(len(rows), -1, 3)))
+    between = np.broadcast_to(share[:, None], (len(times), quat.shape[1]))
+    rotvec = rotvec_from_quat(slerp(quat[before], quat[after], between))
+    transl = rows[before, 1:4] + share[:, None] * (rows[after, 1:4] - rows[before, 1:4])
+    nearest = np.minimum(np.abs(times - rows[before, 0]), np.abs(rows[after, 0] - times))
+    joints = forward_kinematics(body, betas, exp_so3(rotvec[:, 0]), exp_so3(rotvec[:, 1:]), transl).joints
+    return Motion(
+        betas=betas,
+        global_orient=rotvec[:, 0],
+        body_pose=rotvec[:, 1:].reshape(len(times), -1),
+        transl=transl,
+        fps=fps,
+        body=body.id,
+        joints=joints,
+        body_layout=body.layout,
+        contacts=standing_feet(body, betas, joints, fps),
+        flags=np.where(nearest > _GAP_S, FLAG_UNSEEN, 0).astype(np.uint8),
+        provenance={"source": source, "method": "live poses"},
+    )
+
+
+def rate_of(times: np.ndarray) -> float:
+    """Return the frame rate of (F,) seconds that may jitter or lack frames: a usual one, or a whole number."""
+    if len(times) < 2:
+        return 60.0
+    apart = np.diff(times)
+    usual_s = float(np.median(apart))
+    near = apart[apart < _NEIGHBOURS * usual_s]
+    rate = float(np.rint(near / usual_s).sum() / near.sum())
+    usual = min(_RATES, key=lambda known: abs(math.log(known / rate)))
+    return usual if abs(usual / rate - 1.0) < _NEAR else float(max(round(rate), 1))
+
+
+@dataclass(frozen=True)
+class FaceRecording:
+    """Channels of a live face.
+
+    The table has the column ``time`` in seconds and one per channel; a missing channel keeps its last value.
+    """
+
+    pieces: ClassVar[str] = "frames"
+
+    def head(self) -> bytes:
+        """Return nothing: every line describes itself."""
+        return b""
+
+    def encode(self, time: float, channels: dict[str, float]) -> bytes:
+        """Return one frame's line: its seconds, and the value of each channel."""
+        return json.dumps([round(time, 6), channels]).encode() + b"\n"
+
+    def finish(self, recording: Path, path: Path, *, overwrite: bool = False, lost: int = 0) -> bool:
+        """Write the table, see ``RecordingFormat``."""
+        frames: list[tuple[float, dict[str, float]]] = []
+        try:
+            for line in recording.read_bytes().splitlines(keepends=True):
+                if line.endswith(b"\n"):  # the last one may be cut
+                    seconds, channels = json.loads(line)
+                    frames.append((float(seconds), {str(name): float(value) for name, value in channels.items()}))
+        except (ValueError, TypeError, AttributeError, RecursionError) as error:
+            raise FileDamaged("The recording of a face cannot be read.", where=str(recording)) from error
+        if frames:
+            names = list(dict.fromkeys(name for _, channels in frames for name in channels))
+            table, last = io.StringIO(newline=""), dict.fromkeys(names, 0.0)
+            writer = csv.writer(table, lineterminator="\n")
+            writer.writerow(["time", *names])
+            for seconds, channels in frames:
+                last |= channels
+                writer.writerow([f"{seconds:.6f}", *(f"{last[name]:.4f}" for name in names)])
+            write_text(path, table.getvalue(), overwrite=overwrite)
+        recording.unlink()
+        return bool(frames)
