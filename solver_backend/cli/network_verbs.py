@@ -6,7 +6,7 @@ import argparse
 from pathlib import Path
 
 from solver_backend.cli.outcome import Outcome
-from solver_backend.exchange.errors import BackendMissing
+from solver_backend.cli.verbs import training_missing
 from solver_backend.exchange.outputs import check_output
 from solver_backend.exchange.progress import Progress
 
@@ -24,13 +24,10 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a landmark network as ONNX: the row of a training with its decoding, or the network that labels."""
     check_output(args.out, overwrite=bool(args.overwrite))
     try:
-        from solver_backend.training.landmarks.onnx_export import export_point_network, export_row
-        from solver_backend.training.landmarks.trained import read_trained
+        from training.landmarks.onnx_export import export_point_network, export_row
+        from training.landmarks.trained import read_trained
     except ModuleNotFoundError as error:
-        raise BackendMissing(
-            f"Writing a network needs the package {error.name}, which is not installed.",
-            hint="Install them with: pip install torch onnx.",
-        ) from error
+        raise training_missing(error, "torch onnx") from error
     from solver_backend.labelling.outputs import LANDMARKS
     from solver_backend.labelling.point_network import load_network
 

@@ -30,7 +30,7 @@ from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
-    from solver_backend.training.engine.recipe import Finished
+    from training.engine.recipe import Finished
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:
@@ -216,13 +216,10 @@ def evaluate(args: argparse.Namespace, progress: Progress) -> Outcome:
 def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Train a prior and write its weights and model card."""
     try:
-        from solver_backend.training.engine.loop import TrainingSettings
-        from solver_backend.training.train import train as train_prior
+        from training.engine.loop import TrainingSettings
+        from training.train import train as train_prior
     except ModuleNotFoundError as error:
-        raise BackendMissing(
-            f"Training needs the package {error.name}, which is not installed.",
-            hint="Install what training needs with: pip install torch scipy.",
-        ) from error
+        raise training_missing(error) from error
     if args.prior == "landmarks":
         return _train_landmarks(args, progress)
     names = ("steps", "batch", "learning_rate", "part", "device", "workers")
@@ -235,10 +232,20 @@ def train(args: argparse.Namespace, progress: Progress) -> Outcome:
     return _trained(finished, lines, figures)
 
 
+def training_missing(error: ModuleNotFoundError, libraries: str = "torch scipy") -> BackendMissing:
+    """Return the error that names what a verb that trains lacks: the repository's own package, or a library."""
+    if str(error.name).partition(".")[0] == "training":
+        return BackendMissing("The extension does not train.", hint="Run this verb in a clone of the repository.")
+    return BackendMissing(
+        f"Training needs the package {error.name}, which is not installed.",
+        hint=f"Install the libraries with: pip install {libraries}.",
+    )
+
+
 def _train_landmarks(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Train a row of the landmark networks, by steps or by seconds."""
-    from solver_backend.training.landmarks.loop import LandmarkTraining
-    from solver_backend.training.landmarks.train import train_landmark_rows
+    from training.landmarks.loop import LandmarkTraining
+    from training.landmarks.train import train_landmark_rows
 
     names = ("steps", "seconds", "batch", "learning_rate", "device")
     chosen = {name: getattr(args, name) for name in names if getattr(args, name) is not None}

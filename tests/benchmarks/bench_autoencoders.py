@@ -26,13 +26,13 @@ from solver_backend.metrics import angle_mae_deg, pck_percent
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.gaussian_vae import LATENT_DIM, GaussianVAE
-from solver_backend.training.data.points import rotation_points
 from tests.benchmarks.comparison.validation_takes import clip_paths, read_take
 from tests.benchmarks.metric import Metric
 from tests.benchmarks.pose_priors import prior_tables as tables
 from tests.benchmarks.pose_priors.latent_chain import LatentChain
 from tests.benchmarks.pose_priors.train_autoencoders import ROOT, trained
 from tests.benchmarks.seed_spread import ratio_spread
+from training.data.points import rotation_points
 
 OUT = Path(__file__).resolve().parents[2] / "build" / "bench_autoencoders"
 SAMPLES, FITTED = 1052, 150

@@ -28,8 +28,8 @@ def run() -> list[Metric]:
         import torch
     except ImportError as error:
         raise BenchmarkSkipped("Clouds are drawn by torch, which is not installed.") from error
-    from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety
-    from solver_backend.training.landmarks.rows import CLOUDS
+    from training.landmarks.cloud_stream import CloudStream, Variety
+    from training.landmarks.rows import CLOUDS
 
     network, body, metrics = load_network(), load_body(), []
     for kind, variety in {**CLOUDS, "any": Variety()}.items():
@@ -47,7 +47,7 @@ def run() -> list[Metric]:
 
 def judged_poses() -> dict[str, np.ndarray]:
     """Return (N, 22, 3) float32 rotation vectors by set, the pelvis first, Y up."""
-    from solver_backend.training.landmarks.tail_poses import groups_of
+    from training.landmarks.tail_poses import groups_of
 
     rotations = np.concatenate([read_take(path).rotations[:, :22] for path in clip_paths()])
     tail, rng = groups_of(rotations).any(axis=1), np.random.default_rng(0)

@@ -13,11 +13,11 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.body.kinematics import forward_kinematics
 from solver_backend.priors.sposer import load_sposer
-from solver_backend.training.data.sources.marker_fit import fit_markers
 from solver_backend.types import SMPL_JOINTS, MarkerCloud
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.cmu_marker_take import read_take
 from tests.support.recordings import ABSENT, recordings_folder
+from training.data.sources.marker_fit import fit_markers
 
 
 def run() -> list[Metric]:

@@ -26,15 +26,15 @@ from solver_backend.priors.base import PosePrior
 from solver_backend.priors.catalogue import load_prior, shipped_priors
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF
 from solver_backend.priors.sposer import SPoser
-from solver_backend.training.data.corpus import Corpus, split_corpus
-from solver_backend.training.data.sources.clips import load_clips
-from solver_backend.training.data.sources.marker_takes import fitted_takes
-from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.pose_priors import prior_tables as tables
 from tests.benchmarks.pose_priors.prior_pictures import embedding, pose_grid
 from tests.benchmarks.pose_priors.prior_widths import jacobian_times, width_table
 from tests.support.recordings import ABSENT, recordings_folder
+from training.data.corpus import Corpus, split_corpus
+from training.data.sources.clips import load_clips
+from training.data.sources.marker_takes import fitted_takes
+from training.engine.accuracy import accuracy_by_source
 
 ROOT = Path(__file__).resolve().parents[2]
 OUT = ROOT / "build" / "priors"

@@ -18,15 +18,15 @@ import numpy as np
 
 from solver_backend.exchange.errors import FileMissing
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS, SPoser, load_sposer
-from solver_backend.training.data.corpus import HELD_OUT, Corpus, build_corpus
-from solver_backend.training.data.sources.clips import load_clips, load_far_clips
-from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.benchmarks.pose_priors import reach
 from tests.benchmarks.pose_priors.joint_ends import held_at_ends
 from tests.benchmarks.pose_priors.prior_tables import Table, text_table
 from tests.benchmarks.pose_priors.solved_ends import solved_at_ends
 from tests.support.recordings import ABSENT, recordings_folder
+from training.data.corpus import HELD_OUT, Corpus, build_corpus
+from training.data.sources.clips import load_clips, load_far_clips
+from training.engine.accuracy import accuracy_by_source
 
 _TAKES = Path(__file__).resolve().parents[2] / "build" / "priors" / "fitted_takes"
 _NEAREST = 500

@@ -15,7 +15,7 @@ PAGES = sorted([*(ROOT / "docs" / "how-to").glob("*.md"), *(ROOT / "docs" / "tut
 MOST_WORDS = 30
 """Of a sentence; twenty is the style's measure."""
 _NO_SENTENCES = (
-    "solver_backend/training/",
+    "training/",
     "solver_backend/synthesis/studio/writers/",
     "solver_backend/camera_calibration/formats/",
 )

@@ -14,9 +14,9 @@ from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.nearest_codes import TURN_M, misfit, nearer_codes
 from solver_backend.priors.sposer import SPoser, load_sposer
-from solver_backend.training.data.corpus import build_corpus
-from solver_backend.training.data.sources.clips import load_far_clips
 from tests.support.random_poses import poses
+from training.data.corpus import build_corpus
+from training.data.sources.clips import load_far_clips
 
 
 @pytest.fixture(scope="module")

@@ -5,7 +5,7 @@ from __future__ import annotations
 import torch
 from torch import nn
 
-from solver_backend.training.engine.loop import TrainingSettings
+from training.engine.loop import TrainingSettings
 
 SETTINGS = TrainingSettings(steps=40, batch=8, evaluate_every=10, checkpoint_s=0.0)
 

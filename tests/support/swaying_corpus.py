@@ -8,10 +8,10 @@ import numpy as np
 
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.data.corpus import Corpus, build_corpus
-from solver_backend.training.data.sources.clips import Clip
-from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.engine.recipe import TrainingJob
+from training.data.corpus import Corpus, build_corpus
+from training.data.sources.clips import Clip
+from training.engine.loop import TrainingSettings
+from training.engine.recipe import TrainingJob
 
 CARD_DATA = {
     "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,

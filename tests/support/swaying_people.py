@@ -10,14 +10,14 @@ import torch
 from solver_backend.exchange.progress import silent
 from solver_backend.geometry.quaternions import quat_from_rotvec
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.data.corpus import Corpus, build_corpus
-from solver_backend.training.data.sources.clips import Clip
-from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.engine.recipe import TrainingJob
-from solver_backend.training.pose_ndf.network import (
+from tests.support.swaying_corpus import CARD_DATA
+from training.data.corpus import Corpus, build_corpus
+from training.data.sources.clips import Clip
+from training.engine.loop import TrainingSettings
+from training.engine.recipe import TrainingJob
+from training.pose_ndf.network import (
     PoseNdfSettings,
 )
-from tests.support.swaying_corpus import CARD_DATA
 
 SMALL = PoseNdfSettings(
     features=3,

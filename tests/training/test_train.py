@@ -10,8 +10,8 @@ import pytest
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import FileMissing, JobInvalid
 from solver_backend.priors.sposer import DEFAULT_WEIGHTS
-from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.train import _command, train
+from training.engine.loop import TrainingSettings
+from training.train import _command, train
 
 
 def test_unknown_prior_is_named(tmp_path: Path) -> None:

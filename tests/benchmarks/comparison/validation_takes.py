@@ -8,11 +8,11 @@ import numpy as np
 
 from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
 from solver_backend.synthesis.simulation.cast import Take
-from solver_backend.training.data.corpus import HELD_OUT
-from solver_backend.training.data.shoulder_rhythm import with_shoulder_rhythm
-from solver_backend.training.data.sources.clips import subject_of
 from tests.benchmarks.metric import BenchmarkSkipped
 from tests.support.recordings import recordings_folder
+from training.data.corpus import HELD_OUT
+from training.data.shoulder_rhythm import with_shoulder_rhythm
+from training.data.sources.clips import subject_of
 
 
 def clip_paths(data: Path | None = None) -> list[Path]:

@@ -17,13 +17,6 @@ import numpy as np
 from solver_backend.body.body import load_body
 from solver_backend.exchange.outputs import write_text
 from solver_backend.labelling.point_network import load_network
-from solver_backend.training.landmarks.cloud_stream import CloudStream, Variety
-from solver_backend.training.landmarks.evaluation import evaluation_clouds
-from solver_backend.training.landmarks.models import LandmarkModel
-from solver_backend.training.landmarks.poses import PoseTable
-from solver_backend.training.landmarks.rows import CLOUDS, evaluation_poses
-from solver_backend.training.landmarks.tail_poses import GROUPS
-from solver_backend.training.landmarks.trained import trained_model
 from tests.benchmarks.landmark_rows.row_tables import read_figures, row_tables
 from tests.benchmarks.landmark_rows.tail_pictures import (
     SHOWN,
@@ -31,6 +24,13 @@ from tests.benchmarks.landmark_rows.tail_pictures import (
     landmarks,
     representative,
 )
+from training.landmarks.cloud_stream import CloudStream, Variety
+from training.landmarks.evaluation import evaluation_clouds
+from training.landmarks.models import LandmarkModel
+from training.landmarks.poses import PoseTable
+from training.landmarks.rows import CLOUDS, evaluation_poses
+from training.landmarks.tail_poses import GROUPS
+from training.landmarks.trained import trained_model
 
 
 def main() -> None:

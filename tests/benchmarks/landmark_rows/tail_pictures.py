@@ -11,8 +11,8 @@ from PIL import Image, ImageDraw
 
 from solver_backend.exchange.joint_sets import SMPL_PARENTS
 from solver_backend.labelling.outputs import LANDMARKS, MARKERS
-from solver_backend.training.landmarks.cloud_stream import Clouds
-from solver_backend.training.landmarks.models import LandmarkModel
+from training.landmarks.cloud_stream import Clouds
+from training.landmarks.models import LandmarkModel
 
 CELL = (170, 190)
 """Pixels of one body."""

@@ -15,13 +15,6 @@ from PIL import Image  # noqa: E402
 from solver_backend.body.body import load_body  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.labelling.outputs import LANDMARKS  # noqa: E402
-from solver_backend.training.data.sources.clips import Clip  # noqa: E402
-from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from solver_backend.training.landmarks.evaluation import LIMBS, SETS, evaluate  # noqa: E402
-from solver_backend.training.landmarks.loop import LandmarkTraining  # noqa: E402
-from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
-from solver_backend.training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
-from solver_backend.training.landmarks.trained import trained_model  # noqa: E402
 from tests.benchmarks import bench_landmark_rows, bench_landmark_sources  # noqa: E402
 from tests.benchmarks.landmark_rows import train_rows, train_sources  # noqa: E402
 from tests.benchmarks.landmark_rows.row_folders import folder_of, trained  # noqa: E402
@@ -36,6 +29,13 @@ from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
     representative,
 )
 from tests.benchmarks.metric import BenchmarkSkipped, key_of  # noqa: E402
+from training.data.sources.clips import Clip  # noqa: E402
+from training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from training.landmarks.evaluation import LIMBS, SETS, evaluate  # noqa: E402
+from training.landmarks.loop import LandmarkTraining  # noqa: E402
+from training.landmarks.poses import PoseTable  # noqa: E402
+from training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
+from training.landmarks.trained import trained_model  # noqa: E402
 
 
 def figures(rmse: float) -> dict:

@@ -15,11 +15,11 @@ from pathlib import Path
 
 from solver_backend.body.body import load_body
 from solver_backend.priors.gaussian_vae import VaeName
-from solver_backend.training.engine.devices import check_device
-from solver_backend.training.landmarks.loop import LandmarkTraining
-from solver_backend.training.landmarks.rows import named_rows, train_row
-from solver_backend.training.landmarks.train import table_of
 from tests.benchmarks.landmark_rows.row_folders import ROOT, folder_of, trained
+from training.engine.devices import check_device
+from training.landmarks.loop import LandmarkTraining
+from training.landmarks.rows import named_rows, train_row
+from training.landmarks.train import table_of
 
 BY_VPOSER = "ortho by vposer"
 """``ortho`` whose rare poses VPoser tells and blends: table 4.6."""

@@ -19,13 +19,13 @@ import numpy as np
 
 from solver_backend.body.body import load_body
 from solver_backend.priors.gaussian_vae import load_vae
-from solver_backend.training.data.corpus import HELD_OUT
-from solver_backend.training.data.sources.clips import Clip, load_clips, load_far_clips
-from solver_backend.training.engine.devices import check_device
-from solver_backend.training.landmarks.loop import LandmarkTraining
-from solver_backend.training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
-from solver_backend.training.landmarks.rows import named_rows, train_row
 from tests.benchmarks.landmark_rows.row_folders import ROOT, folder_of, trained
+from training.data.corpus import HELD_OUT
+from training.data.sources.clips import Clip, load_clips, load_far_clips
+from training.engine.devices import check_device
+from training.landmarks.loop import LandmarkTraining
+from training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
+from training.landmarks.rows import named_rows, train_row
 
 OUT = ROOT.with_name("landmark_sources")
 NARROW = frozenset({"16", "35"})

@@ -16,9 +16,9 @@ from solver_backend.metrics import diversity, frechet_distance
 from solver_backend.priors.base import PosePrior
 from solver_backend.priors.gmm import GaussianMixture
 from solver_backend.priors.pose_ndf.pose_ndf import RECORDED_RAD, PoseNDF, ProjectionSettings
-from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.data.points import rotation_points
-from solver_backend.training.engine.accuracy import joint_distances, reconstruction_accuracy
+from training.data.corpus import Corpus
+from training.data.points import rotation_points
+from training.engine.accuracy import joint_distances, reconstruction_accuracy
 
 POSE_ITSELF = ("gmm", "pose_ndf")
 """Priors whose code is the pose: they reconstruct everything exactly."""

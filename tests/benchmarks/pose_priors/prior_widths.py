@@ -14,13 +14,13 @@ from torch import nn
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.networks.dense import DenseStack
 from solver_backend.priors.sposer import SPoser
-from solver_backend.training.data.corpus import Corpus
-from solver_backend.training.engine.accuracy import reconstruction_accuracy
-from solver_backend.training.engine.dense_layers import linear_layers
-from solver_backend.training.engine.loop import TrainingSettings, run_training
-from solver_backend.training.sposer.network import SphericalAutoencoder
-from solver_backend.training.sposer.task import SPoserSettings, SPoserTask
 from tests.benchmarks.pose_priors.prior_tables import Table
+from training.data.corpus import Corpus
+from training.engine.accuracy import reconstruction_accuracy
+from training.engine.dense_layers import linear_layers
+from training.engine.loop import TrainingSettings, run_training
+from training.sposer.network import SphericalAutoencoder
+from training.sposer.task import SPoserSettings, SPoserTask
 
 WIDTHS, SEEDS, STEPS = (128, 256, 512), (0, 1, 2), 1000
 DECODED, REPEATS = 2000, 3

@@ -8,9 +8,9 @@ import torch
 from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.geometry.sphere import spherical_normalisation
 from solver_backend.priors.sposer import SPoser
-from solver_backend.training.data.points import rotation_points
-from solver_backend.training.engine.accuracy import joint_distances, residual_rotvecs
 from tests.benchmarks.pose_priors.prior_tables import Table
+from training.data.points import rotation_points
+from training.engine.accuracy import joint_distances, residual_rotvecs
 
 _STEPS = 150
 _RATE = 0.003

@@ -9,8 +9,6 @@ from PIL import Image
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.priors.catalogue import load_prior
 from solver_backend.priors.gmm import GaussianMixture
-from solver_backend.training.data.corpus import build_corpus
-from solver_backend.training.data.sources.clips import Clip
 from tests.benchmarks.pose_priors.neighbour_embedding import neighbours_on_a_plane
 from tests.benchmarks.pose_priors.prior_pictures import embedding
 from tests.benchmarks.pose_priors.prior_tables import (
@@ -22,6 +20,8 @@ from tests.benchmarks.pose_priors.prior_tables import (
     synthesis,
     text_table,
 )
+from training.data.corpus import build_corpus
+from training.data.sources.clips import Clip
 
 
 def test_samples_of_one_pose_have_no_diversity() -> None:

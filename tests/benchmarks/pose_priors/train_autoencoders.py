@@ -12,8 +12,8 @@ import sys
 import time
 from pathlib import Path
 
-from solver_backend.training.engine.loop import TrainingSettings
-from solver_backend.training.train import train
+from training.engine.loop import TrainingSettings
+from training.train import train
 
 ROOT = Path(__file__).resolve().parents[3] / "build" / "autoencoder_rows"
 STEPS = {"sposer": 6000}

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from solver_backend.io.motions.recorded_clip import MAPS, RecordedClip, body_rotations, read_clip, resample
-from solver_backend.training.data.points import rotation_points
+from training.data.points import rotation_points
 
 
 def recorded(rotvec: np.ndarray, tpose: np.ndarray) -> RecordedClip:

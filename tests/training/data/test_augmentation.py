@@ -8,15 +8,15 @@ import torch
 from solver_backend.body.joint_limits import JOINT_LIMITS, swing_and_twist
 from solver_backend.body.rest_skeleton import MIRROR
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.data.augmentation import (
+from tests.support.random_poses import poses
+from training.data.augmentation import (
     beyond_reach,
     exchanged_limbs,
     mirrored,
     near_limits,
     penetrating,
 )
-from solver_backend.training.data.points import rotation_points
-from tests.support.random_poses import poses
+from training.data.points import rotation_points
 
 
 def test_mirrored_pose_has_mirrored_joints() -> None:

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.errors import FileMissing
-from solver_backend.training.data.corpus import HELD_OUT, absent_subjects, build_corpus, distinct_poses, split_corpus
-from solver_backend.training.data.sources.clips import Clip, load_clips
 from tests.support.random_poses import poses
 from tests.support.swaying_people import swaying
+from training.data.corpus import HELD_OUT, absent_subjects, build_corpus, distinct_poses, split_corpus
+from training.data.sources.clips import Clip, load_clips
 
 
 def test_distinct_poses_cover_all() -> None:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.training.engine.accuracy import reconstruction_statistics
+from training.engine.accuracy import reconstruction_statistics
 
 
 def test_statistics_find_the_spread() -> None:

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 import torch
 
-from solver_backend.training.engine.batches import batches, step_generator
-from solver_backend.training.engine.loop import run_training
 from tests.support.line_task import SETTINGS, LineTask
+from training.engine.batches import batches, step_generator
+from training.engine.loop import run_training
 
 
 def draw(generator: torch.Generator) -> torch.Tensor:

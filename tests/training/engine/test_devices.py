@@ -10,12 +10,12 @@ import torch
 
 from solver_backend.cli.main import main
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
-from solver_backend.training.engine.devices import check_device, dropout_state, set_dropout_state
-from solver_backend.training.engine.loop import run_training
-from solver_backend.training.gmm.train import train_gmm
-from solver_backend.training.train import train
 from tests.support.line_task import SETTINGS, LineTask
 from tests.support.swaying_corpus import job
+from training.engine.devices import check_device, dropout_state, set_dropout_state
+from training.engine.loop import run_training
+from training.gmm.train import train_gmm
+from training.train import train
 
 
 @pytest.fixture

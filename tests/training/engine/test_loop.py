@@ -12,8 +12,8 @@ import torch
 from torch import nn
 
 from solver_backend.exchange.errors import FileDamaged, NonFiniteData, TrainingMismatch
-from solver_backend.training.engine.loop import run_training
 from tests.support.line_task import SETTINGS, LineTask
+from training.engine.loop import run_training
 
 
 def logged(folder: Path) -> list[dict[str, float]]:

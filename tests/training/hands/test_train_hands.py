@@ -10,9 +10,9 @@ import pytest
 from solver_backend.body.hand_angles import ANGLES
 from solver_backend.priors.hand_prior import PRIOR
 from solver_backend.priors.weights import ASSETS, read_weights
-from solver_backend.training.hands.sources import load_sources
-from solver_backend.training.hands.train import HELD, chi_square, moments, ranges, squared_distances, train_hands
 from tests.support.recordings import ABSENT, recordings_folder
+from training.hands.sources import load_sources
+from training.hands.train import HELD, chi_square, moments, ranges, squared_distances, train_hands
 
 DATA = recordings_folder() / "hands"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=ABSENT)

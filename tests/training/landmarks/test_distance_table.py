@@ -9,8 +9,8 @@ pytest.importorskip("torch")
 
 from solver_backend.labelling.marker_distances import load_distances
 from solver_backend.labelling.outputs import MARKERS
-from solver_backend.training.landmarks.distance_table import write_distance_table
-from solver_backend.training.landmarks.poses import PoseTable
+from training.landmarks.distance_table import write_distance_table
+from training.landmarks.poses import PoseTable
 
 
 def test_a_table_of_few_windows_is_near_the_one_that_ships(tmp_path):

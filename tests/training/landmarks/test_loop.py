@@ -10,16 +10,16 @@ torch = pytest.importorskip("torch")
 from solver_backend.body.body import load_body  # noqa: E402
 from solver_backend.exchange.errors import FileMissing, JobInvalid, NonFiniteData, TrainingMismatch  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
-from solver_backend.training.data.sources.clips import Clip  # noqa: E402
-from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from solver_backend.training.landmarks.loop import LandmarkTraining, train_landmarks  # noqa: E402
-from solver_backend.training.landmarks.models import Ours  # noqa: E402
-from solver_backend.training.landmarks.point_net import PointNetWidths  # noqa: E402
-from solver_backend.training.landmarks.pose_draws import FADES, Balance, drawer, relevance_of  # noqa: E402
-from solver_backend.training.landmarks.poses import PoseTable  # noqa: E402
-from solver_backend.training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
-from solver_backend.training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
-from solver_backend.training.landmarks.train import TABLES, table_of  # noqa: E402
+from training.data.sources.clips import Clip  # noqa: E402
+from training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from training.landmarks.loop import LandmarkTraining, train_landmarks  # noqa: E402
+from training.landmarks.models import Ours  # noqa: E402
+from training.landmarks.point_net import PointNetWidths  # noqa: E402
+from training.landmarks.pose_draws import FADES, Balance, drawer, relevance_of  # noqa: E402
+from training.landmarks.poses import PoseTable  # noqa: E402
+from training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
+from training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
+from training.landmarks.train import TABLES, table_of  # noqa: E402
 
 
 @pytest.fixture(scope="module")
@@ -116,7 +116,7 @@ def test_rows_go_on_from_one_checkpoint(tmp_path, draw):
 
 
 def test_seconds_may_be_the_processors(tmp_path, draw, monkeypatch):
-    from solver_backend.training.landmarks import loop
+    from training.landmarks import loop
 
     spent = iter(np.arange(0.0, 1e6, 0.5))
     monkeypatch.setattr(loop.time, "process_time", lambda: float(next(spent)))

@@ -10,10 +10,10 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
-from solver_backend.training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from solver_backend.training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
-from solver_backend.training.landmarks.evaluation import evaluate  # noqa: E402
-from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
+from training.landmarks.cloud_stream import CloudStream  # noqa: E402
+from training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
+from training.landmarks.evaluation import evaluate  # noqa: E402
+from training.landmarks.heatmaps import (  # noqa: E402
     SIGMA_PX,
     divergence_from_gaussians,
     fused,
@@ -22,7 +22,7 @@ from solver_backend.training.landmarks.heatmaps import (  # noqa: E402
     relative_entropy,
     welsch,
 )
-from solver_backend.training.landmarks.models import (  # noqa: E402
+from training.landmarks.models import (  # noqa: E402
     PUBLISHED,
     DemocapLike,
     FromCoordinates,
@@ -30,10 +30,10 @@ from solver_backend.training.landmarks.models import (  # noqa: E402
     Published,
     balanced_mse,
 )
-from solver_backend.training.landmarks.point_loss import spread_loss  # noqa: E402
-from solver_backend.training.landmarks.point_net import PointNetWidths  # noqa: E402
-from solver_backend.training.landmarks.rows import FIXED  # noqa: E402
-from solver_backend.training.landmarks.unet import UNet  # noqa: E402
+from training.landmarks.point_loss import spread_loss  # noqa: E402
+from training.landmarks.point_net import PointNetWidths  # noqa: E402
+from training.landmarks.rows import FIXED  # noqa: E402
+from training.landmarks.unet import UNet  # noqa: E402
 
 
 @pytest.fixture(scope="module")

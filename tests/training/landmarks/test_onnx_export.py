@@ -14,11 +14,11 @@ pytest.importorskip("onnx")
 from solver_backend.cli.main import main  # noqa: E402
 from solver_backend.labelling.outputs import MARKERS  # noqa: E402
 from solver_backend.labelling.point_network import lower_median, network_of  # noqa: E402
-from solver_backend.training.landmarks.cloud_stream import Clouds  # noqa: E402
-from solver_backend.training.landmarks.models import DemocapLike, FromCoordinates, LandmarkModel, Published  # noqa: E402
-from solver_backend.training.landmarks.onnx_export import export_point_network, export_row, torch_network  # noqa: E402
-from solver_backend.training.landmarks.point_net import PointNet, PointNetWidths  # noqa: E402
-from solver_backend.training.landmarks.rows import Row  # noqa: E402
+from training.landmarks.cloud_stream import Clouds  # noqa: E402
+from training.landmarks.models import DemocapLike, FromCoordinates, LandmarkModel, Published  # noqa: E402
+from training.landmarks.onnx_export import export_point_network, export_row, torch_network  # noqa: E402
+from training.landmarks.point_net import PointNet, PointNetWidths  # noqa: E402
+from training.landmarks.rows import Row  # noqa: E402
 
 
 def test_onnx_is_numpy_to_a_ten_thousandth(tmp_path):

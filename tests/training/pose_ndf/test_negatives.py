@@ -12,7 +12,8 @@ import torch
 
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance
-from solver_backend.training.pose_ndf.negatives import (
+from tests.support.swaying_people import SMALL, random_quats, swaying
+from training.pose_ndf.negatives import (
     NOBODY,
     PoseManifold,
     Poses,
@@ -23,12 +24,11 @@ from solver_backend.training.pose_ndf.negatives import (
     spread,
     von_mises_turns,
 )
-from solver_backend.training.pose_ndf.network import (
+from training.pose_ndf.network import (
     PoseFieldNet,
     as_prior,
 )
-from solver_backend.training.pose_ndf.stages import manifold_of
-from tests.support.swaying_people import SMALL, random_quats, swaying
+from training.pose_ndf.stages import manifold_of
 
 
 def test_turned_poses_lie_as_far_as_they_are_turned() -> None:

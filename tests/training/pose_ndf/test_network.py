@@ -9,17 +9,17 @@ from solver_backend.geometry.quaternions import upper_hemisphere
 from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance
 from solver_backend.priors.pose_ndf.pose_ndf import in_metric, metric_length
-from solver_backend.training.pose_ndf.nearest_poses import NearestPoses
-from solver_backend.training.pose_ndf.negatives import (
+from tests.support.swaying_people import SMALL, random_quats
+from training.pose_ndf.nearest_poses import NearestPoses
+from training.pose_ndf.negatives import (
     Labelled,
 )
-from solver_backend.training.pose_ndf.network import (
+from training.pose_ndf.network import (
     PoseFieldNet,
     PoseNdfTask,
     as_prior,
     field_arrays,
 )
-from tests.support.swaying_people import SMALL, random_quats
 
 
 def test_a_distance_solves_the_eikonal_equation() -> None:

@@ -9,11 +9,11 @@ import pytest
 import torch
 
 from solver_backend.priors.pose_ndf.pose_ndf import load_pose_ndf
-from solver_backend.training.pose_ndf.network import (
+from tests.support.swaying_people import SMALL, job
+from training.pose_ndf.network import (
     PoseNdfTask,
 )
-from solver_backend.training.pose_ndf.train import train_pose_ndf
-from tests.support.swaying_people import SMALL, job
+from training.pose_ndf.train import train_pose_ndf
 
 
 def test_training_learns_and_exports_what_it_learned(tmp_path: Path) -> None:

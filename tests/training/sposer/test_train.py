@@ -11,10 +11,10 @@ import pytest
 from solver_backend.exchange.errors import TrainingMismatch
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import read_weights
-from solver_backend.training.engine.accuracy import reconstruction_accuracy
-from solver_backend.training.sposer.task import SPoserSettings
-from solver_backend.training.sposer.train import train_sposer
 from tests.support.swaying_corpus import job, swaying
+from training.engine.accuracy import reconstruction_accuracy
+from training.sposer.task import SPoserSettings
+from training.sposer.train import train_sposer
 
 
 def test_sposer_learns_and_exports_what_it_learned(tmp_path: Path) -> None:

@@ -10,8 +10,8 @@ import torch
 from scipy.special import ive
 
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
-from solver_backend.training.vae import latents
-from solver_backend.training.vae.latents import ROTATIONS, SPHERE_DIM, GaussianLatent, RotationLatent, SphereLatent
+from training.vae import latents
+from training.vae.latents import ROTATIONS, SPHERE_DIM, GaussianLatent, RotationLatent, SphereLatent
 
 
 def generator() -> torch.Generator:

@@ -13,12 +13,12 @@ from torch import nn
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.base import AutoencodingPrior
 from solver_backend.priors.catalogue import load_prior
-from solver_backend.training.engine.accuracy import reconstruction_accuracy
-from solver_backend.training.engine.dense_layers import linear_layers
-from solver_backend.training.vae.latents import Kind
-from solver_backend.training.vae.network import VariationalAutoencoder
-from solver_backend.training.vae.train import folded_encoder, train_vae
 from tests.support.swaying_corpus import job, swaying
+from training.engine.accuracy import reconstruction_accuracy
+from training.engine.dense_layers import linear_layers
+from training.vae.latents import Kind
+from training.vae.network import VariationalAutoencoder
+from training.vae.train import folded_encoder, train_vae
 
 
 @pytest.mark.parametrize("kind", get_args(Kind))

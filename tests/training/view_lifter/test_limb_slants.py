@@ -9,9 +9,9 @@ import torch
 
 from solver_backend.priors.limb_slants import load_limb_slants
 from solver_backend.priors.view_lifter import load_view_lifter
-from solver_backend.training.view_lifter.limb_slants import LimbSlantSettings, train_limb_slants
 from tests.support.swaying_corpus import job as plain_job
 from tests.support.swaying_corpus import turning
+from training.view_lifter.limb_slants import LimbSlantSettings, train_limb_slants
 
 
 def test_training_teaches_and_exports_what_was_trained(tmp_path: Path) -> None:

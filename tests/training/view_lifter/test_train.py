@@ -14,14 +14,14 @@ from solver_backend.exchange.joint_sets import SMPL_JOINTS
 from solver_backend.priors.lifter import POINTS
 from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.view_lifter import MIDDLE, WINDOW, load_view_lifter
-from solver_backend.training.data.points import rotation_points
-from solver_backend.training.view_lifter import filming
-from solver_backend.training.view_lifter.filming import film
-from solver_backend.training.view_lifter.recordings import Recordings, standing_place
-from solver_backend.training.view_lifter.task import ViewLifterSettings, ViewLifterTask
-from solver_backend.training.view_lifter.train import train_view_lifter
 from tests.support.swaying_corpus import job as plain_job
 from tests.support.swaying_corpus import turning
+from training.data.points import rotation_points
+from training.view_lifter import filming
+from training.view_lifter.filming import film
+from training.view_lifter.recordings import Recordings, standing_place
+from training.view_lifter.task import ViewLifterSettings, ViewLifterTask
+from training.view_lifter.train import train_view_lifter
 
 SMALL = ViewLifterSettings(width=32, layers=1, heads=2)
 

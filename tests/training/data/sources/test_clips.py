@@ -10,10 +10,10 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, FileMissing, MotionInvalid, NonFiniteData
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.motions.recorded_clip import MAPS, body_rotations, read_clip
-from solver_backend.training.data.corpus import HELD_OUT, SIMPLIFIED_EVERY, build_corpus, split_corpus
-from solver_backend.training.data.sources.clips import Clip, load_clips, load_far_clips, subject_of, without_faults
-from solver_backend.training.engine.accuracy import accuracy_by_source
 from tests.support.random_poses import poses
+from training.data.corpus import HELD_OUT, SIMPLIFIED_EVERY, build_corpus, split_corpus
+from training.data.sources.clips import Clip, load_clips, load_far_clips, subject_of, without_faults
+from training.engine.accuracy import accuracy_by_source
 
 
 def test_bad_clips_are_named(tmp_path: Path) -> None:

@@ -1,0 +1,112 @@
+"""How well an autoencoder reproduces poses."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Protocol
+
+import numpy as np
+import torch
+from torch import nn
+
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.geometry.rotations import log_so3
+from training.data.corpus import Corpus
+from training.data.points import rotation_points
+from training.engine.dense_layers import stack_arrays
+
+VALIDATION_POSES = 4000
+"""Distinct poses that a training looks at now and then."""
+
+
+class Autoencoder(Protocol):
+    """A network of poses."""
+
+    def eval(self) -> object:
+        """Leave the training mode."""
+        ...
+
+    def encode(self, rotations: torch.Tensor) -> torch.Tensor:
+        """Return the codes of (N, 21, 3, 3) poses."""
+        ...
+
+    def decode(self, z: torch.Tensor) -> torch.Tensor:
+        """Return (N, 21, 3, 3) poses."""
+        ...
+
+
+@dataclass(frozen=True)
+class Accuracy:
+    """Reconstruction errors over poses; joints 0..23, pelvis fixed, skeleton of ``rest_skeleton``."""
+
+    mpjpe_mm: float
+    """Mean joint distance."""
+    worst5_mpjpe_mm: float
+    """The same over the worst twentieth of poses."""
+    pck3_percent: float
+    """Joints within 3 cm."""
+    angle_deg: float
+    """Mean angle between local rotations."""
+
+    def as_dict(self) -> dict[str, float]:
+        """Return the figures by name."""
+        return {key: float(value) for key, value in asdict(self).items()}
+
+
+def reconstructed(model: Autoencoder, rotations: np.ndarray) -> np.ndarray:
+    """Return what a network decodes from its codes of (N, 21, 3, 3) poses, without noise and dropout."""
+    model.eval()
+    with torch.no_grad():
+        return model.decode(model.encode(torch.as_tensor(rotations, dtype=torch.float32))).numpy().astype(np.float64)
+
+
+def reconstruction_accuracy(truth: np.ndarray, decoded: np.ndarray) -> Accuracy:
+    """Compare (N, 21, 3, 3) poses with their reconstructions."""
+    distance = joint_distances(truth, decoded)
+    per_pose = np.sort(distance.mean(axis=1))
+    worst = per_pose[-max(1, len(per_pose) // 20) :]
+    angle = np.linalg.norm(residual_rotvecs(truth, decoded), axis=-1)
+    return Accuracy(
+        1000 * float(per_pose.mean()), 1000 * float(worst.mean()), 100 * float((distance < 0.03).mean()),
+        float(np.degrees(angle.mean())),
+    )  # fmt: skip
+
+
+def accuracy_by_source(corpus: Corpus, reconstruct: Callable[[np.ndarray], np.ndarray]) -> dict[str, dict[str, float]]:
+    """Return the reconstruction figures of the distinct poses of every source."""
+    distinct = np.unique(corpus.distinct)
+    sources = corpus.sources[distinct]
+    figures = {}
+    for source in sorted(set(sources.tolist())):
+        truth = corpus.rotations[distinct[sources == source]].astype(np.float64)
+        figures[source] = reconstruction_accuracy(truth, reconstruct(truth)).as_dict() | {"poses": float(len(truth))}
+    return figures
+
+
+def joint_distances(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
+    """Return (N, 24) distances of joints, m."""
+    difference = rotation_points(truth)[:, :NUM_JOINTS] - rotation_points(decoded)[:, :NUM_JOINTS]
+    return np.linalg.norm(difference, axis=-1)
+
+
+def residual_rotvecs(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
+    """Return (N, 21, 3) left rotations from the reconstruction to the truth, ``exp(r) R_decoded = R_true``."""
+    return log_so3(truth @ np.swapaxes(decoded, -1, -2))
+
+
+def reconstruction_statistics(truth: np.ndarray, decoded: np.ndarray) -> np.ndarray:
+    """Return (21, 3) rad: the spread of truth about what a prior decodes.
+
+    The 68.3rd percentile of the components' absolute values in ``residual_rotvecs``: a Gaussian's standard deviation,
+    untouched by takes whose head or hand was tracked wrongly.
+    """
+    return np.percentile(np.abs(residual_rotvecs(truth, decoded)), 68.27, axis=0)
+
+
+def autoencoder_arrays(
+    model: Autoencoder, encoder: nn.Sequential, decoder: nn.Sequential, truth: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return what an autoencoder's weight file holds: both stacks, and its errors on (N, 21, 3, 3) poses."""
+    sigma = reconstruction_statistics(truth, reconstructed(model, truth)).astype(np.float32)
+    return stack_arrays(encoder, "encoder") | stack_arrays(decoder, "decoder") | {"residual_sigma": sigma}

@@ -1,0 +1,223 @@
+"""The training loop every prior shares: AdamW, cosine schedule, averaged weights, checkpoints that resume exactly."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Protocol
+
+import torch
+from torch import nn
+
+from solver_backend.exchange.errors import FileDamaged, NonFiniteData, TrainingMismatch
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.exchange.progress import Progress, silent
+from training.engine.batches import batches, step_generator
+from training.engine.devices import check_device, dropout_state, set_dropout_state
+from training.engine.event_log import EventLog
+
+_CURVE_EVERY = 20
+"""Steps between the points of the loss's curve."""
+_FREE = ("checkpoint_s", "workers")
+"""Settings that change no weight, so that a run may go on with others."""
+
+
+@dataclass(frozen=True)
+class TrainingSettings:
+    """How long and how fast to train."""
+
+    steps: int = 6000
+    """Gradient steps in all."""
+    batch: int = 256
+    """Windows a step."""
+    learning_rate: float = 2e-3
+    """At its height, after the warm-up."""
+    weight_decay: float = 1e-4
+    """Of AdamW."""
+    averaging: float = 0.998
+    """Decay of the exponential average of the weights, which is what is kept."""
+    seed: int = 0
+    """Of the initial weights and every draw."""
+    checkpoint_s: float = 60.0
+    """Seconds between checkpoints."""
+    evaluate_every: int = 500
+    """Steps between validations."""
+    start: str = ""
+    """SHA-256 of the weights it starts from; none if it starts from random ones."""
+    part: str = ""
+    """Part of the network that alone is trained (SPoser's ``encoder``); all of it if empty."""
+    device: str = "cpu"
+    """``cpu`` or ``cuda``; draws are made on the CPU, alike for both, but dropout's and the view lifter's windows."""
+    workers: int = 0
+    """Processes that draw batches ahead of the network; none: it waits for each. Their number changes no batch."""
+
+
+class Task(Protocol):
+    """What is trained: a model with a loss and a validation."""
+
+    @property
+    def model(self) -> nn.Module:
+        """The network whose parameters are trained."""
+        ...
+
+    def draw(self, generator: torch.Generator) -> Any:
+        """Return a fresh batch; processes that draw ahead call it too, where it is drawn on the CPU."""
+        ...
+
+    def loss(self, batch: Any, generator: torch.Generator) -> torch.Tensor:
+        """Return a batch's loss on the device of the model; the generator is for noise within the network."""
+        ...
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return validation figures of a model on the CPU."""
+        ...
+
+
+def run_training(task: Task, settings: TrainingSettings, folder: Path, progress: Progress = silent) -> nn.Module:
+    """Train, or go on from the last checkpoint in ``folder``, and return the averaged model, on the CPU.
+
+    Raises:
+        JobInvalid, BackendMissing: the device is unknown or not here.
+        TrainingMismatch: the checkpoint was made with other settings or for another network.
+        FileDamaged: the checkpoint cannot be read.
+        NonFiniteData: the loss is no number; the checkpoint is of before.
+    """
+    check_device(settings.device)
+    folder.mkdir(parents=True, exist_ok=True)
+    run = _TrainingRun(task, settings, folder)
+    run.resume()
+    log = EventLog(folder, run.step)
+    for batch in batches(task.draw, settings.seed, run.step, settings.steps, settings.workers):
+        run.advance(batch)
+        due = run.step == settings.steps or time.monotonic() - run.saved_at > settings.checkpoint_s
+        if due or run.step % _CURVE_EVERY == 0:
+            run.check()
+        if run.step % _CURVE_EVERY == 0:
+            log.scalars(run.step, {"training/loss": run.recent, "training/learning_rate": run.learning_rate})
+        if run.step % settings.evaluate_every == 0 or run.step == settings.steps:
+            log.figures(run.step, {"loss": run.recent, **task.evaluate(run.kept)})
+        if due:
+            run.save()
+        progress("Training", run.step, settings.steps)
+    log.close()
+    return run.kept
+
+
+class _TrainingRun:
+    """The state of a run."""
+
+    def __init__(self, task: Task, settings: TrainingSettings, folder: Path) -> None:
+        self.task, self.settings, self.folder, self.step = task, settings, folder, 0
+        task.model.to(settings.device)
+        self.optimizer = torch.optim.AdamW(
+            task.model.parameters(), lr=settings.learning_rate, weight_decay=settings.weight_decay,
+            fused=settings.device == "cuda",
+        )  # fmt: skip
+        self.averaged = copy.deepcopy(task.model).requires_grad_(False)
+        self.saved_at = time.monotonic()
+        self.smoothed = torch.zeros((), device=settings.device)
+
+    @property
+    def recent(self) -> float:
+        """The loss, averaged over some fifty steps."""
+        return float(self.smoothed)
+
+    @property
+    def checkpoint(self) -> Path:
+        return self.folder / "checkpoint.pt"
+
+    @property
+    def learning_rate(self) -> float:
+        """The rate of the step that comes."""
+        return self.settings.learning_rate * _schedule(self.step, self.settings.steps)
+
+    @property
+    def kept(self) -> nn.Module:
+        """The averaged model on the CPU."""
+        return self.averaged if self.settings.device == "cpu" else copy.deepcopy(self.averaged).cpu()
+
+    def advance(self, batch: Any) -> None:
+        """Take one step."""
+        for group in self.optimizer.param_groups:
+            group["lr"] = self.learning_rate
+        loss = self.task.loss(batch, step_generator(self.settings.seed, self.step, 1))
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        nn.utils.clip_grad_norm_(self.task.model.parameters(), 1.0)
+        self.optimizer.step()
+        self.step += 1
+        decay = min(self.settings.averaging, (1 + self.step) / (10 + self.step))
+        with torch.no_grad():
+            average = torch.optim.swa_utils.get_ema_multi_avg_fn(decay)
+            average(list(self.averaged.parameters()), list(self.task.model.parameters()), self.step)
+            for kept, fresh in zip(self.averaged.buffers(), self.task.model.buffers(), strict=True):
+                kept.copy_(fresh)
+            self.smoothed.lerp_(loss, 0.02 if self.step > 1 else 1.0)
+
+    def check(self) -> None:
+        """Make sure that the loss is a number.
+
+        Raises:
+            NonFiniteData: it is none.
+        """
+        if not math.isfinite(self.recent):
+            raise NonFiniteData(
+                f"The loss is not a number at step {self.step}.", where=self.checkpoint.name,
+                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+            )  # fmt: skip
+
+    def save(self) -> None:
+        """Write the checkpoint, whole or not at all."""
+        state = {
+            "settings": asdict(self.settings),
+            "step": self.step,
+            "model": self.task.model.state_dict(),
+            "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+            "global_generator": dropout_state(self.settings.device),
+            "recent": self.recent,
+        }
+        with atomic_output(self.checkpoint, overwrite=True) as temporary:
+            torch.save(state, temporary)
+        self.saved_at = time.monotonic()
+
+    def resume(self) -> None:
+        """Take over the last checkpoint, if there is one."""
+        if not self.checkpoint.is_file():
+            return
+        try:
+            state = torch.load(self.checkpoint, map_location="cpu", weights_only=True)
+        except Exception as error:
+            raise FileDamaged(
+                "The checkpoint cannot be read.", where=self.checkpoint.name, hint="Train into another folder."
+            ) from error
+        asked, made = asdict(self.settings), state["settings"]
+        changed = [name for name, value in asked.items() if name not in _FREE and made.get(name) != value]
+        if changed:
+            raise TrainingMismatch(
+                f"The checkpoint was made with other {', '.join(changed)}.", where=self.checkpoint.name,
+                hint="Go on with the same settings, or train into another folder.",
+            )  # fmt: skip
+        try:
+            self.task.model.load_state_dict(state["model"])
+        except RuntimeError as error:
+            raise TrainingMismatch(
+                "The checkpoint holds another network.", where=self.checkpoint.name,
+                hint="Go on with the same prior and widths, or train into another folder.",
+            ) from error  # fmt: skip
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        set_dropout_state(self.settings.device, state["global_generator"])
+        self.step = state["step"]
+        self.smoothed.fill_(state["recent"])
+
+
+def _schedule(step: int, steps: int) -> float:
+    """Return the share of the learning rate: linear warm-up over 2 % of the steps, then a cosine down to 1 %."""
+    warm = max(1, steps // 50)
+    if step < warm:
+        return (step + 1) / warm
+    return 0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * (step - warm) / max(1, steps - warm)))

@@ -1,0 +1,263 @@
+"""Training on the stream: for so many steps or seconds, the whole step as one CUDA graph where there is a GPU."""
+
+from __future__ import annotations
+
+import copy
+import math
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import torch
+
+from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData, TrainingMismatch
+from solver_backend.exchange.outputs import atomic_output
+from training.landmarks.models import LandmarkModel
+from training.landmarks.pose_draws import Draw
+
+_WARM_UP = 3
+"""Steps before a graph is captured, so that libraries have chosen their kernels."""
+_SYNCHRONISED = 10
+"""Steps between looks at the clock."""
+
+
+@dataclass(frozen=True)
+class LandmarkTraining:
+    """How long and how fast a landmark network is trained."""
+
+    steps: int = 0
+    """Gradient steps in all; as many as there is time for if 0."""
+    seconds: float = 60.0
+    """Time in all, where steps are 0: the rate of learning falls with what is left of it."""
+    processor: bool = False
+    """Seconds are the processor's, over all threads, not the clock's: the same on a machine that others share."""
+    batch: int = 256
+    learning_rate: float = 1e-3
+    weight_decay: float = 1e-2
+    averaging: float = 0.999
+    """Decay of the average of the weights, which is what is kept."""
+    seed: int = 0
+    device: str = "cpu"
+    graph: bool = False
+    """Capture the step as a CUDA graph."""
+    checkpoint_s: float = 60.0
+    judged: int = 3
+    """Times that the weights are evaluated in all, evenly over the training; the best are kept."""
+
+
+Evaluate = Callable[[LandmarkModel, float, int], None]
+"""Called with the averaged model, the seconds and the steps."""
+
+
+def train_landmarks(
+    model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, evaluate: Evaluate,
+    start: Path | None = None, row: Mapping[str, Any] | None = None,
+) -> LandmarkModel:  # fmt: skip
+    """Train a model on drawn clouds, or go on from the checkpoint in ``folder``; return the averaged model.
+
+    Args:
+        model: untrained.
+        draw: makes a batch of clouds for a share of the training.
+        settings: how long and how fast.
+        folder: of the checkpoint.
+        evaluate: looks at the averaged model now and then.
+        start: checkpoint of another row or seed to go on from, where ``folder`` has none.
+        row: what is trained, its ``name`` among it; kept in the checkpoint, which goes on with the same alone.
+
+    Raises:
+        TrainingMismatch, FileMissing, FileDamaged: the checkpoint is another training's, not there, or cannot be read.
+        NonFiniteData: the loss is NaN or infinite; the last checkpoint stays as it was.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    run = _LandmarkRun(model, draw, settings, folder, dict(row or {}))
+    if run.checkpoint.is_file():
+        run.resume(run.checkpoint)
+    elif start:
+        run.resume(start, other_row=True)
+    run.advance()
+    run.started = run.now()
+    saved, evaluated = time.monotonic(), math.floor(settings.judged * run.share)
+    while not run.finished:
+        run.advance()
+        if run.steps % _SYNCHRONISED:
+            continue
+        run.synchronise()
+        run.check_loss()
+        if math.floor(settings.judged * run.share) > evaluated and not run.finished:
+            before, evaluated = run.now(), math.floor(settings.judged * run.share)
+            evaluate(run.averaged, run.seconds, run.steps)
+            run.paused += run.now() - before
+        if time.monotonic() - saved > settings.checkpoint_s:
+            run.save()
+            saved = time.monotonic()
+    run.check_loss()
+    run.save()
+    evaluate(run.averaged, run.seconds, run.steps)
+    return run.averaged
+
+
+class _LandmarkRun:
+    """The state of a training."""
+
+    def __init__(
+        self, model: LandmarkModel, draw: Draw, settings: LandmarkTraining, folder: Path, row: dict[str, Any]
+    ) -> None:
+        self.settings, self.draw, self.row = settings, draw, row
+        self.checkpoint = folder / "checkpoint.pt"
+        self.model = model.to(settings.device)
+        self.averaged = copy.deepcopy(model).requires_grad_(False)
+        self.steps, self.before_s, self.paused = 0, 0.0, 0.0
+        self.now = time.process_time if settings.processor else time.monotonic
+        self.started = self.now()
+        cuda = settings.device == "cuda"
+        self.rate = torch.tensor(0.0, device=settings.device) if cuda else 0.0
+        self.optimizer = torch.optim.AdamW(
+            self.model.parameters(), lr=self.rate, weight_decay=settings.weight_decay, capturable=cuda, fused=cuda
+        )
+        self.decay = torch.tensor(0.0, device=settings.device)
+        self.done = torch.tensor(0.0, device=settings.device)
+        self.loss = torch.tensor(0.0, device=settings.device)
+        self.graph: torch.cuda.CUDAGraph | None = None
+        self.half = cuda and model.half_precision
+
+    @property
+    def seconds(self) -> float:
+        """Time trained so far, over all runs."""
+        return self.before_s + self.now() - self.started - self.paused
+
+    @property
+    def share(self) -> float:
+        """Share of the training that is done."""
+        return self.steps / self.settings.steps if self.settings.steps else self.seconds / self.settings.seconds
+
+    @property
+    def finished(self) -> bool:
+        return self.share >= 1.0
+
+    def advance(self) -> None:
+        """Take one step."""
+        share = self.share
+        rate = self.settings.learning_rate * _schedule(share, self.steps)
+        self.done.fill_(share)
+        if isinstance(self.rate, torch.Tensor):
+            self.rate.fill_(rate)
+        else:
+            self.optimizer.param_groups[0]["lr"] = rate
+        self.decay.fill_(1.0 - min(self.settings.averaging, (1 + self.steps) / (10 + self.steps)))
+        if self.settings.graph and self.steps >= _WARM_UP:
+            if self.graph is None:
+                self.graph = self._captured()
+            self.graph.replay()
+        else:
+            self._step()
+        self.steps += 1
+
+    def _step(self) -> None:
+        clouds = self.draw(self.done)
+        with torch.autocast(self.settings.device, torch.bfloat16, enabled=self.half):
+            loss = self.model.loss(clouds)
+        self.optimizer.zero_grad(set_to_none=True)
+        loss.backward()
+        torch.nn.utils.clip_grad_norm_(self.model.parameters(), 1.0, foreach=True)
+        self.optimizer.step()
+        self.loss.copy_(loss.detach())
+        with torch.no_grad():
+            for kept, fresh in zip(self.averaged.parameters(), self.model.parameters(), strict=True):
+                kept.add_(self.decay * (fresh - kept))
+            for a, b in zip(self.averaged.buffers(), self.model.buffers(), strict=True):
+                a.copy_(b)
+
+    def _captured(self) -> torch.cuda.CUDAGraph:
+        """Return the step as a graph, warmed up on a stream beside."""
+        side = torch.cuda.Stream()
+        side.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(side):
+            for _ in range(_WARM_UP):
+                self._step()
+        torch.cuda.current_stream().wait_stream(side)
+        torch.cuda.synchronize()
+        graph = torch.cuda.CUDAGraph()
+        self.optimizer.zero_grad(set_to_none=True)
+        with torch.cuda.graph(graph):
+            self._step()
+        return graph
+
+    def synchronise(self) -> None:
+        """Wait for the device."""
+        if self.settings.device == "cuda":
+            torch.cuda.synchronize()
+
+    def check_loss(self) -> None:
+        """Raise where the loss is no number: what follows would be none either."""
+        if not bool(torch.isfinite(self.loss)):
+            raise NonFiniteData(
+                f"The loss is not a number at step {self.steps}.", where=self.checkpoint.name,
+                hint="Train into another folder with a lower learning rate; the checkpoint is of before.",
+            )  # fmt: skip
+
+    def save(self) -> None:
+        """Write the checkpoint, whole or not at all."""
+        state = {
+            "row": self.row, "settings": asdict(self.settings), "steps": self.steps, "seconds": self.seconds,
+            "model": self.model.state_dict(), "averaged": self.averaged.state_dict(),
+            "optimizer": self.optimizer.state_dict(),
+        }  # fmt: skip
+        with atomic_output(self.checkpoint, overwrite=True) as temporary:
+            torch.save(state, temporary)
+
+    def resume(self, checkpoint: Path, *, other_row: bool = False) -> None:
+        """Take over a checkpoint, of another row or seed too if so; more steps or seconds may be asked for."""
+        if not checkpoint.is_file():
+            raise FileMissing(
+                "There is no such checkpoint.", where=str(checkpoint),
+                hint="Give the checkpoint.pt in the folder of an earlier training.",
+            )  # fmt: skip
+        try:
+            state = torch.load(checkpoint, map_location=self.settings.device, weights_only=True)
+            free = {"steps", "seconds", "checkpoint_s", "graph", "device", "judged", *(["seed"] * other_row)}
+            mine = {k: v for k, v in asdict(self.settings).items() if k not in free}
+            theirs = asdict(LandmarkTraining()) | state["settings"]
+            changed = [key for key, value in mine.items() if theirs[key] != value]
+        except Exception as error:
+            raise FileDamaged("The checkpoint cannot be read.", where=checkpoint.name) from error
+        if changed:
+            raise TrainingMismatch(
+                f"The checkpoint was made with other {', '.join(changed)}.", where=checkpoint.name,
+                hint="Go on with the same settings, or train into another folder.",
+            )  # fmt: skip
+        if not other_row:
+            _same_row(state.get("row"), self.row, checkpoint)
+        try:
+            self.model.load_state_dict(state["model"])
+        except RuntimeError as error:
+            raise TrainingMismatch(
+                "The checkpoint holds another network.", where=checkpoint.name, hint="Train into another folder."
+            ) from error
+        self.averaged.load_state_dict(state["averaged"])
+        self.optimizer.load_state_dict(state["optimizer"])
+        self.optimizer.param_groups[0]["lr"] = self.rate
+        self.steps, self.before_s = state["steps"], state["seconds"]
+        torch.manual_seed(self.settings.seed + self.steps)
+        self.started = self.now()
+
+
+def _same_row(theirs: Mapping[str, Any] | None, mine: Mapping[str, Any], checkpoint: Path) -> None:
+    """Raise where a checkpoint's row, if it has one, is another."""
+    changed = [] if theirs is None else [key for key, value in mine.items() if theirs.get(key, value) != value]
+    if theirs is None or not changed:
+        return
+    name = theirs.get("name", "")
+    other = (
+        f"not of {mine['name']!r}" if "name" in changed else f"but with other {', '.join(changed)} than asked for now"
+    )
+    raise TrainingMismatch(
+        f"The checkpoint is of row {name!r}, {other}.", where=str(checkpoint),
+        hint="Give each row a folder of its own (--work), or go on from another row's checkpoint with --from.",
+    )  # fmt: skip
+
+
+def _schedule(share: float, steps: int) -> float:
+    """Return the share of the learning rate: a warm-up of 200 steps, then a cosine down to 1 %."""
+    return min(1.0, (steps + 1) / 200) * (0.01 + 0.99 * 0.5 * (1.0 + math.cos(math.pi * min(share, 1.0))))

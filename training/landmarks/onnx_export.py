@@ -1,0 +1,100 @@
+"""Landmark networks as ONNX files, from points to positions in metres, for programs that read such."""
+
+from __future__ import annotations
+
+import warnings
+from pathlib import Path
+
+import torch
+from torch import nn
+
+from solver_backend.exchange.errors import BackendMissing
+from solver_backend.exchange.outputs import atomic_output
+from solver_backend.labelling.point_network import PointNetwork
+from training.landmarks.cloud_stream import Clouds
+from training.landmarks.models import LandmarkModel
+from training.landmarks.point_net import PointNet, PointNetWidths
+
+OPSET = 18
+"""Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered."""
+INPUTS = ("points", "seen")
+OUTPUTS = ("scores", "missing", "positions", "spread")
+"""Of the network of points."""
+_AXES = {0: "clouds", 1: "n"}
+
+
+def export_point_network(network: PointNetwork, path: Path, *, overwrite: bool = False) -> Path:
+    """Write the network that labels: ``points`` (B, N, 3) float32, medians at the origin, and ``seen`` (B, N) bool.
+
+    Raises:
+        BackendMissing: the package onnx is not installed.
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    axes = {"scores": _AXES, "positions": {0: "clouds"}, "spread": {0: "clouds"}}
+    return _export(_Reading(torch_network(network)), path, OUTPUTS, axes, overwrite)
+
+
+def export_row(model: LandmarkModel, path: Path, *, overwrite: bool = False) -> Path:
+    """Write a row of the tables with what it makes of points and of its maps: drawing, network, centres of mass.
+
+    The inputs are ``points`` (B, N, 3) float32, metres, Z up, and ``seen`` (B, N) bool, at least one in each cloud; the
+    output is ``positions`` (B, L, 3), metres, of the landmarks ``model.columns``. Rows of attention over points alone
+    need medians at the origin.
+
+    Raises:
+        BackendMissing: the package onnx is not installed.
+        OutputExists, OutputNotWritable: see ``atomic_output``.
+    """
+    return _export(_Positions(model), path, ("positions",), {"positions": {0: "clouds"}}, overwrite)
+
+
+def torch_network(network: PointNetwork) -> PointNet:
+    """Return the network that its NumPy reading is of."""
+    arrays = network.arrays
+    model = PointNet(PointNetWidths(arrays["queries"].shape[1], network.layers, network.heads))
+    model.load_state_dict({name: torch.as_tensor(value) for name, value in arrays.items()})
+    return model
+
+
+def _export(
+    module: nn.Module, path: Path, outputs: tuple[str, ...], axes: dict[str, dict[int, str]], overwrite: bool
+) -> Path:
+    rng = torch.Generator().manual_seed(0)
+    example = (torch.randn(1, 8, 3, generator=rng), torch.ones(1, 8, dtype=torch.bool))  # one: what is fixed broadcasts
+    axes = dict.fromkeys(INPUTS, _AXES) | axes
+    with atomic_output(path, overwrite=overwrite) as temporary, warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the exporter's own deprecations and of sizes that it keeps as they are
+        try:
+            torch.onnx.export(
+                module.eval(), example, str(temporary), input_names=list(INPUTS), output_names=list(outputs),
+                dynamic_axes=axes, opset_version=OPSET, dynamo=False,
+            )  # fmt: skip
+        except ModuleNotFoundError as error:
+            raise BackendMissing(
+                f"ONNX files need the package {error.name}.", hint="Install it with: pip install onnx."
+            ) from error
+    return path
+
+
+class _Reading(nn.Module):
+    """Returns tensors, not a reading."""
+
+    def __init__(self, model: PointNet) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, ...]:
+        reading = self.model(points, seen)
+        return reading.scores, reading.missing, reading.positions, reading.spread
+
+
+class _Positions(nn.Module):
+    """Reads clouds of which nothing but the points is known."""
+
+    def __init__(self, model: LandmarkModel) -> None:
+        super().__init__()
+        self.model = model
+
+    def forward(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        nothing = torch.zeros_like(seen)
+        return self.model.positions(Clouds(points, seen, nothing, points, nothing))

@@ -1,0 +1,164 @@
+"""The rows of the tables: which network, of which width, balanced how, on which clouds."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import torch
+
+from solver_backend.body.body import Body
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.outputs import write_text
+from training.landmarks.cloud_stream import CloudStream, Variety
+from training.landmarks.drawing import SIZE
+from training.landmarks.evaluation import SETS, evaluate, evaluation_clouds
+from training.landmarks.loop import LandmarkTraining, train_landmarks
+from training.landmarks.models import (
+    DemocapLike,
+    Divergence,
+    FromCoordinates,
+    LandmarkModel,
+    Loss,
+    Ours,
+    Published,
+)
+from training.landmarks.point_net import PointNetWidths
+from training.landmarks.pose_draws import Balance, drawer
+from training.landmarks.poses import PoseTable
+from training.landmarks.unet import BLOCKS
+
+FIXED = Variety(layouts=False, pose_noise=0.0, exchanged=0.0, thinned=0.0, parts=0.0, tilted=0.0)
+"""Our clouds of all 53 markers: besides the thesis' corruptions sizes, headings, strayed markers and props."""
+THESIS = replace(FIXED, wobble_rad=0.0, headings=False, sizes=0.0, strayed=False, thesis=True)
+"""The thesis' clouds: all 53 markers, its augmentations and corruptions (4.20 to 4.27) alone."""
+CLOUDS = {"thesis": THESIS, "fixed": FIXED}
+"""Clouds of 53 markers that every row is compared on, by the name that figures and tables have."""
+UNBALANCED = Balance()
+ORTHO = Balance(relevance="σ(D)", sampler="squad")
+"""The thesis' best: weighed by relevance, and enriched."""
+FADING = replace(ORTHO, blended=0.5, fades=True)
+"""Ours: twice as much of it, given up halfway."""
+
+
+HALVED = 2 ** (BLOCKS - 1)
+"""A UNet halves maps so often."""
+OURS_WIDTH = 128
+"""Of the network that ships."""
+
+
+@dataclass(frozen=True)
+class Row:
+    """One network to train and evaluate."""
+
+    network: str
+    """``ours``, ``published``, ``democap`` or ``coordinates``."""
+    width: int
+    balance: Balance = UNBALANCED
+    loss: Loss = "welsch"
+    divergence: Divergence = "kullback-leibler"
+    variety: Variety = FIXED
+    resolution: int = SIZE
+    """Pixels of the side of a drawn map."""
+    name: str = ""
+    """In the tables."""
+
+    def model(self) -> LandmarkModel:
+        """Return the untrained network."""
+        if self.network == "ours":
+            return Ours(PointNetWidths(self.width))
+        if self.network == "democap":
+            return DemocapLike(self.width, loss=self.loss, size=self.resolution)
+        if self.network == "coordinates":
+            return FromCoordinates(self.width)
+        return Published(self.width, loss=self.loss, size=self.resolution, divergence=self.divergence)
+
+
+def named_rows(width: int, ours_width: int = 0, resolution: int = SIZE) -> dict[str, Row]:
+    """Return the rows by name; the UNets' width and resolution are settings, 32 and 160 the paper's; so is ours' width.
+
+    Raises:
+        JobInvalid: maps of that size cannot be halved four times.
+    """
+    if resolution < 1 or resolution % HALVED:
+        raise JobInvalid(f"Maps are a multiple of {HALVED} pixels wide, not {resolution}.", hint="--resolution 160.")
+    base = Row("published", width, resolution=resolution)
+    rows = {"base": base, "bmse": replace(base, loss="bmse"), "ortho": replace(base, balance=ORTHO)}
+    rows["ortho fading"] = replace(base, balance=FADING)
+    rows["base thesis"], rows["ortho thesis"] = (replace(rows[name], variety=THESIS) for name in ("base", "ortho"))
+    rows["base js"] = replace(base, divergence="jensen-shannon")
+    rows |= {name: replace(base, balance=Balance(sampler=name)) for name in (
+        "random", "lerp", "slerp", "squad", "bezier", "bspline",
+    )}  # fmt: skip
+    rows |= {kind: replace(base, balance=Balance(relevance=kind)) for kind in ("e(R)", "σ(R)", "e(D)", "σ(D)")}
+    rows["e(D)+squad"] = replace(base, balance=Balance("e(D)", "squad"))
+    democap, coordinates = replace(base, network="democap"), Row("coordinates", 256)
+    rows |= {"democap": democap, "democap bmse": replace(democap, loss="bmse"), "coordinates": coordinates}
+    rows["democap ortho"] = replace(democap, balance=ORTHO)
+    ours = Row("ours", ours_width or OURS_WIDTH, Balance("σ(D)", "squad"), variety=Variety())
+    rows |= {
+        "ours": ours, "ours unbalanced": replace(ours, balance=Balance()),
+        "ours one layout": replace(ours, variety=replace(Variety(), layouts=False)),
+        "ours no ghosts": replace(ours, variety=replace(Variety(), ghosts=False)),
+        "ours no noise": replace(ours, variety=replace(Variety(), noise=False)),
+        "ours 53 fixed": replace(ours, variety=FIXED), "ours 53 thesis": replace(ours, variety=THESIS),
+    }  # fmt: skip
+    return {name: replace(row, name=name) for name, row in rows.items()}
+
+
+def train_row(
+    row: Row, table: PoseTable, body: Body, settings: LandmarkTraining, out: Path, start: Path | None = None
+) -> dict[str, Any]:
+    """Train a row, evaluate it on all sets, and write ``weights.npz`` and ``figures.json`` into ``out``.
+
+    The weights kept are those of the least ``rmse3`` on a third of the ordinary poses, in clouds of the row's own kind,
+    which no figure is of. With ``start``, another row's checkpoint, it goes on from there: what then differs is the
+    row's.
+
+    Raises:
+        TrainingMismatch: ``out`` holds the checkpoint of another row, or of other settings.
+        NonFiniteData: poses of the table or the loss are NaN or infinite.
+    """
+    table.check_finite()
+    out.mkdir(parents=True, exist_ok=True)
+    device = settings.device
+    kinds = {name: CloudStream(body, device, variety) for name, variety in CLOUDS.items()}
+    if row.network == "ours":
+        kinds["any"] = CloudStream(body, device)
+    poses = evaluation_poses(table, device)
+    evaluated = {f"{kind} {name}": c for kind, s in kinds.items() for name, c in evaluation_clouds(s, poses).items()}
+    selection = f"{'thesis' if row.variety == THESIS else 'fixed'} selection"
+    torch.manual_seed(settings.seed)
+    model = row.model()
+    draw = drawer(CloudStream(body, device, row.variety), table, settings.batch, row.balance)
+    history: list[dict[str, Any]] = []
+
+    def look(averaged: LandmarkModel, seconds: float, steps: int) -> None:
+        at = {name: evaluate(averaged, clouds) for name, clouds in evaluated.items()}
+        history.append({"seconds": seconds, "steps": steps, **at})
+        chosen = min(history, key=lambda h: h[selection]["rmse3"])
+        if chosen is history[-1]:
+            arrays = {name: _half(value) for name, value in averaged.state_dict().items()}
+            np.savez_compressed(out / "weights.npz", **arrays)  # pyright: ignore[reportArgumentType]
+        record = {
+            "row": asdict(row), "settings": asdict(settings), "parameters": sum(p.numel() for p in model.parameters()),
+            "history": history, "chosen": chosen,
+        }  # fmt: skip
+        write_text(out / "figures.json", json.dumps(record, indent=1, ensure_ascii=False), overwrite=True)
+
+    train_landmarks(model, draw, settings, out, look, start, asdict(row))
+    return min(history, key=lambda h: h[selection]["rmse3"])
+
+
+def evaluation_poses(table: PoseTable, device: str = "cpu") -> dict[str, torch.Tensor]:
+    """Return the (N, 22, 3) poses of each set of an evaluation; ``selection`` chooses the weights, no figure."""
+    poses = {name: torch.as_tensor(table.poses(name), device=device) for name in SETS}
+    return {"selection": poses["ordinary"][::3], **poses, "ordinary": poses["ordinary"][1::3]}
+
+
+def _half(value: torch.Tensor) -> np.ndarray:
+    array = value.detach().cpu().numpy()
+    return array.astype(np.float16) if array.dtype == np.float32 else array

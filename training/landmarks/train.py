@@ -1,0 +1,154 @@
+"""Training the landmark network from recordings, or from a table of poses, to the weights that ship."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from solver_backend.body.body import load_body
+from solver_backend.exchange.errors import JobInvalid
+from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.progress import Progress, silent
+from solver_backend.labelling.marker_distances import NAME as TABLE_NAME
+from solver_backend.labelling.point_network import NAME
+from solver_backend.priors.gaussian_vae import VaeName, load_vae
+from solver_backend.priors.weights import PriorWeights, write_weights
+from training.data.corpus import HELD_OUT
+from training.data.sources.clips import load_clips, load_far_clips
+from training.engine.devices import check_device
+from training.engine.recipe import Finished
+from training.landmarks.calibration import GHOST_LOGIT, TEMPERATURE, calibrated
+from training.landmarks.distance_table import write_distance_table
+from training.landmarks.drawing import SIZE
+from training.landmarks.loop import LandmarkTraining
+from training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
+from training.landmarks.rows import named_rows, train_row
+
+TABLES: dict[VaeName, str] = {"rvposer": "landmark_poses.npz", "vposer": "landmark_poses_vposer.npz"}
+"""Of poses, by the autoencoder that measures how rare one is and blends: the thesis compares the two in table 4.6."""
+DISTANCES = "distances"
+"""Row that is no network: the table of markers' distances."""
+PUBLISHED_WIDTH = 32
+"""Channels of the published rows' first block; chosen by hand."""
+
+
+def train_landmark_rows(
+    data: Path, out: Path, settings: LandmarkTraining, *, row: str = "ours", width: int = 0, resolution: int = 0,
+    work: Path | None = None, start: Path | None = None, balanced_by: VaeName = "rvposer", progress: Progress = silent,
+) -> Finished:  # fmt: skip
+    """Train one row of the tables, or go on from its checkpoint; ours is published as ``landmarks.npz`` with its card.
+
+    Args:
+        data: folder that holds ``motion_cmu``, or a table of poses (``.npz``) that an earlier training left.
+        out: folder of the weights.
+        settings: steps or seconds, batch and the like.
+        row: one of ``named_rows``, or ``DISTANCES`` for the table of markers' distances.
+        width: of the network; its own if 0 (ours 128, the published 32).
+        resolution: pixels of the side of the maps that the published rows draw; the paper's 160 if 0.
+        work: folder of the checkpoint; ``out`` and the row's name if None.
+        start: checkpoint of another row or seed to go on from, where ``work`` has none.
+        balanced_by: autoencoder that measures how rare a recorded pose is; a table has its own already.
+        progress: called as recordings are read.
+
+    Raises:
+        JobInvalid: there is no such row, no such device, or no UNet for maps of that size.
+        FileMissing: no recordings, none of the held-out subjects, or no such checkpoint.
+        TrainingMismatch, FileDamaged: the checkpoint is another row's, or cannot be read.
+        NonFiniteData: poses or the loss are NaN or infinite.
+    """
+    check_device(settings.device)
+    if row == DISTANCES:
+        out.mkdir(parents=True, exist_ok=True)
+        return Finished(write_distance_table(out / f"{TABLE_NAME}.npz", table_of(data, out, progress=progress)), {})
+    ours = row.startswith("ours")
+    rows = named_rows(
+        width or PUBLISHED_WIDTH, ours_width=width if ours and width else 0, resolution=resolution or SIZE
+    )
+    if row not in rows:
+        raise JobInvalid(f"There is no row {row!r} of the tables (known: {', '.join((*rows, DISTANCES))}).")
+    out.mkdir(parents=True, exist_ok=True)
+    table = table_of(data, out, balanced_by, progress)
+    work = work or out / f"{NAME}_{row.replace(' ', '_')}_run"
+    best = train_row(rows[row], table, load_body(), settings, work, start)
+    figures = {f"{where} {key}": v for where in best if isinstance(best[where], dict) for key, v in best[where].items()}
+    if row == "ours":
+        with np.load(work / "weights.npz") as arrays:
+            path = publish(dict(arrays), out, settings, figures, table)
+    else:
+        path = work / "weights.npz"
+    absent = tuple(str(subject) for subject in table.arrays.get("absent", ()))
+    return Finished(path, {key: value for key, value in figures.items() if "pck" not in key}, absent)
+
+
+def table_of(data: Path, out: Path, balanced_by: VaeName = "rvposer", progress: Progress = silent) -> PoseTable:
+    """Return the poses under a folder of recordings, kept in ``out`` as reading takes minutes; or those of a table."""
+    kept = data if data.suffix == ".npz" else out / TABLES[balanced_by]
+    if not kept.is_file():
+        pose_table(load_clips(data, progress), load_far_clips(data), load_vae(balanced_by)).write(kept)
+    return PoseTable.read(kept)
+
+
+def publish(
+    arrays: dict[str, np.ndarray], out: Path, settings: LandmarkTraining, figures: dict[str, float], table: PoseTable,
+    note: str = "",
+) -> Path:  # fmt: skip
+    """Write ``landmarks.npz`` (half precision) and ``landmarks.md`` with a note; return the weights' path."""
+    path = out / f"{NAME}.npz"
+    named = {name.removeprefix("net."): np.asarray(array) for name, array in arrays.items()}
+    halved = {name: array.astype(np.float16) for name, array in calibrated(named).items()}
+    metadata: dict[str, Any] = {"settings": asdict(settings), "metrics": figures, "held_out": sorted(HELD_OUT)}
+    digest = write_weights(path, PriorWeights(NAME, halved, metadata))
+    write_text(path.with_suffix(".md"), _card(settings, figures, table, digest, _count(halved), note), overwrite=True)
+    return path
+
+
+def _count(arrays: dict[str, np.ndarray]) -> int:
+    return sum(array.size for array in arrays.values())
+
+
+def _card(
+    settings: LandmarkTraining, figures: dict[str, float], table: PoseTable, digest: str, parameters: int, note: str
+) -> str:
+    rows = "\n".join(f"| {key} | {value:.4g} |" for key, value in figures.items())
+    sizes = {name: len(table.arrays[name]) for name in ("training", "ordinary", "tail", "floor")}
+    settings_rows = "\n".join(f"| `{key}` | {value} |" for key, value in asdict(settings).items())
+    return f"""# Landmark network: what each point of a cloud of markers is
+
+Attention over the points of one frame ({parameters:,} parameters, half precision), with a bias by distance in every
+attention. It gives each point one of 53 markers or none, and for 53 markers and 24 joints a position with a covariance.
+Read in NumPy (`solver_backend/labelling/point_network.py`); trained by `train landmarks`.
+
+## Data and licence
+
+{sizes["training"]:,} distinct poses of the recordings that the priors are trained on (CMU motion capture,
+mocap.cs.cmu.edu, NSF EIA-0196217; hand-keyed animations by Quaternius and Mesh2Motion, CC0), with the pelvis' rotation;
+those of subjects {", ".join(sorted(HELD_OUT))} and of {", ".join(HELD_TAKES)} are held out, and so are the rarest 3 %,
+which are anchors of blended poses only. UI-PRMD has no part in it. Clouds are made while it trains: shapes, placement
+by each place's spread, mirrored, any heading, tilts, sizes, layouts, subsets and parts of the body, occlusion, ghosts,
+noise, props.
+
+## Training
+
+| setting | value |
+|---|---|
+{settings_rows}
+{note}
+After training, label scores are divided by {TEMPERATURE:g} and that of "no marker" is lowered by {GHOST_LOGIT:g}, as
+recorded takes ask for (`training/landmarks/calibration.py`). The figures below are without this.
+
+## Validation
+
+`thesis`: all 53 markers under the thesis' corruptions (4.20 to 4.27) alone; `fixed`: all 53 markers, besides them
+sizes, headings, strayed markers, props and other ghosts; `any`: layouts, subsets and all else as in training. Poses of
+held-out subjects, evenly from {sizes["ordinary"]} ordinary, {sizes["tail"]} tail (crossed legs, crossed arms, kicks,
+crouching) and {sizes["floor"]} floor poses. Positions in mm, PCK and labels in percent.
+
+| figure | value |
+|---|---|
+{rows}
+
+Arrays' SHA-256: `{digest}`
+"""

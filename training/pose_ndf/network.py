@@ -1,0 +1,148 @@
+"""Pose-NDF's network and losses in torch (Tiwari et al. 2022, 3.2, 3.3)."""
+
+from __future__ import annotations
+
+import copy
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from itertools import pairwise
+from typing import cast
+
+import numpy as np
+import torch
+from torch import nn
+
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.geometry.quaternions import upper_hemisphere
+from solver_backend.metrics.rank_correlation import spearman
+from solver_backend.priors.joint_spread import JointSpread
+from solver_backend.priors.networks.softplus_stack import SoftplusStack
+from solver_backend.priors.pose_ndf.pose_field import PoseField
+from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, in_metric, metric_length
+from training.engine.devices import device_of
+from training.pose_ndf.negatives import Labelled, Noise
+
+
+@dataclass(frozen=True)
+class PoseNdfSettings:
+    """Network, losses and data of Pose-NDF."""
+
+    features: int = 8
+    """Length of a joint's feature; the paper takes 6."""
+    encoder_hidden: int = 16
+    field_hidden: tuple[int, ...] = (384, 384, 384, 384)
+    """Hidden layers of the five-layer distance network."""
+    eikonal: float = 0.1
+    """Weight of the eikonal term."""
+    eikonal_share: float = 0.2
+    """Share of a batch on which it is taken, where it holds."""
+    eikonal_from: float = 0.6
+    """rad; nearer poses lie among their neighbours, and the mean distance to five of them is not as steep as one."""
+    pool: int = 40_000
+    """Poses far from the manifold; half as many recorded ones, twice as many near, as many met by projections."""
+    noise: Noise = "normal"
+    """Of the turns of poses far from the manifold and near it."""
+    stages: tuple[float, ...] = (0.15, 0.5, 0.35)
+    """Share of the steps: far from the manifold and on it, also near it, also what projections meet."""
+    validation: int = 1500
+    """Perturbed poses of unseen subjects that are measured on."""
+    samples: int = 1000
+    """Samples that are looked at."""
+
+
+class PoseFieldNet(nn.Module):
+    """The parameters of ``PoseField``; stored so that the field's own code computes value and gradient."""
+
+    def __init__(self, settings: PoseNdfSettings) -> None:
+        super().__init__()
+        features, hidden = settings.features, settings.encoder_hidden
+        self.w0 = nn.Parameter(torch.randn(NUM_BODY_JOINTS, hidden, 4 + features) * (2.0 / (4 + features)) ** 0.5)
+        self.b0 = nn.Parameter(0.1 * torch.randn(NUM_BODY_JOINTS, hidden))
+        self.w1 = nn.Parameter(torch.randn(NUM_BODY_JOINTS, features, hidden) * (1.0 / hidden) ** 0.5)
+        self.b1 = nn.Parameter(torch.zeros(NUM_BODY_JOINTS, features))
+        widths = (NUM_BODY_JOINTS * features, *settings.field_hidden, 1)
+        self.layers = nn.ModuleList(nn.Linear(a, b) for a, b in pairwise(widths))
+
+    @property
+    def field(self) -> PoseField:
+        """The network as the shipped code knows it; gradients flow to the parameters."""
+        layers = [cast(nn.Linear, layer) for layer in self.layers]
+        stack = SoftplusStack(tuple(x.weight for x in layers), tuple(x.bias for x in layers), last_is_positive=True)
+        return PoseField(self.w0, self.b0, self.w1, self.b1, stack)
+
+
+class PoseNdfTask:
+    """Losses on one stage's poses (Tiwari et al. 2022, eq. 4), and validation; see ``labelled`` for why no zeros."""
+
+    def __init__(
+        self,
+        model: PoseFieldNet,
+        poses: Callable[[], Labelled],
+        validation: Labelled,
+        settings: PoseNdfSettings,
+        batch: int,
+    ) -> None:
+        """Prepare a stage.
+
+        Args:
+            model: what is trained on.
+            poses: makes the stage's poses; asked once, when the first batch is drawn.
+            validation: perturbed poses of unseen subjects.
+            settings: losses and shares.
+            batch: poses a step.
+        """
+        self.model, self._make, self._validation = model, poses, validation
+        self._settings, self._batch = settings, batch
+
+    @cached_property
+    def _poses(self) -> Labelled:
+        return self._make()
+
+    def draw(self, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+        """Draw poses of the stage and their distances."""
+        pool = self._poses
+        chosen = torch.randint(len(pool.quats), (self._batch,), generator=generator)
+        return upper_hemisphere(pool.quats[chosen]), pool.distance[chosen]
+
+    def loss(self, batch: tuple[torch.Tensor, torch.Tensor], generator: torch.Generator) -> torch.Tensor:
+        """Return ``mean |f - d| + λ mean (|∇f| - 1)²``; gradients off the manifold, in the metric of the distance.
+
+        Reference: Tiwari et al. 2022, eq. 4: the distance's error, and the eikonal equation.
+        """
+        s, device = self._settings, device_of(self.model)
+        quats, target = (tensor.to(device) for tensor in batch)
+        steep, field = int(s.eikonal_share * self._batch), self.model.field
+        distance, gradient = field.with_gradient(quats[:steep])
+        off = (metric_length(in_metric(quats[:steep], gradient)) - 1.0) * (target[:steep] > s.eikonal_from)
+        error = (torch.cat((distance, field(quats[steep:]))) - target).abs()
+        return error.mean() + s.eikonal * off.square().mean()
+
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return how the field ranks and measures the perturbed poses of unseen subjects."""
+        with torch.no_grad():
+            found = cast(PoseFieldNet, model).field(upper_hemisphere(self._validation.quats))
+        truth = self._validation.distance
+        return {
+            "spearman": spearman(found.numpy(), truth.numpy()),
+            "mean_error_rad": float((found - truth).abs().mean()),
+        }
+
+
+def as_prior(model: PoseFieldNet, spread: JointSpread) -> PoseNDF:
+    """Return the prior of a network that is still being trained."""
+    return PoseNDF(copy.deepcopy(model).requires_grad_(False).field, spread, {})
+
+
+def field_arrays(model: PoseFieldNet) -> dict[str, np.ndarray]:
+    """Return the arrays of a weight file: weights in half precision, biases in single precision."""
+    arrays = {
+        "encoder_w0": model.w0, "encoder_b0": model.b0, "encoder_w1": model.w1, "encoder_b1": model.b1,
+    }  # fmt: skip
+    for number, layer in enumerate(model.layers):
+        linear = cast(nn.Linear, layer)
+        arrays |= {f"field_w{number}": linear.weight, f"field_b{number}": linear.bias}
+    return {
+        name: value.detach().numpy().astype(np.float32 if "_b" in name else np.float16)
+        for name, value in arrays.items()
+    }

@@ -1,0 +1,275 @@
+"""Windows of recordings as one camera's detector sees them: any side, height and distance, and every fault it has."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, fields
+
+import torch
+
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.lifter import POINTS, SIDES
+from solver_backend.priors.view_lifter import MIDDLE, WINDOW, WINDOW_FPS
+from training.data.augmentation import mirrored
+from training.view_lifter.recordings import SHAPES, Recordings, mirrored_points
+
+DISTANCE_M = (1.8, 12.0)
+"""Of the camera from the pelvis; evenly in the logarithm."""
+PITCH_DEG = (6.0, 11.0)
+"""Mean and deviation of how far down a camera looks."""
+STEEP = 0.2
+"""Share of cameras that look from anywhere between 25 degrees below and 65 above."""
+ROLL_DEG = 12.0
+"""Deviation of how far a camera is turned about its axis: people hold telephones askew."""
+TUMBLED = 0.15
+"""Share of windows in which the person is turned about a level axis by up to half a turn: somersaults, handstands."""
+TURNED_OVER = 0.5
+"""Share of the windows of people with both hands above the head that are turned over onto them."""
+TURNED_OVER_DEG = 60.0
+"""Greatest angle from upside down of those."""
+TURNING_DEG_S = 360.0
+"""Greatest rate of such a turn; half of them stand still."""
+OFF_AXIS = 0.45
+"""Greatest distance of the person from the principal point, in focal lengths."""
+NOISE_M = (0.004, 0.03)
+"""Of a located point, per axis, at the person's distance: from good detectors to bad ones."""
+BIAS_M = 0.018
+"""What a detector means by a point, per axis; it stays over a window."""
+THROWN = 0.03
+"""Share of points that are somewhere else in a frame."""
+KNOWN_UP = 0.5
+"""Share of windows whose camera knows which way is up."""
+UP_DEG = 1.5
+"""Error of that knowledge, per axis."""
+CUT = 0.12
+"""Share of windows in which the picture ends within the person."""
+LOST = 0.25
+"""Share of windows that lack some points for a time."""
+EXCHANGED = 0.06
+"""Share of windows in which left and right limbs are exchanged for a time."""
+SHORT = 0.08
+"""Share of windows that lie at the end of a take."""
+FLAT = 0.1
+"""Share of windows without confidences: every point that is there counts one."""
+_OTHER = {"left": "right", "right": "left"}
+_SWAPPED = [POINTS.index("_".join([_OTHER.get(n.split("_")[0], n.split("_")[0]), *n.split("_")[1:]])) for n in POINTS]
+_LOST_TOGETHER = (
+    ("elbow", "wrist"), ("knee", "ankle", "big_toe", "heel"), ("wrist",), ("ankle", "big_toe", "heel"), ("ear",),
+    ("big_toe", "heel"),
+)  # fmt: skip
+_GROUPS = [
+    [name in [f"{side}_{part}" for part in parts] for name in POINTS] for side in SIDES for parts in _LOST_TOGETHER
+]  # fmt: skip
+_TRUNK = (0, 1, 2, 3)
+_LIMBS = tuple(
+    (POINTS.index(f"{side}_{first}"), POINTS.index(f"{side}_{last}"), radius)
+    for side in SIDES for first, last, radius in (("hip", "knee", 0.07), ("shoulder", "elbow", 0.05))
+)  # fmt: skip
+_OWN = [[point in part for point in range(len(POINTS))] for part in (_TRUNK, *((a, b) for a, b, _ in _LIMBS))]
+TRUNK_M, BEHIND_M = 0.14, 0.1
+"""Half the trunk's width, and how much farther away a point is that a part of the body hides."""
+_TOES = [POINTS.index(f"{side}_{part}") for side in SIDES for part in ("big_toe", "heel")]
+NO_TOES = 0.2
+"""Share of windows of detectors that know neither toes nor heels."""
+
+
+@dataclass(frozen=True)
+class FilmedWindows:
+    """B windows: what is seen, and what is true in the middle."""
+
+    points: torch.Tensor
+    """(B, 27, 19, 2) in focal lengths from the principal point."""
+    confidence: torch.Tensor
+    """(B, 27, 19)."""
+    up: torch.Tensor
+    """(B, 3) in the camera's axes, zero where unknown."""
+    local: torch.Tensor
+    """(B, 21, 3, 3) pose of the middle frame."""
+    root: torch.Tensor
+    """(B, 3, 3) body to camera."""
+    true_up: torch.Tensor
+    """(B, 3)."""
+
+    def to(self, device: torch.device) -> FilmedWindows:
+        """Return the windows on a device."""
+        return FilmedWindows(*(getattr(self, part.name).to(device) for part in fields(self)))
+
+
+def film(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
+    """Return the windows about (B,) frames, seen by as many random cameras; drawn on the recordings' device."""
+    with recordings.points.device:
+        return _filmed(recordings, centres, generator)
+
+
+def _filmed(recordings: Recordings, centres: torch.Tensor, generator: torch.Generator) -> FilmedWindows:
+    count = len(centres)
+    frames = centres[:, None] + torch.arange(WINDOW) - MIDDLE
+    start, end = recordings.clip_start[centres, None], recordings.clip_end[centres, None]
+    inside = (frames >= start) & (frames < end)
+    chosen = torch.minimum(torch.maximum(frames, start), end - 1)
+    shape = torch.cat([torch.ones(count, 1), torch.randn(count, SHAPES, generator=generator)], dim=1)
+    points = recordings.points[chosen].float()
+    place = recordings.place[chosen] - recordings.place[centres][:, None]
+    local, root = recordings.local[centres], recordings.root[centres]
+    flip = torch.rand(count, generator=generator) < 0.5
+    side = torch.tensor((-1.0, 1.0, 1.0))
+    points = torch.where(flip[:, None, None, None, None], mirrored_points(points), points)
+    place = torch.where(flip[:, None, None], place * side, place)
+    local = torch.where(flip[:, None, None, None], mirrored(local), local)
+    root = torch.where(flip[:, None, None], side[:, None] * root * side, root)
+    points = torch.matmul(points.flatten(1, 3), shape[:, :, None]).unflatten(1, points.shape[1:4])[..., 0]
+    tumble = _tumbles(recordings.raised[centres], generator)
+    points = torch.matmul(points, tumble.mT) + place[:, :, None]
+    root = torch.matmul(tumble[:, MIDDLE], root)
+    turn, up = _cameras(count, generator)
+    distance = _log_uniform(DISTANCE_M, (count,), generator)
+    aside = OFF_AXIS * (2.0 * torch.rand(count, 2, generator=generator) - 1.0)
+    origin = distance[:, None] * torch.cat([aside, torch.ones(count, 1)], dim=1)
+    seen = torch.matmul(points.flatten(1, 2), turn.mT).unflatten(1, points.shape[1:3]) + origin[:, None, None]
+    depth = seen[..., 2].clamp_min(0.4)
+    image = seen[..., :2] / depth[..., None]
+    image, confidence = _detected(image, seen[..., 2], distance, inside, generator)
+    shaken = torch.matmul(
+        exp_so3(torch.deg2rad(UP_DEG * torch.randn(count, 3, generator=generator))), up[..., None]
+    )[..., 0]  # fmt: skip
+    known = torch.rand(count, 1, generator=generator) < KNOWN_UP
+    return FilmedWindows(
+        image, confidence, torch.where(known, shaken, torch.zeros_like(up)), local, torch.matmul(turn, root), up
+    )  # fmt: skip
+
+
+def _tumbles(raised: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 27, 3, 3) turns about level axes, most of them none; some go on over the window."""
+    count = len(raised)
+    heading, turn, chance, rate, turning = torch.rand(5, count, generator=generator)
+    over = raised & (chance < TURNED_OVER)
+    start = torch.where(over, torch.pi + TURNED_OVER_DEG * torch.pi / 180.0 * (2.0 * turn - 1.0),
+                        torch.pi * (2.0 * turn - 1.0))  # fmt: skip
+    rate = torch.where(turning < 0.5, TURNING_DEG_S * torch.pi / 180.0 * (2.0 * rate - 1.0), torch.zeros(count))
+    seconds = (torch.arange(WINDOW) - MIDDLE) / WINDOW_FPS
+    angle = start[:, None] + rate[:, None] * seconds
+    angle = torch.where((over | (chance > 1.0 - TUMBLED))[:, None], angle, torch.zeros_like(angle))
+    heading = 2.0 * torch.pi * heading
+    axis = torch.stack([torch.cos(heading), torch.zeros(count), torch.sin(heading)], dim=1)
+    return exp_so3(angle[..., None] * axis[:, None])
+
+
+def _cameras(count: int, generator: torch.Generator) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return (B, 3, 3) rotations from the world, Y up, to cameras, and (B, 3) directions up in their axes."""
+    yaw = 2.0 * torch.pi * torch.rand(count, generator=generator)
+    mean, spread = PITCH_DEG
+    pitch = mean + spread * torch.randn(count, generator=generator)
+    steep = torch.rand(count, generator=generator) < STEEP
+    pitch = torch.where(steep, -25.0 + 90.0 * torch.rand(count, generator=generator), pitch)
+    roll = ROLL_DEG * torch.randn(count, generator=generator)
+    zero = torch.zeros(count)
+    turns = [
+        exp_so3(torch.stack(axis, dim=1))
+        for axis in ((zero, zero, torch.deg2rad(roll)), (torch.deg2rad(pitch), zero, zero), (zero, yaw, zero))
+    ]
+    opencv = torch.diag(torch.tensor((1.0, -1.0, -1.0)))
+    turn = torch.matmul(turns[0], torch.matmul(opencv, torch.matmul(turns[1], turns[2])))
+    return turn, turn[:, :, 1]
+
+
+def _detected(
+    image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor, inside: torch.Tensor,
+    generator: torch.Generator,
+) -> tuple[torch.Tensor, torch.Tensor]:  # fmt: skip
+    """Return the (B, 27, 19, 2) image points as a detector gives them, and its confidences."""
+    count, metre = len(image), (1.0 / distance)[:, None, None]
+    noise = _log_uniform(NOISE_M, (count, 1, 1), generator)
+    behind = _behind_body(image, depth, distance)
+    spread = noise * torch.where(behind, 3.0, 1.0)
+    drift, steady = (torch.randn(count, 1, len(POINTS), 2, generator=generator) for _ in range(2))
+    bias = BIAS_M * (steady + 0.5 * torch.linspace(-1.0, 1.0, WINDOW)[:, None, None] * drift)
+    thrown = torch.rand(count, WINDOW, len(POINTS), generator=generator) < THROWN
+    far = torch.where(thrown, 0.25, 0.0)[..., None] * torch.randn(image.shape, generator=generator)
+    # A detector's errors are smooth: half of its noise lasts three frames.
+    white = torch.randn(image.shape, generator=generator)
+    smooth = torch.nn.functional.avg_pool1d(white.permute(0, 2, 3, 1).flatten(0, 2)[:, None], 3, 1, 1)[:, 0]
+    smooth = 1.7 * smooth.unflatten(0, (count, len(POINTS), 2)).permute(0, 3, 1, 2)
+    error = spread[..., None] * 0.7 * (white + smooth) + bias + far
+    image = _exchanged(image, generator) + error * metre[..., None]
+    doubtful = behind | thrown
+    sure = 1.0 - 0.45 * torch.rand(count, WINDOW, len(POINTS), generator=generator)
+    unsure = 0.05 + 0.7 * torch.rand(count, WINDOW, len(POINTS), generator=generator)
+    confidence = torch.where(doubtful, unsure, sure)
+    flat = torch.rand(count, 1, 1, generator=generator) < FLAT
+    confidence = torch.where(flat, torch.ones_like(confidence), confidence)
+    lost = _lost(image, behind, generator)
+    return image, torch.where(inside[..., None] & ~lost, confidence, torch.zeros_like(confidence))
+
+
+def _behind_body(image: torch.Tensor, depth: torch.Tensor, distance: torch.Tensor) -> torch.Tensor:
+    """Return (B, 27, 19) whether a point lies behind trunk, thighs or upper arms: near their axes, and farther away."""
+    first, last = (torch.tensor(ends) for ends in zip(*((a, b) for a, b, _ in _LIMBS), strict=True))
+    start = torch.cat([image[:, :, 0:2].mean(2, keepdim=True), image[:, :, first]], dim=2)
+    end = torch.cat([image[:, :, 2:4].mean(2, keepdim=True), image[:, :, last]], dim=2)
+    middle = torch.cat([depth[:, :, :4].mean(2, keepdim=True), 0.5 * (depth[:, :, first] + depth[:, :, last])], dim=2)
+    axis = (end - start)[:, :, :, None]
+    apart = image[:, :, None] - start[:, :, :, None]
+    along = (apart * axis).sum(-1) / (axis * axis).sum(-1).clamp_min(1e-8)
+    aside = torch.linalg.vector_norm(apart - along.clamp(0.0, 1.0)[..., None] * axis, dim=-1)
+    near = (
+        aside * distance[:, None, None, None] < torch.tensor([TRUNK_M, *(radius for _, _, radius in _LIMBS)])[:, None]
+    )
+    behind = near & (depth[:, :, None] > middle[..., None] + BEHIND_M) & ~torch.tensor(_OWN)
+    return behind.any(dim=2)
+
+
+def _exchanged(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Exchange left and right legs or arms of some windows for a time."""
+    count = len(image)
+    chosen = (torch.rand(count, 1, 1, generator=generator) < EXCHANGED) & _for_a_time(count, generator)[..., None]
+    legs = torch.rand(count, 1, 1, generator=generator) < 0.5
+    leg = torch.tensor([any(part in name for part in ("knee", "ankle", "toe", "heel")) for name in POINTS])
+    arm = torch.tensor([any(part in name for part in ("elbow", "wrist")) for name in POINTS])
+    swap = chosen & torch.where(legs, leg, arm)
+    return torch.where(swap[..., None], image[:, :, _SWAPPED], image)
+
+
+def _lost(image: torch.Tensor, behind: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 27, 19) which points a detector does not give."""
+    count = len(image)
+    lost = torch.rand(behind.shape, generator=generator) < torch.where(behind, 0.35, 0.01)
+    gone = (torch.rand(count, len(_GROUPS), generator=generator) < 0.2).float()
+    groups = torch.matmul(gone, torch.tensor(_GROUPS, dtype=torch.float32))[:, None] > 0
+    some = torch.rand(count, 1, 1, generator=generator) < LOST
+    lost |= some & groups & _for_a_time(count, generator)[..., None]
+    no_toes = torch.rand(count, 1, generator=generator) < NO_TOES
+    lost[:, :, _TOES] |= no_toes[:, None]
+    short = torch.rand(count, 1, generator=generator) < SHORT
+    edge = torch.randint(WINDOW, (count, 1), generator=generator)
+    frame = torch.arange(WINDOW)
+    outside = torch.where(edge > MIDDLE, frame > edge, frame < edge.clamp_max(MIDDLE))
+    lost |= (short & outside)[..., None]
+    return lost | _cut(image, generator)
+
+
+def _cut(image: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 27, 19) what lies beyond the picture's edge where the edge runs through the person."""
+    count = len(image)
+    angle = torch.where(
+        torch.rand(count, generator=generator) < 0.6, torch.full((count,), 0.5 * torch.pi),
+        2.0 * torch.pi * torch.rand(count, generator=generator),
+    )  # fmt: skip
+    along = image[..., 0] * torch.cos(angle)[:, None, None] + image[..., 1] * torch.sin(angle)[:, None, None]
+    middle = along[:, MIDDLE]
+    low, high = middle.min(dim=1).values, middle.max(dim=1).values
+    edge = low + (0.45 + 0.55 * torch.rand(count, generator=generator)) * (high - low)
+    cut = torch.rand(count, generator=generator) < CUT
+    return cut[:, None, None] & (along > edge[:, None, None])
+
+
+def _for_a_time(count: int, generator: torch.Generator) -> torch.Tensor:
+    """Return (B, 27) bool: a stretch of frames, or all."""
+    first, last = (torch.randint(-WINDOW, 2 * WINDOW, (count, 1), generator=generator) for _ in range(2))
+    frame = torch.arange(WINDOW)
+    return (frame >= torch.minimum(first, last)) & (frame <= torch.maximum(first, last))
+
+
+def _log_uniform(
+    bounds: tuple[float, float], shape: tuple[int, ...], generator: torch.Generator
+) -> torch.Tensor:  # fmt: skip
+    low, high = bounds
+    return low * (high / low) ** torch.rand(shape, generator=generator)

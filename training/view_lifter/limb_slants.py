@@ -1,0 +1,165 @@
+"""The limbs' slants from recordings to shipped weights: windows are drawn once, and the view lifter reads them."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+
+import numpy as np
+import torch
+from torch import nn
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.priors.limb_slants import BONES, CLASSES, bone_slants, flip_chances, slant_classes
+from solver_backend.priors.sposer import load_sposer
+from solver_backend.priors.view_lifter import features, interpreted, load_view_lifter, look_at
+from training.data.corpus import Corpus
+from training.data.points import rotation_points
+from training.engine.loop import run_training
+from training.engine.model_card import Card
+from training.engine.publish import publish
+from training.engine.recipe import Finished, TrainingJob
+from training.view_lifter.filming import film
+from training.view_lifter.recordings import Recordings
+
+NAME = "limb_slants"
+_BLOCK = 1000
+"""Windows that are drawn at a time, which bounds memory; chosen by hand."""
+FLAGGED_PERCENT = 20.0
+"""Share of limbs whose flips the card counts: those with the highest chance."""
+CARD = Card(
+    "Limb slants",
+    """Chances that the bones of arms and legs point towards the camera, across or away from it, from what the view
+lifter makes of a window before its last layer. A large chance of the opposite class shows a limb that may be lifted
+wrongly. The view lifter's weights stay as they are.""",
+    """On windows of unseen subjects, cameras and faults drawn as in training: `cross_entropy` of the three classes;
+`flips_percent`: limbs of which the view lifter has a bone point the other way; `flips_flagged_percent`: those among the
+20 % of limbs with the highest chance of it.
+""",
+    augmented=False,
+)
+
+
+@dataclass(frozen=True)
+class LimbSlantSettings:
+    """The network and the windows that it is shown."""
+
+    hidden: int = 64
+    """Width of its only layer."""
+    dropout: float = 0.2
+    """Of that layer while it trains."""
+    windows: int = 16_000
+    """Windows in all, each seen many times: the view lifter reads 200 a second on a processor."""
+    unseen: int = 3_000
+    """Windows of unseen subjects."""
+    exchanged: int = 1
+    """Copies of the recordings whose clips have limbs of one another."""
+
+
+@dataclass(frozen=True)
+class SlantWindows:
+    """B windows as the view lifter has read them."""
+
+    hidden: torch.Tensor
+    """(B, d) its features."""
+    classes: torch.Tensor
+    """(B, 8) of the true slants."""
+    lifted: np.ndarray
+    """(B, 8) slants as lifted."""
+    true: np.ndarray
+    """(B, 8) true slants."""
+
+
+class LimbSlantTask:
+    """Batches of windows that are drawn once, the loss, and figures on unseen subjects."""
+
+    def __init__(self, training: Corpus, validation: Corpus, body: Body, settings: LimbSlantSettings, batch: int,
+                 seed: int) -> None:  # fmt: skip
+        torch.manual_seed(seed)
+        width = load_view_lifter().width
+        self._network = nn.Sequential(
+            nn.Linear(width, settings.hidden), nn.SiLU(), nn.Dropout(settings.dropout),
+            nn.Linear(settings.hidden, len(BONES) * CLASSES),
+        )  # fmt: skip
+        self._batch = batch
+        self._seen = read_windows(Recordings.of(training, body, settings.exchanged, seed), settings.windows, seed)
+        self._unseen = read_windows(Recordings.of(validation, body, 0, seed), settings.unseen, seed + 1)
+
+    @property
+    def model(self) -> nn.Module:
+        """The lifter's features to 24 logits."""
+        return self._network
+
+    def draw(self, generator: torch.Generator) -> torch.Tensor:
+        """Return the (B,) windows of a batch."""
+        return torch.randint(len(self._seen.hidden), (self._batch,), generator=generator)
+
+    def loss(self, batch: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        """Return the cross-entropy of the eight bones' classes."""
+        return _entropy(self._network(self._seen.hidden[batch]), self._seen.classes[batch])
+
+    @torch.no_grad()
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return figures on unseen subjects."""
+        seen = self._unseen
+        logits = model(seen.hidden)
+        chances = torch.softmax(logits.unflatten(1, (len(BONES), CLASSES)), dim=-1).numpy()
+        wrong = flip_chances(np.eye(CLASSES)[slant_classes(seen.true)], seen.lifted) > 0
+        order = np.argsort(-flip_chances(chances, seen.lifted), axis=None)
+        most = order[: round(0.01 * FLAGGED_PERCENT * len(order))]
+        return {
+            "cross_entropy": float(_entropy(logits, seen.classes)),
+            "flips_percent": 100.0 * float(wrong.mean()),
+            "flips_flagged_percent": 100.0 * float(wrong.ravel()[most].sum() / max(wrong.sum(), 1)),
+        }
+
+
+def read_windows(recordings: Recordings, count: int, seed: int) -> SlantWindows:
+    """Return windows about random frames, seen by random cameras, as the view lifter reads them."""
+    generator, lifter, prior = torch.Generator().manual_seed(seed), load_view_lifter(), load_sposer()
+    parts = list[SlantWindows]()
+    for first in range(0, count, _BLOCK):
+        number = min(_BLOCK, count - first)
+        footage = film(
+            recordings, recordings.centres[torch.randint(len(recordings.centres), (number,), generator=generator)],
+            generator,
+        )  # fmt: skip
+        points, confidence, up = (t.numpy().astype(float) for t in (footage.points, footage.confidence, footage.up))
+        view = look_at(points, confidence)
+        hidden = lifter.hidden(features(points, confidence, up, view))
+        lifted = interpreted(lifter.output(hidden), view)
+        posed = [(footage.local.numpy(), footage.root.numpy()), (np.asarray(prior.decode(lifted.z)), lifted.root)]
+        true, found = (
+            bone_slants((rotation_points(local) @ np.swapaxes(root, 1, 2))[:, :NUM_JOINTS], lifted.sight[:, 2])
+            for local, root in posed
+        )
+        classes = torch.as_tensor(slant_classes(true))
+        parts.append(SlantWindows(torch.as_tensor(hidden), classes, found, true))
+    return SlantWindows(
+        torch.cat([part.hidden for part in parts]), torch.cat([part.classes for part in parts]),
+        np.concatenate([part.lifted for part in parts]), np.concatenate([part.true for part in parts]),
+    )  # fmt: skip
+
+
+def train_limb_slants(job: TrainingJob, settings: LimbSlantSettings = LimbSlantSettings()) -> Finished:
+    """Train, export and write the model card."""
+    task = LimbSlantTask(
+        job.training, job.validation, load_body(), settings, job.settings.batch, job.settings.seed
+    )  # fmt: skip
+    network = run_training(task, job.settings, job.work, job.progress)
+    header = {
+        "network_hidden": [settings.hidden], "activation": "silu",
+        "view_lifter_sha256": load_view_lifter().metadata["sha256"],
+    }  # fmt: skip
+    layers = [module for module in network.modules() if isinstance(module, nn.Linear)]
+    arrays = {
+        f"network_{kind}{number}": value.detach().numpy().astype(np.float16)
+        for number, module in enumerate(layers) for kind, value in (("w", module.weight), ("b", module.bias))
+    }  # fmt: skip
+    figures = {"metrics": task.evaluate(network)}
+    return publish(job, NAME, arrays, header, asdict(settings) | asdict(job.settings), lambda path: figures, CARD)
+
+
+def _entropy(logits: torch.Tensor, classes: torch.Tensor) -> torch.Tensor:
+    flat = logits.unflatten(1, (len(BONES), CLASSES)).flatten(0, 1)
+    return nn.functional.cross_entropy(flat, classes.flatten())

@@ -1,0 +1,145 @@
+"""What the view lifter learns: poses in the camera's axes, and how far it is off across and along the line of sight."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import torch
+from torch import nn
+
+from solver_backend.body.body import Body
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.metrics.positions import pa_mpjpe_mm
+from solver_backend.priors.networks.decoder import decoded_rotations
+from solver_backend.priors.sposer import SPoser
+from solver_backend.priors.view_lifter import LiftedView, features, interpreted, look_at
+from training.data.corpus import Corpus
+from training.data.points import rotation_points
+from training.engine.devices import device_of
+from training.view_lifter.filming import FilmedWindows, film
+from training.view_lifter.network import ViewNet
+from training.view_lifter.recordings import INVERTED_COSINE, Recordings
+
+_VALIDATION_WINDOWS = 2000
+"""Windows that each validation looks at; chosen by hand."""
+_JOINTS = NUM_JOINTS
+"""Joints of the body, before the points that are no joints."""
+
+
+@dataclass(frozen=True)
+class ViewLifterSettings:
+    """The network and the people it is shown."""
+
+    width: int = 192
+    """Features of a frame."""
+    layers: int = 6
+    """Of attention among frames."""
+    heads: int = 6
+    """Of each attention."""
+    exchanged: int = 3
+    """Copies of the recordings whose clips have limbs of one another."""
+    tips: float = 0.3
+    """Weight of points along the joints' axes against the joints."""
+    up: float = 0.1
+    """Weight of the direction up, metres a unit."""
+    error: float = 0.01
+    """Weight of the logarithmic density of the errors, metres."""
+
+
+class ViewLifterTask:
+    """Batches of windows, the loss, and figures on unseen subjects."""
+
+    def __init__(
+        self, training: Corpus, validation: Corpus, body: Body, prior: SPoser, settings: ViewLifterSettings,
+        batch: int, seed: int, device: str = "cpu",
+    ) -> None:  # fmt: skip
+        torch.manual_seed(seed)
+        self._network = ViewNet(settings.width, settings.layers, settings.heads)
+        self._settings, self._prior, self._batch = settings, prior, batch
+        self._device = torch.device(device)
+        self._recordings = Recordings.of(training, body, settings.exchanged, seed, self._device)
+        unseen = Recordings.of(validation, body, 0, seed)
+        chosen = unseen.centres[:: max(1, len(unseen.centres) // _VALIDATION_WINDOWS)]
+        self._unseen = film(unseen, chosen, torch.Generator().manual_seed(seed + 1))
+
+    @property
+    def model(self) -> nn.Module:
+        """27 frames of 62 numbers to 89."""
+        return self._network
+
+    def draw(self, generator: torch.Generator) -> FilmedWindows:
+        """Draw windows where the network trains: a processor could not draw as fast as a GPU learns."""
+        centres = self._recordings.centres
+        if self._device.type != "cpu":
+            generator = torch.Generator(self._device).manual_seed(generator.initial_seed())
+        chosen = centres[torch.randint(len(centres), (self._batch,), generator=generator, device=self._device)]
+        return film(self._recordings, chosen, generator)
+
+    def loss(self, batch: FilmedWindows, generator: torch.Generator) -> torch.Tensor:
+        """Return metres of misplaced points, of the direction up, and the errors' density."""
+        footage, chosen = batch.to(device_of(self._network)), self._settings
+        lifted = _lifted(self._network, footage)
+        poses = self._poses(lifted, footage)
+        length = torch.linalg.vector_norm(poses.off, dim=-1)
+        up = (lifted.up - footage.true_up).square().sum(-1).mean()
+        density = _density(poses.off[:, :_JOINTS].detach(), lifted).mean()
+        points = (length[:, :_JOINTS].mean() + chosen.tips * length[:, _JOINTS:].mean()) / (1.0 + chosen.tips)
+        return points + chosen.up * up + chosen.error * density
+
+    @torch.no_grad()
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return figures on unseen subjects."""
+        footage = self._unseen
+        lifted = _lifted(model, footage)
+        poses = self._poses(lifted, footage)
+        off = poses.off[:, 1:_JOINTS]
+        cosine = (lifted.up * footage.true_up).sum(-1).clamp(-1.0, 1.0)
+        known = footage.up.square().sum(-1) > 0
+        inverted = (footage.root[:, :, 1] * footage.true_up).sum(-1) < INVERTED_COSINE
+        sigma = lifted.sigma_m[:, 1:]
+        along = (off * lifted.sight[:, None, 2]).sum(-1)
+        across = (off.square().sum(-1) - along.square()).clamp_min(0.0)
+        deviation = across / sigma[..., 0].square() + (along / sigma[..., 1]).square()
+        found, truth = (joints[:, :_JOINTS].numpy() for joints in (poses.found, poses.truth))
+        return {
+            "joints_mm": 1000 * float(torch.linalg.vector_norm(off, dim=-1).mean()),
+            "pa_joints_mm": pa_mpjpe_mm(found, truth),
+            "pa_inverted_mm": pa_mpjpe_mm(found[inverted], truth[inverted]),
+            "along_mm": 1000 * float(along.abs().mean()),
+            "up_unknown_deg": float(torch.rad2deg(torch.arccos(cosine[~known])).mean()),
+            "inside_95_percent": 100 * float((deviation < 7.815).float().mean()),
+        }
+
+    def _poses(self, lifted: LiftedView, footage: FilmedWindows) -> _Poses:
+        decoded = decoded_rotations(self._prior.decoder_like(lifted.z), lifted.z)
+        points = rotation_points(torch.cat([decoded, footage.local]))
+        found, truth = torch.matmul(points, torch.cat([lifted.root, footage.root]).mT).chunk(2)
+        off = found - truth
+        return _Poses(found, truth, off - off[:, :_JOINTS].mean(dim=1, keepdim=True))
+
+
+@dataclass(frozen=True)
+class _Poses:
+    """B windows' points in the camera's axes."""
+
+    found: torch.Tensor
+    """(B, 90, 3) about the pelvis."""
+    truth: torch.Tensor
+    """(B, 90, 3) about the pelvis."""
+    off: torch.Tensor
+    """(B, 90, 3) errors about the middle of the joints."""
+
+
+def _lifted(network: nn.Module, footage: FilmedWindows) -> LiftedView:
+    view = look_at(footage.points, footage.confidence)
+    tokens = features(footage.points, footage.confidence, footage.up, view)
+    with torch.autocast(tokens.device.type, torch.bfloat16, enabled=tokens.device.type == "cuda"):
+        output = network(tokens)
+    return interpreted(output.float(), view)
+
+
+def _density(off: torch.Tensor, lifted: LiftedView) -> torch.Tensor:
+    """Return (B, 24) negative logarithms of the normal densities of (B, 24, 3) errors."""
+    seen = torch.matmul(off, lifted.sight.mT)
+    sigma = lifted.sigma_m[..., (0, 0, 1)]
+    return (0.5 * (seen / sigma).square() + torch.log(sigma)).sum(-1)
