@@ -23,18 +23,16 @@ from training.data.corpus import (
     split_corpus,
 )
 from training.data.sources.clips import load_clips, load_far_clips
-from training.engine.devices import check_device
-from training.engine.loop import TrainingSettings
-from training.engine.recipe import Finished, TrainingJob
+from training.engine.loop import TrainingSettings, check_device
+from training.engine.publish import Finished, TrainingJob
 from training.gmm.train import train_gmm
 from training.lifter.train import train_lifter
 from training.pose_ndf.network import PoseNdfSettings
 from training.pose_ndf.train import train_pose_ndf
 from training.sposer.train import train_sposer
-from training.vae.latents import LATENTS
-from training.vae.train import train_vae
+from training.vae.train import LATENTS, train_vae
 from training.view_lifter.limb_slants import train_limb_slants
-from training.view_lifter.train import train_view_lifter
+from training.view_lifter.task import train_view_lifter
 
 RECIPES: dict[str, Callable[[TrainingJob], Finished]] = {
     "gmm": train_gmm,

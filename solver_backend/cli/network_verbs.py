@@ -24,8 +24,7 @@ def export_network(args: argparse.Namespace, progress: Progress) -> Outcome:
     """Write a landmark network as ONNX: the row of a training with its decoding, or the network that labels."""
     check_output(args.out, overwrite=bool(args.overwrite))
     try:
-        from training.landmarks.onnx_export import export_point_network, export_row
-        from training.landmarks.trained import read_trained
+        from training.landmarks.onnx_export import export_point_network, export_row, read_trained
     except ModuleNotFoundError as error:
         raise training_missing(error, "torch onnx") from error
     from solver_backend.labelling.outputs import LANDMARKS

@@ -30,7 +30,7 @@ from solver_backend.io.footage import SENSOR_RECORDING
 from solver_backend.types import Capture
 
 if TYPE_CHECKING:
-    from training.engine.recipe import Finished
+    from training.engine.publish import Finished
 
 
 def calibrate(args: argparse.Namespace, progress: Progress) -> Outcome:

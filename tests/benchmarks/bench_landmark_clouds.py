@@ -47,7 +47,7 @@ def run() -> list[Metric]:
 
 def judged_poses() -> dict[str, np.ndarray]:
     """Return (N, 22, 3) float32 rotation vectors by set, the pelvis first, Y up."""
-    from training.landmarks.tail_poses import groups_of
+    from training.landmarks.poses import groups_of
 
     rotations = np.concatenate([read_take(path).rotations[:, :22] for path in clip_paths()])
     tail, rng = groups_of(rotations).any(axis=1), np.random.default_rng(0)

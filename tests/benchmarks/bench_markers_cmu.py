@@ -17,7 +17,7 @@ from solver_backend.types import SMPL_JOINTS, MarkerCloud
 from tests.benchmarks.metric import BenchmarkSkipped, Metric
 from tests.support.cmu_marker_take import read_take
 from tests.support.recordings import ABSENT, recordings_folder
-from training.data.sources.marker_fit import fit_markers
+from training.data.sources.marker_takes import fit_markers
 
 
 def run() -> list[Metric]:

@@ -26,7 +26,7 @@ from solver_backend.io.motions.recorded_clip import body_rotations, read_clip
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.benchmarks.marker_takes.takes import ui_prmd
 from tests.support.recordings import recordings_folder
-from training.data.shoulder_rhythm import with_shoulder_rhythm
+from training.data.sources.clips import with_shoulder_rhythm
 
 EVERY = 9
 """Of CMU's frames, which are 30 a second."""

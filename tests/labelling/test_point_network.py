@@ -14,7 +14,7 @@ torch = pytest.importorskip("torch")
 
 @pytest.fixture(scope="module")
 def trained():
-    from training.landmarks.point_net import PointNet, PointNetWidths
+    from training.landmarks.models import PointNet, PointNetWidths
 
     torch.manual_seed(3)
     return PointNet(PointNetWidths(width=32, layers=2, heads=4))

@@ -11,7 +11,7 @@ from solver_backend.geometry.rotations import exp_so3
 from training.data.corpus import Corpus, build_corpus
 from training.data.sources.clips import Clip
 from training.engine.loop import TrainingSettings
-from training.engine.recipe import TrainingJob
+from training.engine.publish import TrainingJob
 
 CARD_DATA = {
     "sources": {"training/sway": {"clips": 1, "frames": 40, "distinct": 40}}, "keyed_repeats": 4,

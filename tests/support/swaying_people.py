@@ -14,7 +14,7 @@ from tests.support.swaying_corpus import CARD_DATA
 from training.data.corpus import Corpus, build_corpus
 from training.data.sources.clips import Clip
 from training.engine.loop import TrainingSettings
-from training.engine.recipe import TrainingJob
+from training.engine.publish import TrainingJob
 from training.pose_ndf.network import (
     PoseNdfSettings,
 )

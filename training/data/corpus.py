@@ -2,12 +2,18 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 
+from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, from_swing_and_twist, swing_and_twist
+from solver_backend.body.rest_skeleton import BODY_MIRROR
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import FileMissing
-from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
+from solver_backend.geometry.rotations import exp_so3
 from training.data.points import rotation_points
 from training.data.sources.clips import KEYED, UNKNOWN, Clip
 
@@ -177,3 +183,266 @@ def _nearest(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 def _squared(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return (a * a).sum(1)[:, None] - 2.0 * a @ b.T + (b * b).sum(1)[None, :]
+
+
+_MIRRORED = torch.tensor(BODY_MIRROR)
+_FLIP = torch.tensor([[1.0, -1.0, -1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0]])
+EXCHANGED_JOINTS: tuple[tuple[int, ...], ...] = (
+    SMPL.group("left_arm"),
+    SMPL.group("right_arm"),
+    SMPL.both("hip", "knee", "ankle", "foot"),
+    SMPL.group("left_leg"),
+    SMPL.group("right_leg"),
+    SMPL.numbers("neck", "head"),
+    SMPL.numbers("spine1", "spine2", "spine3"),
+)
+"""Joints that travel together: left arm, right arm, both legs, left leg, right leg, head, spine."""
+EXCHANGE_CHANCE = (0.25, 0.25, 0.3, 0.15, 0.15, 0.3, 0.15)
+CLEARANCE_M = 0.07
+"""Arm joints of an exchanged pose closer than this to trunk or legs are taken for penetration."""
+LIMIT_SHARE = (0.6, 1.0)
+"""How much of a joint's range a joint is moved to."""
+MOVED_JOINTS = 2
+"""Joints of a window that are moved towards their limits."""
+_ALLOWED_DEG = 10.0
+"""Degrees beyond a joint's limits that a pose may be; chosen by hand."""
+_REACH = torch.as_tensor(JOINT_LIMITS).abs().amax(dim=(-1, -2), keepdim=False)
+"""Largest angle of each joint, radians."""
+_COLLARS, _WRISTS = SMPL.both("collar"), SMPL.both("wrist")
+_MIDLINE = SMPL.numbers("spine1", "spine2", "spine3", "neck", "head")
+_ARM_POINTS = SMPL.both("elbow", "wrist", "hand")
+"""SMPL's elbows, wrists and hands."""
+_BODY_BONES = tuple(
+    SMPL.numbers(*ends)
+    for ends in (
+        ("pelvis", "spine2"), ("spine2", "neck"), ("left_hip", "left_knee"), ("right_hip", "right_knee"),
+        ("left_knee", "left_ankle"), ("right_knee", "right_ankle"), ("neck", "head"),
+    )
+)  # fmt: skip
+"""Pairs of SMPL's joints that are bones of trunk, head and legs."""
+
+
+def middle_frame(windows: torch.Tensor) -> int:
+    """Return which frame of (B, K, ...) windows is their middle key: the second of four, the only one of one."""
+    return (windows.shape[1] - 1) // 2
+
+
+def mirrored(rotations: torch.Tensor) -> torch.Tensor:
+    """Return (..., 21, 3, 3) poses reflected left to right, ``R' = S R S`` with ``S = diag(-1, 1, 1)``."""
+    return rotations[..., _MIRRORED, :, :] * _FLIP.to(rotations)
+
+
+def maybe_mirrored(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Mirror half of the (B, K, 21, 3, 3) windows."""
+    chosen = torch.rand(len(windows), 1, 1, 1, 1, generator=generator) < 0.5
+    return torch.where(chosen, mirrored(windows), windows)
+
+
+def exchanged_limbs(windows: torch.Tensor, generator: torch.Generator, chance: float) -> torch.Tensor:
+    """Give a share of the (B, K, 21, 3, 3) windows limbs of other windows, of the other side's where mirrored."""
+    count = len(windows)
+    any_chance = torch.rand(count, generator=generator) < chance
+    out, windows = windows.clone(), maybe_mirrored(windows, generator)
+    for limb, likely in zip(EXCHANGED_JOINTS, EXCHANGE_CHANCE, strict=True):
+        donor = torch.randperm(count, generator=generator)
+        take = (torch.rand(count, generator=generator) < likely) & any_chance
+        columns = torch.tensor([j - 1 for j in limb])
+        taken = torch.where(take[:, None, None, None, None], windows[donor][:, :, columns], out[:, :, columns])
+        out[:, :, columns] = taken
+    return out
+
+
+def varied_joints(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Turn collars (5 degrees), wrists (12), neck, head and spine (3) and all others (1.5) by one draw a window."""
+    sigma = torch.full((NUM_BODY_JOINTS, 1), math.radians(1.5))
+    for joints, degrees in (_COLLARS, 5.0), (_WRISTS, 12.0), (_MIDLINE, 3.0):
+        sigma[[joint - 1 for joint in joints]] = math.radians(degrees)
+    strength = torch.rand(len(windows), 1, 1, generator=generator) * 1.4
+    turn = exp_so3(torch.randn(len(windows), NUM_BODY_JOINTS, 3, generator=generator) * sigma * strength)
+    return torch.matmul(windows, turn[:, None])
+
+
+def near_limits(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Move two joints of every (B, K, 21, 3, 3) window towards the end of one of their ranges.
+
+    One of the joint's three angles (swing across the bone or twist about it) gets 60 to 100 % of its range on either
+    side in the window's middle frame; what moves in the window goes on moving.
+    """
+    count, frames = windows.shape[:2]
+    if count == 0:
+        return windows
+    joint = torch.stack([torch.randperm(NUM_BODY_JOINTS, generator=generator)[:MOVED_JOINTS] for _ in range(count)])
+    angle = torch.randint(3, (count, MOVED_JOINTS), generator=generator)
+    side = torch.randint(2, (count, MOVED_JOINTS), generator=generator)
+    low, high = LIMIT_SHARE
+    share = low + (high - low) * torch.rand(count, MOVED_JOINTS, generator=generator)
+    target = share * torch.as_tensor(JOINT_LIMITS)[joint, angle, side].to(share.dtype)
+    angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames))
+    row = torch.arange(count)[:, None]
+    moving = angles[row, :, joint, angle]
+    angles[row, :, joint, angle] = moving + (target - moving[..., middle_frame(windows)])[..., None]
+    moved = from_swing_and_twist(within_reach(angles).flatten(0, 1))
+    out = windows.clone()
+    out[row, :, joint] = moved.unflatten(0, (count, frames))[row, :, joint]
+    return out
+
+
+def within_reach(angles: torch.Tensor) -> torch.Tensor:
+    """Return (..., 21, 3) angles, shortened where all three together go beyond the joint's farthest single limit."""
+    length, reach = torch.linalg.vector_norm(angles, dim=-1), _REACH.to(angles.dtype)
+    return angles * (reach / torch.maximum(length, reach))[..., None]
+
+
+def beyond_reach(poses: torch.Tensor) -> torch.Tensor:
+    """Return (N,) whether a joint of (N, 21, 3, 3) poses is 10 degrees beyond its range."""
+    return (excess_deg(poses) > _ALLOWED_DEG).any(dim=1)
+
+
+def penetrating(joints: torch.Tensor) -> torch.Tensor:
+    """Return (N,) whether an elbow, wrist or hand of (N, 24, 3) joints lies inside trunk, head or legs."""
+    points = joints[:, list(_ARM_POINTS)]
+    inside = torch.zeros(len(joints), dtype=torch.bool)
+    for a, b in _BODY_BONES:
+        start, bone = joints[:, None, a], joints[:, None, b] - joints[:, None, a]
+        share = ((points - start) * bone).sum(-1, keepdim=True) / (bone * bone).sum(-1, keepdim=True)
+        distance = torch.linalg.vector_norm(points - start - share.clamp(0.0, 1.0) * bone, dim=-1)
+        inside |= (distance < CLEARANCE_M).any(dim=1)
+    return inside
+
+
+LIMBS: tuple[tuple[int, ...], ...] = (
+    *map(SMPL.group, ("left_leg", "right_leg", "left_arm", "right_arm")),
+    SMPL.numbers("spine1", "spine2", "spine3"), SMPL.numbers("neck", "head"),
+)  # fmt: skip
+"""Joints that are turned together: legs, arms, spine, neck and head."""
+LIMB_CHANCE = 0.4
+"""Of each limb of a window to be turned; at least one is."""
+LIMB_SPREAD = (0.05, 0.3)
+"""Standard deviation of a turned joint's angles as a share of their ranges: least and greatest, one draw a window."""
+ENDS: tuple[int, ...] = SMPL.both("ankle", "foot", "wrist")
+"""Ankles, toes and wrists, which recordings hold short of how far they reach."""
+END_CHANCE = 0.5
+"""Of each end of a window to be moved."""
+_LIMITS = torch.as_tensor(JOINT_LIMITS, dtype=torch.float32)
+
+
+def limbs_turned(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Turn limbs of (B, K, 21, 3, 3) windows within their joints' limits, by one draw of angles a window.
+
+    To each of a joint's three angles (swing across the bone and twist about it) comes a normal draw of ``LIMB_SPREAD``
+    of its range; what leaves the range stops at its end. What moves in the window goes on moving.
+    """
+    count = len(windows)
+    chosen = torch.rand(count, len(LIMBS), generator=generator) < LIMB_CHANCE
+    chosen[torch.arange(count), torch.randint(len(LIMBS), (count,), generator=generator)] = True
+    joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
+    for number, limb in enumerate(LIMBS):
+        joints[:, [j - 1 for j in limb]] = chosen[:, number, None]
+    low, high = LIMB_SPREAD
+    spread = low + (high - low) * torch.rand(count, 1, 1, generator=generator)
+    turn = spread * (_LIMITS[..., 1] - _LIMITS[..., 0]) * torch.randn(count, NUM_BODY_JOINTS, 3, generator=generator)
+    return _moved(windows, turn, joints)
+
+
+def ends_reaching(windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+    """Move ankles, toes and wrists of (B, K, 21, 3, 3) windows to anywhere between where they are and an end.
+
+    One of the joint's three angles moves, to either side; in the window's middle frame it comes as far as drawn.
+    """
+    count, ends = len(windows), torch.tensor(ENDS) - 1
+    joints = torch.zeros(count, NUM_BODY_JOINTS, dtype=torch.bool)
+    joints[:, ends] = torch.rand(count, len(ENDS), generator=generator) < END_CHANCE
+    angle = torch.randint(3, (count, len(ENDS)), generator=generator)
+    side = torch.randint(2, (count, len(ENDS)), generator=generator)
+    share = torch.rand(count, len(ENDS), generator=generator)
+    here = swing_and_twist(windows[:, middle_frame(windows)])[:, ends].gather(2, angle[..., None])[..., 0]
+    turn = torch.zeros(count, NUM_BODY_JOINTS, 3)
+    row = torch.arange(count)[:, None]
+    turn[row, ends, angle] = share * (_LIMITS[ends, angle, side] - here)
+    return _moved(windows, turn, joints)
+
+
+def _moved(windows: torch.Tensor, turn: torch.Tensor, joints: torch.Tensor) -> torch.Tensor:
+    """Return windows whose chosen (B, 21) joints' angles are ``turn`` (B, 21, 3) rad further, but within limits."""
+    count, frames = windows.shape[:2]
+    angles = swing_and_twist(windows.flatten(0, 1)).unflatten(0, (count, frames)) + turn[:, None]
+    angles = within_reach(angles.clamp(_LIMITS[..., 0], _LIMITS[..., 1]))
+    moved = from_swing_and_twist(angles.flatten(0, 1)).unflatten(0, (count, frames))
+    return torch.where(joints[:, None, :, None, None], moved, windows)
+
+
+MAX_SPACING = 9
+"""Largest distance of neighbouring keys in frames at 30 Hz (0.3 s)."""
+
+
+@dataclass(frozen=True)
+class WindowBatch:
+    """B windows."""
+
+    rotations: torch.Tensor
+    """(B, 4, 21, 3, 3): keys at 0, 1/2 and 1, and a frame between."""
+    time: torch.Tensor
+    """(B,) of the frame between, 0..1."""
+
+    def to(self, device: torch.device) -> WindowBatch:
+        """Return the batch on a device."""
+        return WindowBatch(self.rotations.to(device), self.time.to(device))
+
+
+@dataclass(frozen=True)
+class WindowSampler:
+    """Draws windows around distinct poses of a corpus."""
+
+    rotations: torch.Tensor
+    clip_start: torch.Tensor
+    clip_end: torch.Tensor
+    distinct: torch.Tensor
+    exchange_chance: float = 0.6
+    variation_chance: float = 0.7
+    limit_chance: float = 0.15
+    turned_chance: float = 0.0
+    """Share of the windows with limbs turned within anatomical limits."""
+    end_chance: float = 0.0
+    """Share of the windows with ankles, toes and wrists moved towards their ends."""
+
+    @classmethod
+    def of(cls, corpus: Corpus, *, turned_chance: float = 0.0, end_chance: float = 0.0) -> WindowSampler:
+        """Take a corpus over into torch."""
+        rotations, start, end, distinct = (
+            torch.as_tensor(np.ascontiguousarray(a))
+            for a in (corpus.rotations, corpus.clip_start, corpus.clip_end, corpus.distinct)
+        )
+        return cls(rotations, start, end, distinct, turned_chance=turned_chance, end_chance=end_chance)
+
+    def draw(self, count: int, generator: torch.Generator) -> WindowBatch:
+        """Return ``count`` augmented windows; each has one spacing, shortened where its clip ends."""
+        middle = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
+        room = torch.minimum(middle - self.clip_start[middle], self.clip_end[middle] - 1 - middle)
+        spacing = torch.minimum(torch.randint(1, MAX_SPACING + 1, (count,), generator=generator), room)
+        offset = torch.randint(-MAX_SPACING, MAX_SPACING + 1, (count,), generator=generator)
+        offset = torch.where(offset.abs() <= spacing, offset, offset % (2 * spacing + 1) - spacing)
+        time = 0.5 + 0.5 * offset / spacing.clamp_min(1)
+        frames = torch.stack((middle - spacing, middle, middle + spacing, middle + offset), dim=1)
+        return WindowBatch(self._augment(self.rotations[frames], generator), time.to(torch.float32))
+
+    def draw_poses(self, count: int, generator: torch.Generator) -> torch.Tensor:
+        """Draw ``count`` augmented poses (count, 21, 3, 3) without their motion."""
+        chosen = self.distinct[torch.randint(len(self.distinct), (count,), generator=generator)]
+        return self._augment(self.rotations[chosen, None], generator)[:, 0]
+
+    def _augment(self, windows: torch.Tensor, generator: torch.Generator) -> torch.Tensor:
+        plain = maybe_mirrored(windows, generator)
+        mixed = exchanged_limbs(plain, generator, self.exchange_chance)
+        vary = torch.rand(len(mixed), 1, 1, 1, 1, generator=generator) < self.variation_chance
+        mixed = torch.where(vary, varied_joints(mixed, generator), mixed)
+        moved = torch.zeros(len(mixed), dtype=torch.bool)
+        for chance, move in (
+            (self.turned_chance, limbs_turned), (self.end_chance, ends_reaching), (self.limit_chance, near_limits),
+        ):  # fmt: skip
+            chosen = torch.rand(len(mixed), generator=generator) < chance
+            mixed[chosen] = move(mixed[chosen], generator)
+            moved |= chosen
+        middle = mixed[:, middle_frame(mixed)]
+        bad = penetrating(rotation_points(middle)[:, :NUM_JOINTS])
+        bad[moved] |= beyond_reach(middle[moved])
+        return torch.where(bad[:, None, None, None, None], plain, mixed)

@@ -3,21 +3,139 @@
 from __future__ import annotations
 
 import copy
+import json
+import logging
 import math
 import time
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any, Protocol
 
+import numpy as np
 import torch
 from torch import nn
+from torch.utils.data import DataLoader, Dataset
 
-from solver_backend.exchange.errors import FileDamaged, NonFiniteData, TrainingMismatch
-from solver_backend.exchange.outputs import atomic_output
+from solver_backend.exchange.errors import BackendMissing, FileDamaged, JobInvalid, NonFiniteData, TrainingMismatch
+from solver_backend.exchange.outputs import atomic_output, write_text
 from solver_backend.exchange.progress import Progress, silent
-from training.engine.batches import batches, step_generator
-from training.engine.devices import check_device, dropout_state, set_dropout_state
-from training.engine.event_log import EventLog
+
+Draw = Callable[[torch.Generator], Any]
+"""Draws one batch, on the CPU."""
+_AHEAD = 4
+"""Batches that each process holds ready."""
+
+
+def step_generator(seed: int, step: int, purpose: int = 0) -> torch.Generator:
+    """Return the generator of one step's batch (purpose 0) or of the noise in its loss (purpose 1), on the CPU."""
+    words = np.random.SeedSequence((seed, step, purpose)).generate_state(2)
+    return torch.Generator().manual_seed(int(words[0]) << 31 ^ int(words[1]))
+
+
+def batches(draw: Draw, seed: int, first: int, last: int, workers: int) -> Iterator[Any]:
+    """Yield the batches of steps ``first`` to ``last - 1``, drawn here, or ahead in ``workers`` processes."""
+    if not workers:
+        return (draw(step_generator(seed, step)) for step in range(first, last))
+    ahead = DataLoader(
+        _Steps(draw, seed, first, last), batch_size=None, num_workers=workers, prefetch_factor=_AHEAD,
+        generator=torch.Generator(),
+    )  # fmt: skip
+    return iter(ahead)
+
+
+class _Steps(Dataset[Any]):
+    """The steps as torch's loader asks for them."""
+
+    def __init__(self, draw: Draw, seed: int, first: int, last: int) -> None:
+        self._draw, self._seed, self._first, self._last = draw, seed, first, last
+
+    def __len__(self) -> int:
+        return self._last - self._first
+
+    def __getitem__(self, index: int) -> Any:
+        return self._draw(step_generator(self._seed, self._first + index))
+
+
+DEVICES = ("cpu", "cuda")
+
+
+def check_device(name: str) -> None:
+    """Make sure that this machine can train there.
+
+    Raises:
+        JobInvalid: no device of that name is known.
+        BackendMissing: torch finds no CUDA device.
+    """
+    if name not in DEVICES:
+        raise JobInvalid(f"There is no device {name!r} (known: {', '.join(DEVICES)}).", where="device")
+    if name == "cuda" and not torch.cuda.is_available():
+        raise BackendMissing(
+            "Training on cuda was asked for, and torch finds no CUDA device.", where="device",
+            hint="Train with --device cpu, or install a driver and a torch build for CUDA.",
+        )  # fmt: skip
+
+
+def device_of(model: nn.Module) -> torch.device:
+    """Return where a network's parameters are."""
+    return next(model.parameters()).device
+
+
+def dropout_state(device: str) -> torch.Tensor:
+    """Return the state of the generator that dropout draws from on a device."""
+    return torch.get_rng_state() if device == "cpu" else torch.cuda.get_rng_state()
+
+
+def set_dropout_state(device: str, state: torch.Tensor) -> None:
+    """Go on drawing from a state."""
+    if device == "cpu":
+        torch.set_rng_state(state)
+    else:
+        torch.cuda.set_rng_state(state)
+
+
+logger = logging.getLogger(__name__)
+
+
+class EventLog:
+    """Writes ``log.jsonl`` and event files into a folder."""
+
+    def __init__(self, folder: Path, step: int) -> None:
+        """Go on after ``step``: what a killed run wrote later is dropped, so that no step stands there twice."""
+        self._path = folder / "log.jsonl"
+        if self._path.is_file():
+            lines = self._path.read_text(encoding="utf-8").splitlines(keepends=True)
+            kept = [line for line in lines if line.endswith("\n") and json.loads(line)["step"] <= step]
+            write_text(self._path, "".join(kept), overwrite=True)
+        self._events = _summary_writer(folder, step)
+
+    def figures(self, step: int, figures: dict[str, float]) -> None:
+        """Append the figures of a validation."""
+        with self._path.open("a", encoding="utf-8") as stream:
+            stream.write(json.dumps({"step": step, **figures}) + "\n")
+        self.scalars(step, {f"validation/{name}": value for name, value in figures.items() if name != "loss"})
+
+    def scalars(self, step: int, scalars: dict[str, float]) -> None:
+        """Add points to TensorBoard's curves."""
+        for name, value in scalars.items():
+            if self._events is not None:
+                self._events.add_scalar(name, value, step)
+
+    def close(self) -> None:
+        """Write what is still in memory."""
+        if self._events is not None:
+            self._events.close()
+
+
+def _summary_writer(folder: Path, step: int) -> Any:
+    """Return TensorBoard's writer, None where it is not installed."""
+    try:
+        from torch.utils.tensorboard import SummaryWriter
+    except ImportError:
+        logger.info("TensorBoard is not installed; the curves are in log.jsonl alone.")
+        return None
+    return SummaryWriter(str(folder / "events"), purge_step=step + 1)
+
 
 _CURVE_EVERY = 20
 """Steps between the points of the loss's curve."""

@@ -3,14 +3,152 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from solver_backend.exchange.outputs import write_text
+from solver_backend.exchange.progress import Progress
 from solver_backend.priors.weights import PriorWeights, write_weights
-from training.engine.model_card import Card, write_model_card
-from training.engine.recipe import Finished, TrainingJob
+from training.data.corpus import Corpus
+from training.engine.loop import TrainingSettings
+
+_SOURCES = """## Data and licence
+
+| source | side | clips | frames at 30 Hz | distinct |
+|---|---|---|---|---|
+{table}
+
+- **CMU motion capture** (mocap.cs.cmu.edu; sources `asfamc`, `amc`, `mb2`, `expmap`, `max`, `daz`, `segments`,
+  `makehuman` by way of MakeHuman's CC0 files, `daz_more`, `jump` and, only to evaluate, `far` by way of repositories
+  under the MIT licence: Atelier Circle 2018, arpspoof 2021, the authors of acRNN 2018). "The data used in this project
+  was obtained from mocap.cs.cmu.edu. The database was created with funding from NSF EIA-0196217." Free to copy, modify
+  and redistribute; not for direct resale.
+- **UI-PRMD** (`ui_prmd`; Vakanski et al. 2018): rehabilitation movements of eight people, optical markers, fitted here
+  with one shape and one set of marker offsets a person. Open Data Commons PDDL 1.0.
+- **Hand-keyed animations** (`keyed`) by Quaternius and Mesh2Motion (CC0): rolling, sitting, kneeling, crouching,
+  swimming, falling; each distinct pose counted {keyed_repeats} times. Of `jump`, whose skeleton has neither hands nor
+  toes, one distinct pose in {simplified_every} counts.
+- **Validation**: subjects {held_out}; nothing is trained on them. Conversions that do not keep the subject's number are
+  trained on unless their frames repeat validation frames, so other takes of a validation subject may be among them.
+
+Poses are distinct when no two are closer than {near_repeat_mm:.0f} mm, root mean square over the joints. Frames in
+which a joint is more than 30° beyond its anatomical range were tracked wrongly and are left out, on both sides.
+
+How recordings became poses of the 21 body joints: each bone's rotation since the T-pose carries over whole; half of the
+hand's twist is given to the elbow. The CMU recordings' collar bones do not move, and of their conversions only
+`asfamc`, `amc`, `expmap` and `segments` bend the hands: collars follow the arms by a fixed rhythm (22 % of the
+elevation, 15 % of the forward swing). Markers move collars and hands.
+"""
+_AUGMENTATION = """
+Augmentation: mirrored left to right; arms, legs (both or one), head and spine exchanged between clips and sides;
+collars varied by 5°, wrists by 12°, spine, neck and head by 3°, the other joints by 1.5°; in 15 % of the windows two
+joints moved to 60 to 100 % of one of their ranges.{more} Kept when no arm joint comes within 7 cm of a trunk, head or
+leg bone, and no moved joint goes 10° beyond its range.
+"""
+_METHOD = """Measured with the weights as they ship, all distinct validation poses, 24 joints, pelvis fixed, on a
+skeleton of 1.70 m. `worst5`: the worst twentieth of poses. `between_keys`: frames from SIDER2 of three keys' codes.
+"""
+_LIKELIHOOD = """Mean log densities of the rotation vectors of all distinct poses.
+"""
+
+
+@dataclass(frozen=True)
+class Card:
+    """What a card states that neither data nor settings do."""
+
+    title: str
+    """Name of the prior."""
+    summary: str
+    """A few sentences on what it is."""
+    method: str = ""
+    """How the metrics were measured, where that is not how the other priors' are."""
+    augmented: bool = True
+    """Whether training drew augmented poses."""
+    augmentation: str = ""
+    """What it drew besides what all augmented trainings draw."""
+
+
+def write_model_card(path: Path, card: Card, metadata: dict[str, Any]) -> None:
+    """Write the card beside the weights.
+
+    Args:
+        path: the card.
+        card: what the prior is.
+        metadata: ``data, command, settings, metrics, sha256``, and perhaps ``by_source``.
+    """
+    method = card.method or (_METHOD if "mpjpe_mm" in metadata["metrics"] else _LIKELIHOOD)
+    augmentation = _AUGMENTATION.format(more=card.augmentation) if card.augmented else ""
+    metrics = "\n".join(f"| `{key}` | {value:.4g} |" for key, value in metadata["metrics"].items())
+    settings = "\n".join(f"| `{key}` | {value} |" for key, value in metadata["settings"].items())
+    sources = _SOURCES.format(table=_source_table(metadata["data"]["sources"]), **metadata["data"])
+    text = (
+        f"# {card.title}\n\n{card.summary}\n\n{sources}{augmentation}\n"
+        f"## Training\n\n`{metadata['command']}`\n\n| setting | value |\n|---|---|\n{settings}\n\n"
+        f"## Validation\n\n{method}\n"
+        f"| metric | value |\n|---|---|\n{metrics}\n\n{_accuracy_table(metadata.get('by_source', {}))}"
+        f"Arrays' SHA-256: `{metadata['sha256']}`\n"
+    )
+    write_text(path, text, overwrite=True)
+
+
+def _source_table(sources: dict[str, dict[str, Any]]) -> str:
+    """Return the rows of the data's table; keys are "side/source"."""
+    rows = []
+    for key, counts in sources.items():
+        side, source = key.split("/")
+        rows.append(f"| {source} | {side} | {counts['clips']} | {counts['frames']} | {counts['distinct']} |")
+    return "\n".join(rows)
+
+
+def _accuracy_table(by_source: dict[str, dict[str, float]]) -> str:
+    """Return the reconstruction figures of every source of the validation poses."""
+    if not by_source:
+        return ""
+    head = "| source | poses | MPJPE mm | worst 5 % mm | PCK3 % | angle ° |\n|---|---|---|---|---|---|\n"
+    rows = [
+        f"| {source} | {f['poses']:.0f} | {f['mpjpe_mm']:.2f} | {f['worst5_mpjpe_mm']:.1f} | {f['pck3_percent']:.1f} "
+        f"| {f['angle_deg']:.2f} |\n"
+        for source, f in by_source.items()
+    ]
+    return head + "".join(rows) + "\n"
+
+
+@dataclass(frozen=True)
+class TrainingJob:
+    """One prior to train."""
+
+    training: Corpus
+    validation: Corpus
+    settings: TrainingSettings
+    out: Path
+    """Folder of the weights and the model card."""
+    work: Path
+    """Folder of the checkpoint and the log."""
+    command: str
+    """The command that repeats the training."""
+    data: dict[str, object]
+    """Counts of clips and frames, for the model card."""
+    progress: Progress
+    hidden: int = 512
+    """Width of SPoser's decoder layers."""
+    far: Corpus | None = None
+    """Motions unlike the corpus, to evaluate on; None where they are not there."""
+    start: Path | None = None
+    """Weights to start from (SPoser and the lifter)."""
+
+
+@dataclass(frozen=True)
+class Finished:
+    """A trained prior."""
+
+    weights: Path
+    metrics: dict[str, float]
+    absent: tuple[str, ...] = ()
+    """Held-out subjects that the recordings lack: the figures are without them."""
+
 
 Figures = dict[str, Any]
 """``metrics``, the figures of the card by name, and perhaps ``by_source``."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,87 @@ import numpy as np
 from solver_backend.body.rest_skeleton import BODY_MIRROR
 from solver_backend.exchange.errors import JobInvalid
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.exchange.progress import Progress, silent
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.priors.gmm import load_gmm
 from training.data.corpus import Corpus
-from training.engine.model_card import Card
-from training.engine.publish import publish
-from training.engine.recipe import Finished, TrainingJob
-from training.gmm.expectation_maximisation import fit_mixture
+from training.engine.publish import Card, Finished, TrainingJob, publish
+
+
+@dataclass(frozen=True)
+class Mixture:
+    """K Gaussians in d dimensions."""
+
+    weights: np.ndarray
+    """(K,)"""
+    means: np.ndarray
+    """(K, d)"""
+    factors: np.ndarray
+    """(K, d, d) lower Cholesky factors of the covariances."""
+
+    def log_densities(self, x: np.ndarray) -> np.ndarray:
+        """Return (N, K) logarithms of ``w_k N(x; μ_k, Σ_k)`` at (N, d) points."""
+        columns = []
+        for weight, mean, factor in zip(self.weights, self.means, self.factors, strict=True):
+            scaled = np.linalg.solve(factor, (x - mean).T)
+            log_norm = np.log(np.diagonal(factor)).sum() + 0.5 * len(mean) * np.log(2 * np.pi)
+            columns.append(np.log(weight) - log_norm - 0.5 * (scaled * scaled).sum(axis=0))
+        return np.stack(columns, axis=1)
+
+
+def fit_mixture(
+    x: np.ndarray, components: int, seed: int, *, ridge: float = 1e-3, iterations: int = 60, progress: Progress = silent
+) -> tuple[Mixture, list[float]]:
+    """Fit a mixture to (N, d) points.
+
+    Args:
+        x: the points.
+        components: K.
+        seed: of the first means (k-means++).
+        ridge: added to the covariances' diagonals.
+        iterations: at most; stops when the mean log likelihood gains less than 1e-4.
+        progress: called at every iteration.
+
+    Returns:
+        The mixture and the mean log likelihood at every iteration, which never falls but for the ridge.
+
+    Reference: Dempster, Laird & Rubin 1977; Arthur & Vassilvitskii 2007 for the start.
+    """
+    shares = np.eye(components)[_nearest_seed(x, components, np.random.default_rng(seed))]
+    history: list[float] = []
+    mixture = _maximised(x, shares, ridge)
+    for iteration in range(iterations):
+        log_densities = mixture.log_densities(x)
+        top = log_densities.max(axis=1, keepdims=True)
+        total = top + np.log(np.exp(log_densities - top).sum(axis=1, keepdims=True))
+        shares = np.exp(log_densities - total)
+        history.append(float(total.mean()))
+        progress("Fitting the mixture", iteration + 1, iterations)
+        if len(history) > 1 and abs(history[-1] - history[-2]) < 1e-4:
+            break
+        mixture = _maximised(x, shares, ridge)
+    return mixture, history
+
+
+def _maximised(x: np.ndarray, shares: np.ndarray, ridge: float) -> Mixture:
+    counts = shares.sum(axis=0) + 1e-9
+    means = (shares.T @ x) / counts[:, None]
+    factors = []
+    for k in range(shares.shape[1]):
+        centred = x - means[k]
+        covariance = (centred * shares[:, k : k + 1]).T @ centred / counts[k]
+        factors.append(np.linalg.cholesky(covariance + ridge * np.eye(x.shape[1])))
+    return Mixture(counts / counts.sum(), means, np.stack(factors))
+
+
+def _nearest_seed(x: np.ndarray, components: int, rng: np.random.Generator) -> np.ndarray:
+    """Return (N,) which of K points drawn far from one another (k-means++) is nearest."""
+    chosen = [x[rng.integers(len(x))]]
+    for _ in range(components - 1):
+        distance = np.min([((x - c) ** 2).sum(axis=1) for c in chosen], axis=0)
+        chosen.append(x[rng.choice(len(x), p=distance / distance.sum())])
+    return np.argmin([((x - c) ** 2).sum(axis=1) for c in chosen], axis=0)
+
 
 COMPONENTS = 8
 RIDGE = 1e-3

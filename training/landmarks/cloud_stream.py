@@ -4,16 +4,321 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
 import torch
 
 from solver_backend.body.body import Body
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.body.markers import marker_landmarks, skin_normals
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS, NUM_JOINTS
-from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, other_side
-from training.landmarks.body_points import PLACES, BodyPoints, rodrigues
-from training.landmarks.corruption import Corruption
-from training.landmarks.layout_masks import layout_masks, part_masks
-from training.landmarks.thesis_corruption import ThesisCorruption, thesis_shapes
+from solver_backend.labelling.outputs import GHOST, JOINTS, MARKERS, OTHER_PLACES, other_side
+
+PLACES: tuple[str, ...] = (*MARKERS, *OTHER_PLACES)
+
+
+def rodrigues(rotvec: torch.Tensor) -> torch.Tensor:
+    """Return ``exp([v]x)`` of (..., 3) rotation vectors: (..., 3, 3)."""
+    angle = (rotvec.square().sum(-1) + 1e-12).sqrt()[..., None, None]
+    x, y, z = rotvec.unbind(-1)
+    zero = torch.zeros_like(x)
+    K = torch.stack((zero, -z, y, z, zero, -x, -y, x, zero), -1).unflatten(-1, (3, 3))
+    eye = torch.eye(3, device=rotvec.device, dtype=rotvec.dtype)
+    return eye + (angle.sin() / angle) * K + ((1.0 - angle.cos()) / angle.square()) * (K @ K)
+
+
+class BodyPoints:
+    """The skinned places and the joints of a body; B samples, P places, J = 24 joints.
+
+    ``y_l = sum_b w_lb p_b + G_b (a_lb + S_lb beta + w_lb o_l - w_lb J_b(beta)) + blend_l P_l f`` as in
+    ``Landmarks`` (Loper et al. 2015, eqs. 2-10), with a shape and offsets o of each sample's own.
+    """
+
+    def __init__(self, body: Body, device: str) -> None:
+        marks = marker_landmarks(body, PLACES)
+        self.device = device
+        self.levels = [tuple(torch.tensor(x, device=device) for x in level) for level in _levels(body.parents)]
+        self.parents = body.parents
+        self.weights = self._tensor(marks.weights)
+        self.anchors = self._tensor(marks.anchors)
+        self.shapedirs = self._tensor(marks.shapedirs.reshape(-1, marks.shapedirs.shape[-1]).T)
+        assert marks.posedirs is not None
+        self.posedirs = self._tensor(marks.posedirs.reshape(-1, marks.posedirs.shape[-1]).T)
+        self.joints = self._tensor(body.joints_template)
+        self.joint_shapes = self._tensor(body.joints_shapedirs.reshape(-1, body.joints_shapedirs.shape[-1]).T)
+        self.normals = self._tensor(skin_normals(body, PLACES))
+        spread = np.array([load_layouts().spread_of(name) for name in PLACES])
+        self.spread = self._tensor(spread)
+        """(P, 2) metres off the skin and along it by which places stray from their rules."""
+
+    def _tensor(self, array: np.ndarray) -> torch.Tensor:
+        return torch.as_tensor(np.ascontiguousarray(array, dtype=np.float32), device=self.device)
+
+    def __call__(
+        self, root: torch.Tensor, local: torch.Tensor, betas: torch.Tensor, offsets: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return (B, P, 3) markers and (B, 24, 3) joints, the pelvis at rest height, in the rest frame's axes.
+
+        Args:
+            root: (B, 3, 3).
+            local: (B, 21, 3, 3).
+            betas: (B, 10).
+            offsets: (B, P, 3) metres in the rest frame.
+        """
+        count, places = len(root), len(PLACES)
+        rest = self.joints + (betas @ self.joint_shapes).unflatten(-1, (-1, 3))
+        G, joints = self._posed(root, local, rest)
+        levers = self.anchors + (betas @ self.shapedirs).view(count, places, -1, 3)
+        levers = levers + self.weights[..., None] * (offsets[:, :, None] - rest[:, None])
+        flat = G.permute(0, 2, 1, 3).reshape(count, 3, -1)
+        points = torch.bmm(levers.view(count, places, -1), flat.transpose(1, 2))
+        points = points + torch.matmul(self.weights, joints)
+        eye = torch.eye(3, device=root.device)
+        feature = torch.cat(((local - eye).flatten(1), torch.zeros(count, 18, device=root.device)), 1)
+        correction = (feature @ self.posedirs).unflatten(-1, (places, 3))
+        blend = torch.matmul(self.weights, G.flatten(2)).unflatten(-1, (3, 3))
+        return points + (blend @ correction[..., None])[..., 0], joints
+
+    def _posed(self, root: torch.Tensor, local: torch.Tensor, rest: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return global rotations (B, 24, 3, 3) and joints (B, 24, 3), level by level of the tree."""
+        count = len(root)
+        hands = torch.eye(3, device=root.device).expand(count, 2, 3, 3)
+        local = torch.cat((root[:, None], local, hands), 1)
+        G, joints = local.clone(), rest.clone()
+        for children, parents in self.levels:
+            G[:, children] = G[:, parents] @ local[:, children]
+            step = (G[:, parents] @ (rest[:, children] - rest[:, parents])[..., None])[..., 0]
+            joints[:, children] = joints[:, parents] + step
+        return G, joints
+
+
+def _levels(parents: tuple[int, ...]) -> list[tuple[list[int], list[int]]]:
+    """Return joints by their distance from the root, with their parents."""
+    depth = [0] * len(parents)
+    for joint, parent in enumerate(parents):
+        depth[joint] = 0 if parent < 0 else depth[parent] + 1
+    levels = [[j for j in range(len(parents)) if depth[j] == d] for d in range(1, max(depth) + 1)]
+    return [(level, [parents[j] for j in level]) for level in levels]
+
+
+OTHERS, FREE, PROP = 10, 4, 6
+"""Points of other places, ghosts of the Gaussian and of reflections, and points of a rigid prop: at most."""
+
+
+@dataclass(frozen=True)
+class SpoiledClouds:
+    """B clouds of N = 53 + 10 + 4 + 6 slots."""
+
+    points: torch.Tensor
+    """(B, N, 3)."""
+    seen: torch.Tensor
+    """(B, N) bool."""
+    labels: torch.Tensor
+    """(B, N), -1 where not seen."""
+
+
+@dataclass(frozen=True)
+class Corruption:
+    """Occlusion (4.22-4.24), ghosts (4.25), noise (4.26, 4.27), points of other layouts, a prop in a hand."""
+
+    device: str
+    ghosts: bool = True
+    noise: bool = True
+    most_hidden: int = 10
+    """n' of 4.23."""
+    displacement_m: float = 0.02
+    """M_noise of 4.26."""
+    hidden_chance: float = 0.7
+    ghost_chance: float = 0.6
+    noise_chance: float = 0.8
+    prop_chance: float = 0.08
+
+    def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
+        """Return clouds of (B, P, 3) places of which ``worn`` (B, P) carry a marker."""
+        count, device = len(places), self.device
+        seen = worn[:, :GHOST] & ~self._hidden(worn[:, :GHOST])
+        points = places[:, :GHOST]
+        if self.noise:
+            points = points + self._displaced(points)
+        labels = torch.where(seen, torch.arange(GHOST, device=device), -1)
+        if not self.ghosts:
+            return SpoiledClouds(points, seen, labels)
+        chosen = (worn[:, GHOST:] * (1.0 + torch.rand(count, len(PLACES) - GHOST, device=device))).topk(OTHERS, dim=1)
+        others = places[:, GHOST:].gather(1, chosen.indices[..., None].expand(-1, -1, 3))
+        free, there = self._free(points, seen)
+        prop, held = self._prop(points)
+        more = torch.cat((chosen.values > 0.5, there, held), 1)
+        return SpoiledClouds(
+            torch.cat((points, others, free, prop), 1),
+            torch.cat((seen, more), 1),
+            torch.cat((labels, torch.where(more, GHOST, -1)), 1),
+        )
+
+    def _hidden(self, worn: torch.Tensor) -> torch.Tensor:
+        """Return (B, 53) bool: k of the markers worn, k uniform from 0 to n', and never all of them."""
+        count = len(worn)
+        rank = torch.where(worn, torch.rand(worn.shape, device=self.device), 2.0).argsort(1).argsort(1)
+        k = torch.randint(self.most_hidden + 1, (count, 1), device=self.device)
+        k = torch.minimum(k, worn.sum(1, keepdim=True) - 1)
+        return (rank < k) & (torch.rand(count, 1, device=self.device) < self.hidden_chance)
+
+    def _displaced(self, points: torch.Tensor) -> torch.Tensor:
+        """Return offsets in a cube for a part of the points, and millimetres for all of them."""
+        shape = points.shape[:2]
+        share = torch.rand(shape[0], 1, device=self.device)
+        moved = (torch.rand(shape, device=self.device) < 0.6 * share)[..., None]
+        moved = moved & (torch.rand(shape[0], 1, 1, device=self.device) < self.noise_chance)
+        cube = self.displacement_m * (2.0 * torch.rand(points.shape, device=self.device) - 1.0)
+        return torch.where(moved, cube, 0.0) + 0.001 * torch.randn(points.shape, device=self.device)
+
+    def _free(self, points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return (B, 4, 3) ghosts and which are there: of the visible points' Gaussian, or beside a marker."""
+        count, device = len(points), self.device
+        gaussian = self.gaussian(points, seen)
+        beside = points[:, torch.randint(points.shape[1], (FREE,), device=device)]
+        reach = 0.03 + 0.2 * torch.rand(count, FREE, 1, device=device)
+        beside = beside + reach * torch.nn.functional.normalize(torch.randn(count, FREE, 3, device=device), dim=-1)
+        ghosts = torch.where(torch.rand(count, FREE, 1, device=device) < 0.35, beside, gaussian)
+        there = torch.arange(FREE, device=device) < torch.randint(1, FREE + 1, (count, 1), device=device)
+        return ghosts, there & (torch.rand(count, 1, device=device) < self.ghost_chance)
+
+    def gaussian(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """Return (B, 4, 3) draws with the mean of the visible points and 1.2 times their deviations (4.25).
+
+        Sums of the centred points with weights of a standard normal have the sample's covariance.
+        """
+        share = seen[..., None].float()
+        number = share.sum(1, keepdim=True).clamp(min=2.0)
+        mean = (points * share).sum(1, keepdim=True) / number
+        draw = torch.randn(len(points), FREE, points.shape[1], device=self.device) @ ((points - mean) * share)
+        return mean + 1.2 * draw / (number - 1.0).sqrt()
+
+    def _prop(self, points: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+        """Return (B, 6, 3) points of a stick or a box near one of the markers, and which are there."""
+        count, device = len(points), self.device
+        near = points.gather(1, torch.randint(points.shape[1], (count, 1, 1), device=device).expand(-1, -1, 3))
+        longest = torch.arange(3, device=device) == 0
+        size = (0.08 + 0.42 * longest) * (0.5 + torch.rand(count, 1, 1, device=device))
+        shape = size * (2.0 * torch.rand(count, PROP, 3, device=device) - 1.0)
+        frame = torch.nn.functional.normalize(torch.randn(count, 3, 3, device=device), dim=-1)
+        there = torch.arange(PROP, device=device) < torch.randint(2, PROP + 1, (count, 1), device=device)
+        return near + shape @ frame, there & (torch.rand(count, 1, device=device) < self.prop_chance)
+
+
+_CHANCES = {"MANIFOLD_53": 0.28, "CMU_41": 0.18, "PLUGIN_GAIT_39": 0.18}
+"""Chance of each layout; those of other systems share the rest."""
+
+
+def layout_masks(device: str) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return (layouts, P) bool and the (layouts,) cumulated chances."""
+    file = load_layouts()
+    masks, chances = [], []
+    rest = (1.0 - sum(_CHANCES.values())) / len(file.label_sets)
+    for name, labels in (*file.layouts.items(), *file.label_sets.items()):
+        filled = {file.place_of(label) for label in labels}
+        masks.append([place in filled for place in PLACES])
+        chances.append(_CHANCES.get(name, rest))
+    cumulated = torch.tensor(np.cumsum(chances), dtype=torch.float32, device=device)
+    return torch.tensor(masks, device=device), cumulated
+
+
+_HIPS, _LEGS = SMPL.both("hip"), SMPL.both("knee", "ankle", "foot")
+_HANDS, _ARMS = SMPL.both("wrist", "hand"), SMPL.both("shoulder", "elbow", "wrist", "hand")
+_EVERY = range(SMPL.num_joints)
+_LEFT = (*SMPL.group("left_leg"), *SMPL.group("left_arm"), *SMPL.group("left_hand"))
+PARTS = tuple(
+    tuple(joint for joint in _EVERY if joint not in lacking)
+    for lacking in (
+        {joint for joint in _EVERY if joint not in (0, *_HIPS, *_LEGS)}, {*_HIPS, *_LEGS},
+        set(SMPL.numbers("neck", "head")), {*SMPL.both("collar"), *_ARMS}, set(_HANDS), set(_LEFT),
+    )
+)  # fmt: skip
+"""Joints of people with markers on a part of the body alone: legs, no legs, no head, no arms, no hands, one side."""
+
+
+def part_masks(weights: torch.Tensor) -> torch.Tensor:
+    """Return (parts, P) bool: the places of each of ``PARTS``, by each place's heaviest joint in (P, 24) weights."""
+    joint = weights.argmax(1)
+    return torch.stack([torch.isin(joint, torch.tensor(part, device=joint.device)) for part in PARTS])
+
+
+DOMINANT = 3
+"""Coefficients of shape that 4.21 may draw anew: the first of them."""
+
+
+def thesis_shapes(betas: torch.Tensor, shift_chance: float = 0.5, redraw_chance: float = 0.5) -> torch.Tensor:
+    """Return (B, 10) shapes, all coefficients shifted by one number (4.20), up to three of the first drawn anew (4.21).
+
+    The chances are the paper's: each augmentation is applied to half of the samples.
+    """
+    count, device = len(betas), betas.device
+    shift = (2.0 * torch.rand(count, 1, device=device) - 1.0) * (torch.rand(count, 1, device=device) < shift_chance)
+    number = torch.randint(DOMINANT + 1, (count, 1), device=device)
+    anew = torch.rand(count, DOMINANT, device=device).argsort(1).argsort(1) < number
+    anew = anew & (torch.rand(count, 1, device=device) < redraw_chance)
+    shifted = betas + shift
+    first = torch.where(anew, torch.randn(count, DOMINANT, device=device), shifted[:, :DOMINANT])
+    return torch.cat((first, shifted[:, DOMINANT:]), 1)
+
+
+@dataclass(frozen=True)
+class ThesisCorruption:
+    """Occlusion (4.22 to 4.24), ghosts of the remaining markers' Gaussian (4.25), bounded offsets (4.26, 4.27).
+
+    The chances are the paper's. Neither the thesis nor the paper states how many markers are hidden, how many ghosts
+    come or how far markers are moved: those numbers are ours.
+    """
+
+    device: str
+    least_hidden: int = 0
+    """m of 4.23."""
+    most_hidden: int = 10
+    """n' of 4.23."""
+    most_ghosts: int = 4
+    """n_ghost of 4.25 is uniform from 1 to this."""
+    displacement_m: float = 0.02
+    """M_noise of 4.26."""
+    hidden_chance: float = 0.7
+    ghost_chance: float = 0.7
+    noise_chance: float = 0.8
+
+    def __call__(self, places: torch.Tensor, worn: torch.Tensor) -> SpoiledClouds:
+        """Return clouds of (B, P, 3) places of which ``worn`` (B, P) carry a marker; ghosts follow the 53 markers."""
+        points, seen = places[:, :GHOST], worn[:, :GHOST]
+        seen = seen & ~(self._chosen(seen, self.least_hidden, self.most_hidden) & self._at(self.hidden_chance, points))
+        ghosts = self.ghosts(points, seen)
+        number = torch.randint(1, self.most_ghosts + 1, (len(points), 1), device=self.device)
+        there = (torch.arange(self.most_ghosts, device=self.device) < number) & self._at(self.ghost_chance, points)
+        moved = self._chosen(torch.ones_like(seen), 1, GHOST) & self._at(self.noise_chance, points)
+        offset = self.displacement_m * (2.0 * torch.rand(points.shape, device=self.device) - 1.0)
+        labels = torch.where(seen, torch.arange(GHOST, device=self.device), -1)
+        return SpoiledClouds(
+            torch.cat((points + torch.where(moved[..., None], offset, 0.0), ghosts), 1),
+            torch.cat((seen, there), 1),
+            torch.cat((labels, torch.where(there, GHOST, -1)), 1),
+        )
+
+    def ghosts(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+        """Return (B, G, 3) draws from N(μ, Σ): per-axis median and sample covariance of the remaining markers (4.25).
+
+        Sums of the centred points with weights of a standard normal have the sample's covariance.
+        """
+        share = seen[..., None].float()
+        number = share.sum(1, keepdim=True).clamp(min=2.0)
+        median = torch.where(seen[..., None], points, torch.nan).nanquantile(0.5, dim=1, keepdim=True)
+        centred = (points - (points * share).sum(1, keepdim=True) / number) * share
+        normal = torch.randn(len(points), self.most_ghosts, points.shape[1], device=self.device)
+        return median + normal @ centred / (number - 1.0).sqrt()
+
+    def _chosen(self, among: torch.Tensor, least: int, most: int) -> torch.Tensor:
+        """Return (B, n) bool: k of ``among`` without replacement, k uniform from least to most."""
+        rank = torch.where(among, torch.rand(among.shape, device=self.device), 2.0).argsort(1).argsort(1)
+        return rank < torch.randint(least, most + 1, (len(among), 1), device=self.device)
+
+    def _at(self, chance: float, like: torch.Tensor) -> torch.Tensor:
+        """Return (B, 1) bool: which samples a mechanism is applied to."""
+        return torch.rand(len(like), 1, device=self.device) < chance
+
 
 _LIMBS = (
     SMPL.group("left_arm"), SMPL.group("right_arm"), SMPL.both("hip", "knee", "ankle", "foot"),

@@ -10,8 +10,7 @@ import torch
 from solver_backend.body.body import load_body
 from solver_backend.labelling.marker_distances import FLOOR_M, NAME
 from solver_backend.priors.weights import PriorWeights, write_weights
-from training.landmarks.body_points import PLACES, rodrigues
-from training.landmarks.cloud_stream import CloudStream
+from training.landmarks.cloud_stream import PLACES, CloudStream, rodrigues
 from training.landmarks.poses import PoseTable
 
 WINDOWS, FRAMES = 2400, 24

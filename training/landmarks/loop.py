@@ -15,7 +15,7 @@ import torch
 from solver_backend.exchange.errors import FileDamaged, FileMissing, NonFiniteData, TrainingMismatch
 from solver_backend.exchange.outputs import atomic_output
 from training.landmarks.models import LandmarkModel
-from training.landmarks.pose_draws import Draw
+from training.landmarks.poses import Draw
 
 _WARM_UP = 3
 """Steps before a graph is captured, so that libraries have chosen their kernels."""

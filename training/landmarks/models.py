@@ -2,29 +2,454 @@
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
-from typing import Literal
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
 
 import torch
 from torch import nn
+from torch.nn import functional
+from torch.nn.functional import cross_entropy
 
-from solver_backend.labelling.outputs import JOINTS, MARKERS, PUBLISHED_JOINTS
+from solver_backend.labelling.outputs import GHOST, JOINTS, LANDMARKS, MARKERS, PUBLISHED_JOINTS
+from solver_backend.labelling.point_network import FREQUENCIES, NEARNESS, NEARNESS_WIDTH
+from training.engine.dense_layers import AttentionLayer, attention, split_heads
 from training.landmarks.cloud_stream import Clouds
-from training.landmarks.drawing import SIZE, depth_maps, drawn, front_and_back
-from training.landmarks.heatmaps import (
-    HEAT_SHARE,
-    SKIPPED,
-    WELSCH_SHARE,
-    divergence_from_gaussians,
-    fused,
-    gaussians_near,
-    read_maps,
-    relative_entropy,
-    welsch,
-)
-from training.landmarks.point_loss import point_loss
-from training.landmarks.point_net import PointNet, PointNetWidths
-from training.landmarks.unet import UNet
+
+SIZE = 160
+"""Pixels of a map's side."""
+MARGIN = 1.25
+"""The map's half width is so many times the cloud's largest reach from its centre: hidden hands fall inside too."""
+_RADIUS = 1
+_THINNEST = 1e-3
+"""Extent of a cloud at least, metres: keeps a division from zero."""
+
+
+@dataclass(frozen=True)
+class CanvasFrame:
+    """Where normalised coordinates lie in metres: ``metres = centre + half * normalised``."""
+
+    centre: torch.Tensor
+    """(B, 1, 3)."""
+    half: torch.Tensor
+    """(B, 1, 1)."""
+
+    def normalised(self, points: torch.Tensor) -> torch.Tensor:
+        """Return points in -1..1."""
+        return (points - self.centre) / self.half
+
+    def metres(self, points: torch.Tensor) -> torch.Tensor:
+        """Return normalised points in metres."""
+        return self.centre + self.half * points
+
+
+def y_up(points: torch.Tensor) -> torch.Tensor:
+    """Return Z-up points in the published network's axes: gravity along y."""
+    return torch.stack((points[..., 0], points[..., 2], -points[..., 1]), -1)
+
+
+def frame_of(points: torch.Tensor, seen: torch.Tensor) -> CanvasFrame:
+    """Return the frame of Y-up clouds: the middle of their box, and their reach with a margin."""
+    low, high = _box(points, seen)
+    return CanvasFrame(0.5 * (low + high), MARGIN * 0.5 * (high - low).amax(-1, keepdim=True).clamp(min=0.2))
+
+
+def depth_maps(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
+    """Return the xy and yz views of normalised (B, N, 3) points: (B, 2, size, size), rows along y.
+
+    The second view looks along +x, so that z runs to its right: one network reads both, and left and right could not
+    be distinguished if one were a mirror image. A marker covers 3 x 3 pixels with how near it is to the viewer, 0.1 for
+    the cloud's farthest to 1, the nearest one where several meet.
+    """
+    near = _nearness(points, seen)
+    xy = _splatted(points[..., 0], points[..., 1], 0.1 + 0.9 * near[..., 2], seen, size)
+    yz = _splatted(points[..., 2], points[..., 1], 1.0 - 0.9 * near[..., 0], seen, size)
+    return torch.stack((xy, yz), 1)
+
+
+def front_and_back(points: torch.Tensor, seen: torch.Tensor, size: int = SIZE) -> torch.Tensor:
+    """Return the xy view from the front and from the back (B, 2, size, size), as Democap's network sees clouds."""
+    z = 0.9 * _nearness(points, seen)[..., 2]
+    front = _splatted(points[..., 0], points[..., 1], 0.1 + z, seen, size)
+    back = _splatted(points[..., 0], points[..., 1], 1.0 - z, seen, size)
+    return torch.stack((front, back), 1)
+
+
+def _nearness(points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
+    """Return (B, N, 3) in 0..1: where points lie between the first and the last of their cloud along each axis."""
+    low, high = _box(points, seen)
+    return ((points - low) / (high - low).clamp(min=_THINNEST)).clamp(0.0, 1.0)
+
+
+def _box(points: torch.Tensor, seen: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return the (B, 1, 3) least and greatest coordinates of the points that are seen."""
+    low = torch.where(seen[..., None], points, torch.inf).amin(1, keepdim=True)
+    return low, torch.where(seen[..., None], points, -torch.inf).amax(1, keepdim=True)
+
+
+def _splatted(u: torch.Tensor, v: torch.Tensor, value: torch.Tensor, seen: torch.Tensor, size: int) -> torch.Tensor:
+    """Return (B, size, size) maps: the greatest value of the points over each pixel, 0 where there is none."""
+    device = u.device
+    around = torch.arange(-_RADIUS, _RADIUS + 1, device=device)
+    columns = ((u + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around
+    rows = ((v + 1.0) * 0.5 * (size - 1)).round().long()[..., None, None] + around[:, None]
+    columns, rows = torch.broadcast_tensors(columns, rows)
+    inside = (columns >= 0) & (columns < size) & (rows >= 0) & (rows < size) & seen[..., None, None]
+    index = (rows.clamp(0, size - 1) * size + columns.clamp(0, size - 1)).flatten(1)
+    values = torch.where(inside, value[..., None, None], 0.0).flatten(1)
+    maps = torch.zeros(u.shape[0], size * size, device=device)  # shape[0]: len() would fix it in an ONNX file
+    return maps.scatter_reduce(1, index, values, "amax").unflatten(1, (size, size))
+
+
+def drawn(clouds: Clouds) -> tuple[torch.Tensor, torch.Tensor, CanvasFrame, torch.Tensor]:
+    """Return normalised points, who is there, their frame, and the normalised targets of clouds, Y up."""
+    points = y_up(clouds.points)
+    frame = frame_of(points, clouds.seen)
+    return frame.normalised(points), clouds.seen, frame, frame.normalised(y_up(clouds.targets))
+
+
+SIGMA_PX = 2.0
+"""Spread of a drawn heatmap."""
+SKIPPED = 2
+"""Centres of maps so smooth are the same to 0.8 mm from every second pixel along each axis."""
+REACH_SIGMAS = 4.5
+"""Beyond so many spreads a Gaussian holds nothing."""
+WELSCH_NU = 0.05
+"""Scale of Welsch's loss, in normalised positions; chosen by hand."""
+HEAT_SHARE, WELSCH_SHARE = 1.0, 1.0
+
+
+def _profile(where: torch.Tensor, size: int) -> torch.Tensor:
+    """Return the (..., size) profiles along one axis, which sum to 1."""
+    pixels = torch.linspace(-1.0, 1.0, size, device=where.device)
+    sigma = 2.0 * SIGMA_PX / (size - 1)
+    return torch.softmax(-0.5 * ((pixels - where.clamp(-1.0, 1.0)[..., None]) / sigma).square(), -1)
+
+
+@dataclass(frozen=True)
+class MapReading:
+    """What is read of maps without making them: they are the softmax of (..., S, S) logits."""
+
+    across: torch.Tensor
+    """(...) centre of mass along columns, in -1..1."""
+    down: torch.Tensor
+    """(...) along rows."""
+    log_total: torch.Tensor
+    """(...) logarithm of the sum of exponentials: logits less this are the maps' logarithms."""
+    log_near: torch.Tensor
+    """(..., n) logarithms of the maps at the pixels that were asked for."""
+
+
+def read_maps(logits: torch.Tensor, pixels: torch.Tensor | None = None, line: torch.Tensor | None = None) -> MapReading:
+    """Return the reading of maps whose logits are (..., S, S), and their logarithms at (..., n) numbers of pixels.
+
+    Args:
+        logits: of the maps.
+        pixels: counted along rows.
+        line: (S,) where rows and columns lie; evenly over -1..1 if None.
+    """
+    side, shape = logits.shape[-1], logits.shape[:-2]
+    flat = logits.reshape(-1, side * side)
+    index = flat.new_empty((len(flat), 0), dtype=torch.long) if pixels is None else pixels.reshape(len(flat), -1)
+    line = torch.linspace(-1.0, 1.0, side, device=logits.device) if line is None else line
+    v, u = torch.meshgrid(line, line, indexing="ij")
+    basis = torch.stack((torch.ones_like(u), u, v), -1).flatten(0, 1)
+    log_total, centre, near = _SoftmaxReading.apply(flat, index, basis)
+    across, down = centre.unflatten(0, shape).unbind(-1)
+    return MapReading(across, down, log_total.view(shape), (near - log_total[:, None]).unflatten(0, shape))
+
+
+class _SoftmaxReading(torch.autograd.Function):
+    """Total, centre and some values of a softmax, by one pass over it; its derivative by another.
+
+    With ``h = softmax(l)``: ``d log_total / dl = h``, ``d c / dl = h (x - c)``.
+    """
+
+    @staticmethod
+    def forward(
+        ctx: Any, logits: torch.Tensor, index: torch.Tensor, basis: torch.Tensor
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        with torch.autocast(logits.device.type, enabled=False):
+            logits = logits.float()
+            highest = logits.amax(-1, keepdim=True)
+            mass = (logits - highest).exp_()
+            sums = mass @ basis
+            total, centre = sums[:, :1], sums[:, 1:] / sums[:, :1]
+            ctx.save_for_backward(mass, total, centre, index, basis)
+            return (highest + total.log())[:, 0], centre, logits.gather(-1, index)
+
+    @staticmethod
+    def symbolic(graph: Any, logits: Any, index: Any, basis: Any) -> tuple[Any, Any, Any]:
+        """Return the same reading as operators of an ONNX file (opset 18)."""
+        last, of_places = (graph.op("Constant", value_t=torch.tensor(which)) for which in ([-1], [1, 2]))
+        sums = graph.op("MatMul", graph.op("Softmax", logits, axis_i=-1), basis)
+        return (
+            graph.op("ReduceLogSumExp", logits, last, keepdims_i=0),
+            graph.op("Gather", sums, of_places, axis_i=1),
+            graph.op("GatherElements", logits, index, axis_i=1),
+        )
+
+    @staticmethod
+    def backward(ctx: Any, *gradients: torch.Tensor) -> tuple[torch.Tensor, None, None]:  # pyright: ignore[reportIncompatibleMethodOverride]
+        by_total, by_centre, by_near = gradients
+        mass, total, centre, index, basis = ctx.saved_tensors
+        constant = by_total[:, None] - (by_centre * centre).sum(-1, keepdim=True)
+        by_logits = torch.cat((constant, by_centre), -1).div_(total) @ basis.T
+        return by_logits.mul_(mass).scatter_add_(-1, index, by_near), None, None
+
+
+def fused(reading: MapReading) -> torch.Tensor:
+    """Return (B, L, 3) normalised positions of the (B, 2, L) maps of the xy and yz views; y is the mean of both."""
+    across, down = reading.across, reading.down
+    return torch.stack((across[:, 0], 0.5 * (down[:, 0] + down[:, 1]), across[:, 1]), -1)
+
+
+def gaussians_near(u: torch.Tensor, v: torch.Tensor, size: int) -> tuple[torch.Tensor, torch.Tensor]:
+    """Return Gaussians about (...) coordinates where they hold anything, and which pixels those are, (..., n)."""
+    side = min(size, 2 * math.ceil(REACH_SIGMAS * SIGMA_PX) + 1)
+    around = torch.arange(side, device=u.device)
+    columns, rows = (
+        ((c.clamp(-1.0, 1.0) + 1.0) * 0.5 * (size - 1) - side // 2).round().long().clamp(0, size - side)[..., None]
+        + around for c in (u, v)
+    )  # fmt: skip
+    down, across = _profile(v, size).gather(-1, rows), _profile(u, size).gather(-1, columns)
+    a = (down[..., :, None] * across[..., None, :]).flatten(-2)
+    return a, (size * rows[..., :, None] + columns[..., None, :]).flatten(-2)
+
+
+def divergence_from_gaussians(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
+    """Return Jensen and Shannon's divergence of maps from Gaussians, both looked at where the latter are, (..., n).
+
+    The same as ``jensen_shannon`` of the whole maps but for what Gaussians hold beyond ``REACH_SIGMAS``: where one map
+    is 0, the other one's mass counts ``log(2) / 2``.
+    """
+    a, b = gaussians, log_near.exp()
+    log_middle = (0.5 * (a + b) + 1e-12).log()
+    near = a * ((a + 1e-12).log() - log_middle) + b * ((b + 1e-12).log() - log_middle)
+    return 0.5 * (near.sum(-1) + math.log(2.0) * (2.0 - a.sum(-1) - b.sum(-1)))
+
+
+def relative_entropy(gaussians: torch.Tensor, log_near: torch.Tensor) -> torch.Tensor:
+    """Return ``KL(G || H) = sum G (log G - log H)`` of Gaussians and maps, looked at where the former are, (..., n).
+
+    Its gradient by a logit is ``H - G``, that of Jensen and Shannon's ``H (log(H / M) - JS) / 2``: nothing wherever a
+    map is surely wrong.
+    """
+    return (gaussians * ((gaussians + 1e-12).log() - log_near)).sum(-1)
+
+
+def welsch(truth: torch.Tensor, estimate: torch.Tensor) -> torch.Tensor:
+    """Return ``1 - exp(-|e|² / 2 ν²)`` of (..., 3) normalised positions (thesis eq. 4.15)."""
+    return 1.0 - torch.exp(-(truth - estimate).square().sum(-1) / (2.0 * WELSCH_NU**2))
+
+
+BLOCKS = 5
+"""Resolutions of the network, each half the one before; chosen by hand."""
+
+
+class UNet(nn.Module):
+    """Maps to maps of the same size.
+
+    Blocks of ``width * (1, 2, 4, 8, 16)`` features, two 3 x 3 convolutions each, ReLU, then batch normalisation, as the
+    paper orders them; 32 is the paper's width.
+    """
+
+    def __init__(self, inputs: int, outputs: int, width: int = 32) -> None:
+        super().__init__()
+        widths = [width * 2**k for k in range(BLOCKS)]
+        self.encoders = nn.ModuleList(
+            _ConvolutionBlock(a, b) for a, b in zip([inputs, *widths[:-1]], widths, strict=True)
+        )
+        self.bottleneck = _ConvolutionBlock(widths[-1], widths[-1], convolutions=1)
+        self.decoders = nn.ModuleList(
+            _ConvolutionBlock(below + own, own) for below, own in zip(widths[:0:-1], widths[-2::-1], strict=True)
+        )
+        self.predict = nn.Conv2d(widths[0], outputs, 1)
+        self.pools = nn.ModuleList(_SmoothPool(b) for b in widths[:-1])
+        self.to(memory_format=torch.channels_last)  # pyright: ignore[reportCallIssue]
+
+    def forward(self, maps: torch.Tensor, every: int = 1) -> torch.Tensor:
+        """Return (B, outputs, H, W) of (B, inputs, H, W), H and W divisible by 16; of every so many pixels."""
+        kept = []
+        x = maps
+        for number, encoder in enumerate(self.encoders):
+            x = encoder(x)
+            if number < len(self.pools):
+                kept.append(x)
+                x = self.pools[number](x)
+        x = self.bottleneck(x)
+        for decoder, same in zip(self.decoders, reversed(kept), strict=True):
+            x = functional.interpolate(x, scale_factor=2.0, mode="bilinear", align_corners=False)
+            x = decoder(torch.cat((x, same), 1))
+        with torch.autocast(x.device.type, enabled=False):
+            return self._predicted(x[..., ::every, ::every].float())
+
+    def _predicted(self, x: torch.Tensor) -> torch.Tensor:
+        """Return the prediction layer's maps, each contiguous: as a product, for they are read one by one."""
+        weight, bias = self.predict.weight.flatten(1), self.predict.bias
+        assert bias is not None
+        maps = torch.baddbmm(bias[None, :, None], weight.expand(x.shape[0], -1, -1), x.flatten(2))
+        return maps.unflatten(2, x.shape[2:])
+
+
+class _ConvolutionBlock(nn.Sequential):
+    def __init__(self, inputs: int, outputs: int, convolutions: int = 2) -> None:
+        layers: list[nn.Module] = []
+        for number in range(convolutions):
+            layers += [
+                nn.Conv2d(outputs if number else inputs, outputs, 3, padding=1), nn.ReLU(), nn.BatchNorm2d(outputs),
+            ]  # fmt: skip
+        super().__init__(*layers)
+
+
+class _SmoothPool(nn.Module):
+    """Largest of 2 x 2 at every pixel, then every second one of what a binomial filter left (Zhang 2019)."""
+
+    def __init__(self, channels: int) -> None:
+        super().__init__()
+        row = torch.tensor([1.0, 2.0, 1.0]) / 4.0
+        self.channels = channels
+        self.register_buffer("kernel", (row[:, None] * row).expand(channels, 1, 3, 3).clone(), persistent=False)
+
+    def forward(self, x: torch.Tensor) -> torch.Tensor:
+        x = functional.max_pool2d(functional.pad(x, (0, 1, 0, 1), value=float("-inf")), 2, stride=1)
+        kernel = self.get_buffer("kernel").to(x.dtype)
+        return functional.conv2d(x, kernel, stride=2, padding=1, groups=self.channels)
+
+
+_HIDDEN = -30000.0
+"""Score of a point that is not there."""
+
+
+@dataclass(frozen=True)
+class PointNetWidths:
+    """Sizes of the network."""
+
+    width: int = 128
+    layers: int = 4
+    heads: int = 4
+
+    def as_dict(self) -> dict[str, int]:
+        """Return the sizes by name."""
+        return asdict(self)
+
+
+@dataclass(frozen=True)
+class Reading:
+    """What the network returns for B clouds of N points."""
+
+    scores: torch.Tensor
+    """(B, N, 54) of each label, ghost last; ``softmax`` over the labels is a point's, over the points a marker's."""
+    missing: torch.Tensor
+    """(53,) score of a marker that is none of the points."""
+    positions: torch.Tensor
+    """(B, 77, 3) metres."""
+    spread: torch.Tensor
+    """(B, 77, 6): log diagonal and lower part of L, the Cholesky factor of a position's precision in 1/dm²."""
+
+
+class PointNet(nn.Module):
+    """Points -> features with a bias by distance in every attention; landmarks ask, points answer."""
+
+    def __init__(self, widths: PointNetWidths = PointNetWidths()) -> None:
+        super().__init__()
+        self.widths = widths
+        d, heads = widths.width, widths.heads
+        self.embed = nn.Linear(3 + 6 * len(FREQUENCIES), d)
+        self.by_distance = nn.Linear(len(NEARNESS), widths.layers * heads, bias=False)
+        self.layers = nn.ModuleList(AttentionLayer(d, heads) for _ in range(widths.layers))
+        self.norm = nn.LayerNorm(d)
+        self.labels = nn.Linear(d, GHOST + 1)
+        self.missing = nn.Parameter(torch.zeros(len(MARKERS)))
+        self.queries = nn.Parameter(0.5 * torch.randn(len(LANDMARKS), d))
+        self.asking = _Asking(d, heads)
+        self.point_at = nn.Linear(d, d, bias=False)
+        self.pointed = nn.Linear(d, d, bias=False)
+        self.offset = nn.Linear(d, 3)
+        self.spread = nn.Linear(d, 6)
+        self.register_buffer("frequencies", torch.tensor(FREQUENCIES), persistent=False)
+        self.register_buffer("nearness", torch.tensor(NEARNESS), persistent=False)
+
+    def forward(self, points: torch.Tensor, seen: torch.Tensor, asked_of: int | None = None) -> Reading:
+        """Read (B, N, 3) points of which ``seen`` (B, N) are there; landmarks ask the first ``asked_of`` clouds."""
+        waves = (points[..., None] * self.get_buffer("frequencies")).flatten(-2)
+        x = self.embed(torch.cat((points, waves.sin(), waves.cos()), -1))
+        apart = (points[:, :, None] - points[:, None]).square().sum(-1).clamp(min=1e-8).pow(0.25)
+        near = torch.exp(-((apart[..., None] - self.get_buffer("nearness")) / NEARNESS_WIDTH).square())
+        gone = torch.where(seen, 0.0, _HIDDEN)
+        bias = self.by_distance(near).permute(0, 3, 1, 2) + gone[:, None, None]
+        for layer, part in zip(self.layers, bias.chunk(len(self.layers), dim=1), strict=True):
+            x = layer(x, part)
+        x = self.norm(x)
+        scores = self.labels(x)
+        x, gone, points = x[:asked_of], gone[:asked_of], points[:asked_of]
+        asked = self.asking(self.queries.expand(len(x), -1, -1), x, gone[:, None, None])
+        aim = self.point_at(asked) @ self.pointed(x).transpose(1, 2) * x.shape[-1] ** -0.5 + gone[:, None]
+        positions = aim.softmax(-1) @ points + self.offset(asked)
+        return Reading(scores, self.missing, positions, self.spread(asked))
+
+
+class _Asking(nn.Module):
+    """Landmarks attend to points, then to one another, then two dense layers."""
+
+    def __init__(self, width: int, heads: int) -> None:
+        super().__init__()
+        self.heads = heads
+        self.q, self.kv, self.out = nn.Linear(width, width), nn.Linear(width, 2 * width), nn.Linear(width, width)
+        self.among = AttentionLayer(width, heads)
+
+    def forward(self, asking: torch.Tensor, x: torch.Tensor, bias: torch.Tensor) -> torch.Tensor:
+        k, v = (split_heads(part, self.heads) for part in self.kv(x).chunk(2, -1))
+        asking = asking + self.out(attention(split_heads(self.q(asking), self.heads), k, v, bias))
+        return self.among(asking)
+
+
+MARKER_SHARE, POSITION_SHARE, SPREAD_SHARE = 0.5, 4.0, 0.05
+FREEDOM = 4.0
+"""Degrees of freedom of Student's t; chosen by hand."""
+_SHARP_M = 0.01
+"""Distance below which the loss is a square, metres; chosen by hand."""
+
+
+def point_loss(reading: Reading, clouds: Clouds) -> torch.Tensor:
+    """Return the mean over samples of the labels' cross-entropies, the positions' robust distance and their likelihood.
+
+    A point's label is a softmax over markers and ghost, a marker's point one over points and "missing". Covariances
+    learn from positions that they do not move, so that no landmark is given up as uncertain.
+    """
+    weight = clouds.weight / clouds.weight.mean()
+    seen = clouds.labels >= 0
+    row = cross_entropy(reading.scores.transpose(1, 2), clouds.labels.clamp(min=0), reduction="none")
+    row = (row * seen).sum(1) / seen.sum(1).clamp(min=1)
+    by_marker = torch.where(seen[..., None], reading.scores[..., :GHOST], -30000.0)
+    lacking = reading.missing.expand(len(by_marker), 1, -1)
+    mine = clouds.labels[..., None] == torch.arange(GHOST, device=seen.device)
+    which = torch.where(mine.any(1), mine.float().argmax(1), mine.shape[1])
+    column = cross_entropy(torch.cat((by_marker, lacking), 1), which, reduction="none").mean(1)
+    error = reading.positions - clouds.targets[: len(reading.positions)]
+    distance = (error.square().sum(-1) + _SHARP_M**2).sqrt() - _SHARP_M
+    likelihood = spread_loss(reading.spread, 10.0 * error.detach())
+    positions = POSITION_SHARE * distance.mean(1) + SPREAD_SHARE * likelihood.mean(1)
+    position_weight = weight[: len(positions)]
+    return (weight * (row + MARKER_SHARE * column)).mean() + (position_weight * positions).mean()
+
+
+def spread_loss(spread: torch.Tensor, error: torch.Tensor) -> torch.Tensor:
+    """Return ``(ν + 3)/2 log(1 + |Lᵀ e|²/ν) - log det L`` of (..., 6) factors and (..., 3) errors in dm.
+
+    Student's likelihood, ν = 4: one wrong landmark must not blow up the covariances of all.
+    """
+    log_diagonal, lower = spread[..., :3].clamp(-4.0, 5.0), spread[..., 3:]
+    diagonal = log_diagonal.exp()
+    x, y, z = error.unbind(-1)
+    white = (
+        (diagonal[..., 0] * x + lower[..., 0] * y + lower[..., 1] * z).square()
+        + (diagonal[..., 1] * y + lower[..., 2] * z).square()
+        + (diagonal[..., 2] * z).square()
+    )
+    return 0.5 * (FREEDOM + 3.0) * torch.log1p(white / FREEDOM) - log_diagonal.sum(-1)
+
 
 Loss = Literal["welsch", "bmse"]
 Divergence = Literal["kullback-leibler", "jensen-shannon"]

@@ -2,18 +2,23 @@
 
 from __future__ import annotations
 
+import json
 import warnings
+from collections.abc import Mapping
+from dataclasses import fields
 from pathlib import Path
+from typing import Any
 
 import torch
 from torch import nn
 
-from solver_backend.exchange.errors import BackendMissing
+from solver_backend.exchange.errors import BackendMissing, FileDamaged, FileMissing
+from solver_backend.exchange.npz import read_npz
 from solver_backend.exchange.outputs import atomic_output
 from solver_backend.labelling.point_network import PointNetwork
 from training.landmarks.cloud_stream import Clouds
-from training.landmarks.models import LandmarkModel
-from training.landmarks.point_net import PointNet, PointNetWidths
+from training.landmarks.models import LandmarkModel, PointNet, PointNetWidths
+from training.landmarks.rows import Row
 
 OPSET = 18
 """Version of ONNX's operators (of December 2022), the first that keeps the greatest of what is scattered."""
@@ -98,3 +103,43 @@ class _Positions(nn.Module):
     def forward(self, points: torch.Tensor, seen: torch.Tensor) -> torch.Tensor:
         nothing = torch.zeros_like(seen)
         return self.model.positions(Clouds(points, seen, nothing, points, nothing))
+
+
+def read_trained(folder: Path) -> LandmarkModel:
+    """Return the network in the folder that a training's ``--work`` named.
+
+    Raises:
+        FileMissing, FileDamaged: there is no trained row in the folder, or it cannot be read.
+    """
+    try:
+        figures = json.loads((folder / "figures.json").read_text(encoding="utf-8"))
+    except OSError as error:
+        raise FileMissing(
+            "There is no trained row of the landmark networks here.", where=str(folder),
+            hint="Give the folder that train landmarks --work named; it holds figures.json and weights.npz.",
+        ) from error  # fmt: skip
+    except ValueError as error:
+        raise FileDamaged("The figures of the training cannot be read.", where=str(folder / "figures.json")) from error
+    return trained_model(figures, folder / "weights.npz")
+
+
+def trained_model(figures: Mapping[str, Any], weights: Path) -> LandmarkModel:
+    """Return the network of a row, ready to read clouds.
+
+    Args:
+        figures: what the training wrote.
+        weights: of the same training.
+
+    Raises:
+        FileMissing, FileDamaged: the weights are not there, or are another network's.
+    """
+    known = {field.name for field in fields(Row)} - {"balance", "variety"}
+    try:
+        model = Row(**{name: value for name, value in figures["row"].items() if name in known}).model()
+        arrays = {name: torch.as_tensor(array).float() for name, array in read_npz(weights).items()}
+        lost, foreign = model.load_state_dict(arrays, strict=False)
+    except (KeyError, TypeError, AttributeError, RuntimeError) as error:
+        raise FileDamaged("The weights are of another network than the figures.", where=str(weights)) from error
+    if foreign or any(name in dict(model.named_parameters()) for name in lost):
+        raise FileDamaged("The weights are of another network than the figures.", where=str(weights))
+    return model.eval()

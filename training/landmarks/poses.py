@@ -2,22 +2,85 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import torch
 
+from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.errors import NonFiniteData
 from solver_backend.exchange.joint_sets import NUM_JOINTS
 from solver_backend.exchange.npz import read_npz, write_npz
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.priors.balance import CodeStatistics, reconstruction_error, sample_tail
+from solver_backend.priors.balance import (
+    CodeStatistics,
+    exponential_relevance,
+    reconstruction_error,
+    sample_tail,
+    sigmoid_relevance,
+)
 from solver_backend.priors.base import AutoencodingPrior
 from training.data.corpus import HELD_OUT, NEAR_REPEAT_M, absent_subjects, check_sides, distinct_poses
 from training.data.points import rotation_points
 from training.data.sources.clips import FAR, Clip
-from training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor
+from training.landmarks.cloud_stream import Clouds, CloudStream
+
+GROUPS: tuple[str, ...] = ("crossed legs", "crossed arms", "kicks", "crouching")
+CROSSED_M = 0.06
+"""Ankles, or wrists, are this far on the wrong side of each other, measured along the hips, or the shoulders."""
+KICK_M = -0.25
+"""An ankle of a kick is at least so high against the pelvis."""
+CROUCH_M = 0.5
+"""Pelvis above the lower ankle in a crouch, on a skeleton whose legs are 0.78 m from hip to ankle."""
+LEANING_DEG = 55.0
+"""Trunks that lean further are on the floor, or in the air."""
+_PAIR = {part: SMPL.both(part) for part in ("hip", "ankle", "shoulder", "wrist")}
+"""The left and the right joint of each part."""
+(_CHEST,) = SMPL.numbers("spine3")
+
+
+def groups_of(rotations: np.ndarray) -> np.ndarray:
+    """Return (N, 4) bool, by ``GROUPS``, of (N, 22, 3, 3) poses, the pelvis first, Y up."""
+    joints = _joints(rotations)
+    upright = _lean_deg(rotations) < LEANING_DEG
+    ankles = joints[:, _PAIR["ankle"], 1]
+    height = joints[:, 0, 1] - ankles.min(1)
+    legs = _order(joints, "hip", "ankle") < -CROSSED_M
+    wrists = joints[:, _PAIR["wrist"]]
+    chest = joints[:, _CHEST]
+    near = (np.linalg.norm(wrists - chest[:, None], axis=-1) < 0.42).all(1)
+    arms = (_order(joints, "shoulder", "wrist") < -CROSSED_M) & near
+    foot = ankles.max(1) - joints[:, 0, 1]
+    kick = (foot > KICK_M) & (height > CROUCH_M)
+    crouch = height < CROUCH_M
+    return np.stack([legs, arms, kick, crouch], axis=1) & upright[:, None]
+
+
+def on_the_floor(rotations: np.ndarray) -> np.ndarray:
+    """Return (N,) whether the trunk lies, or kneels so far forward that the hands reach the floor."""
+    joints = _joints(rotations)
+    return (_lean_deg(rotations) >= LEANING_DEG) | (np.ptp(joints[:, :, 1], axis=1) < 0.85)
+
+
+def _joints(rotations: np.ndarray) -> np.ndarray:
+    """Return (N, 24, 3) joints about the pelvis, in the world's axes."""
+    joints = rotation_points(rotations[:, 1:].astype(np.float32))[:, :NUM_JOINTS]
+    return np.einsum("nij,nkj->nki", rotations[:, 0].astype(np.float32), joints)
+
+
+def _lean_deg(rotations: np.ndarray) -> np.ndarray:
+    return np.degrees(np.arccos(np.clip(rotations[:, 0, 1, 1], -1.0, 1.0)))
+
+
+def _order(joints: np.ndarray, base: str, end: str) -> np.ndarray:
+    """Return how far the left end is to the left of the right one, along the line of the bases, metres."""
+    (left, right), (left_end, right_end) = _PAIR[base], _PAIR[end]
+    across = joints[:, left] - joints[:, right]
+    across /= np.linalg.norm(across, axis=-1, keepdims=True)
+    return ((joints[:, left_end] - joints[:, right_end]) * across).sum(-1)
+
 
 HELD_TAKES = ("asfamc/02_01", "asfamc/135_02", "mb2/02_01", "jump/140_", "keyed/Fixing_Kneeling", "keyed/Death01")
 """Takes left out besides the held-out subjects: those whose markers the labels are evaluated on, and floor poses."""
@@ -172,3 +235,72 @@ def _packed(rotations: np.ndarray) -> np.ndarray:
 
 def _parts(array: np.ndarray, size: int = 8192) -> list[np.ndarray]:
     return [array[i : i + size].astype(np.float64) for i in range(0, len(array), size)]
+
+
+RELEVANCE = {"e(R)": "reconstruction", "σ(R)": "reconstruction", "e(D)": "mahalanobis", "σ(D)": "mahalanobis"}
+"""What each relevance is of."""
+FADES = (0.45, 0.75)
+"""Shares of a training between which a balance that fades gives way to the recorded poses as they are."""
+EXPONENTIAL_SCALE = 1.5
+"""φ of the exponential kernel over the median error, so that not every pose is clamped; the sigmoid's is the median."""
+
+Draw = Callable[[torch.Tensor], Clouds]
+"""Draws a batch, given the share of the training that is done."""
+
+
+@dataclass(frozen=True)
+class Balance:
+    """How training is balanced; not at all by default."""
+
+    relevance: str = ""
+    """One of ``RELEVANCE``, or none."""
+    sampler: str = ""
+    """One of ``SAMPLERS``, or none."""
+    blended: float = 0.25
+    """Poses that the operator adds to a batch, for each that was recorded: oversampling takes none of those away."""
+    fades: bool = False
+    """In the last part ordinary poses count as they occur: rare ones are learned by then, and they finish the rest."""
+
+
+def relevance_of(table: PoseTable, kind: str) -> np.ndarray:
+    """Return the (N,) relevance of the training poses."""
+    error = table.arrays[RELEVANCE[kind]].astype(np.float64)
+    median = float(np.median(error))
+    if kind.startswith("e"):
+        return exponential_relevance(error, EXPONENTIAL_SCALE * median)
+    return sigmoid_relevance(error, median)
+
+
+def drawer(stream: CloudStream, table: PoseTable, batch: int, balance: Balance = Balance()) -> Draw:
+    """Return what draws a batch of clouds for a share of the training, on the stream's device, by torch's generator.
+
+    Args:
+        stream: makes clouds of poses.
+        table: recorded poses, and those that operators blended.
+        batch: recorded poses of a batch; what a sampler blends comes on top.
+        balance: how they are weighed, and what is added.
+    """
+    device = stream.device
+    recorded = torch.as_tensor(table.poses("training"), device=device)
+    weight = torch.ones(len(recorded), device=device)
+    if balance.relevance:
+        weight = torch.as_tensor(relevance_of(table, balance.relevance), dtype=torch.float32, device=device)
+    drawn = round(balance.blended * batch) if balance.sampler else 0
+    rare = torch.as_tensor(table.poses(balance.sampler), device=device) if balance.sampler else recorded[:1]
+    # What is blended of anchors counts as much as the rarest of what was recorded.
+    rare_weight = torch.quantile(weight[:: max(1, len(weight) // 10000)], 0.99).expand(drawn).clone()
+
+    added = torch.arange(batch + drawn, device=device) >= batch
+
+    def draw(done: torch.Tensor) -> Clouds:
+        rows = (torch.rand(batch, device=device) * len(recorded)).long().clamp(max=len(recorded) - 1)
+        blended = rare[torch.randint(len(rare), (drawn,), device=device)]
+        poses, weights = torch.cat((recorded[rows], blended)), torch.cat((weight[rows], rare_weight))
+        if balance.fades:
+            left = ((FADES[1] - done) / (FADES[1] - FADES[0])).clamp(0.0, 1.0)
+            weights = (1.0 + (weights - 1.0) * left) * torch.where(added, left, 1.0)
+            if device == "cpu" and not left:  # a GPU's step is one graph: what counts for nothing stays there
+                poses, weights = poses[:batch], weights[:batch]
+        return stream.draw(poses, weights)
+
+    return draw

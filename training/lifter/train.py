@@ -2,21 +2,168 @@
 
 from __future__ import annotations
 
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, fields
 from typing import cast
 
+import numpy as np
+import torch
 from torch import nn
 
-from solver_backend.body.body import load_body
-from solver_backend.priors.lifter import OUTPUTS, POINTS
-from solver_backend.priors.sposer import load_sposer
+from solver_backend.body.body import Body, load_body
+from solver_backend.body.keypoints import keypoint_landmarks
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.exchange.joint_sets import NUM_JOINTS
+from solver_backend.geometry.rotations import exp_so3
+from solver_backend.priors.lifter import OUTPUTS, POINTS, TRUNK, Lifted, features, interpreted, trunk_frame
+from solver_backend.priors.sposer import SPoser, load_sposer
 from solver_backend.priors.weights import read_stack, read_weights
-from training.engine.dense_layers import stack_arrays, take_over
-from training.engine.loop import run_training
-from training.engine.model_card import Card
-from training.engine.publish import publish
-from training.engine.recipe import Finished, TrainingJob
-from training.lifter.task import LifterSettings, LifterTask
+from solver_backend.types import NUM_BETAS, JointSet
+from training.data.corpus import Corpus, exchanged_limbs, maybe_mirrored, varied_joints
+from training.data.points import rotation_points
+from training.engine.dense_layers import dense_stack, stack_arrays, take_over
+from training.engine.loop import device_of, run_training
+from training.engine.publish import Card, Finished, TrainingJob, publish
+
+_JOINT_SET = JointSet.BODY_25B
+_VALIDATION_POSES = 2000
+"""Poses that each validation looks at; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class LifterSettings:
+    """The network and the people it is shown."""
+
+    hidden: tuple[int, ...] = (384, 384)
+    """Widths of the hidden layers."""
+    people: int = 8
+    """Shapes in a batch."""
+    betas_sigma: float = 1.0
+    """Spread of the shapes."""
+    offset_m: float = 0.012
+    """Of what a detector means by a point, per axis and person."""
+    noise_m: tuple[float, float] = (0.003, 0.03)
+    """Of a located point, per axis: from good cameras to bad ones, one draw a pose."""
+    missing: float = 0.5
+    """Largest share of the points outside the trunk that a pose lacks; most lack few."""
+    exchanged: float = 0.3
+    """Share of poses that have limbs of others."""
+
+
+@dataclass(frozen=True)
+class LifterPeople:
+    """Poses, shapes, and the points that are seen of them."""
+
+    points: torch.Tensor
+    """(N, 19, 3) metres."""
+    seen: torch.Tensor
+    """(N, 19) bool."""
+    local: torch.Tensor
+    """(N, 21, 3, 3)."""
+    root: torch.Tensor
+    """(N, 3, 3)."""
+    pelvis: torch.Tensor
+    """(N, 3) metres."""
+    betas: torch.Tensor
+    """(N, 10)."""
+
+    def to(self, device: torch.device) -> LifterPeople:
+        """Return the people on a device."""
+        return LifterPeople(*(getattr(self, part.name).to(device) for part in fields(self)))
+
+
+class LifterTask:
+    """Batches of people, the loss, and figures on unseen subjects."""
+
+    def __init__(
+        self, training: Corpus, validation: Corpus, body: Body, prior: SPoser, settings: LifterSettings, batch: int,
+        seed: int,
+    ) -> None:  # fmt: skip
+        torch.manual_seed(seed)
+        self._network = dense_stack((4 * len(POINTS), *settings.hidden, OUTPUTS), "silu")
+        self._settings, self._body, self._prior, self._batch = settings, body, prior, batch
+        landmarks = keypoint_landmarks(body, _JOINT_SET)
+        self._landmarks, self._columns = landmarks, [landmarks.names.index(name) for name in POINTS]
+        self._poses = torch.from_numpy(training.rotations)
+        self._distinct = torch.from_numpy(training.distinct)
+        unseen = torch.from_numpy(validation.some_distinct(_VALIDATION_POSES))
+        self._unseen = self._people(unseen, torch.Generator().manual_seed(seed + 1))
+
+    @property
+    def model(self) -> nn.Module:
+        """76 to 51."""
+        return self._network
+
+    def draw(self, generator: torch.Generator) -> LifterPeople:
+        """Draw people."""
+        chosen = self._distinct[torch.randint(len(self._distinct), (self._batch,), generator=generator)]
+        windows = exchanged_limbs(self._poses[chosen][:, None], generator, self._settings.exchanged)
+        windows = varied_joints(maybe_mirrored(windows, generator), generator)
+        return self._people(windows[:, 0], generator)
+
+    def loss(self, batch: LifterPeople, generator: torch.Generator) -> torch.Tensor:
+        """Return metres of misplaced points, and shares of turn, place and shape."""
+        people = batch.to(device_of(self._network))
+        lifted = self._lifted(self._network, people)
+        off = self._points_off(lifted, people)
+        turn = (lifted.root - people.root).square().sum((-1, -2)).mean()
+        place = (lifted.pelvis - people.pelvis).abs().sum(-1).mean()
+        shape = (lifted.betas - people.betas).square().mean()
+        return off.mean() + 0.2 * turn + 0.5 * place + 0.01 * shape
+
+    @torch.no_grad()
+    def evaluate(self, model: nn.Module) -> dict[str, float]:
+        """Return figures on unseen subjects: points about an unturned pelvis, root, pelvis, shape."""
+        lifted, people = self._lifted(model, self._unseen), self._unseen
+        cosine = ((lifted.root * people.root).sum((-1, -2)) - 1.0) / 2.0
+        angle = torch.rad2deg(torch.arccos(cosine.clamp(-1.0, 1.0)))
+        return {
+            "points_mm": 1000 * float(self._points_off(lifted, people)[:, 1:NUM_JOINTS].mean()),
+            "root_deg": float(angle.mean()),
+            "pelvis_mm": 1000 * float((lifted.pelvis - people.pelvis).norm(dim=-1).mean()),
+            "betas_explained": 1.0 - float((lifted.betas - people.betas)[:, :2].square().mean())
+            / float(people.betas[:, :2].square().mean()),
+        }  # fmt: skip
+
+    def _points_off(self, lifted: Lifted, people: LifterPeople) -> torch.Tensor:
+        decoded = rotation_points(self._prior.decode(lifted.z))
+        return torch.linalg.vector_norm(decoded - rotation_points(people.local), dim=-1)
+
+    def _lifted(self, network: nn.Module, people: LifterPeople) -> Lifted:
+        trunk = trunk_frame(people.points, people.seen)
+        return interpreted(network(features(people.points, people.seen, trunk)), trunk)
+
+    def _people(self, local: torch.Tensor, generator: torch.Generator) -> LifterPeople:
+        """Return people of random shape in these poses, turned anyhow, and what is located of them."""
+        chosen, count = self._settings, len(local)
+        root = exp_so3(_directions(count, generator) * np.pi * torch.rand(count, 1, generator=generator))
+        parts = [
+            self._person(part, turn, generator)
+            for part, turn in zip(local.chunk(chosen.people), root.chunk(chosen.people), strict=True)
+        ]
+        points, pelvis, betas = (torch.cat(column) for column in zip(*parts, strict=True))
+        low, high = chosen.noise_m
+        noise = low * (high / low) ** torch.rand(count, 1, 1, generator=generator)
+        points = points + noise * torch.randn(points.shape, generator=generator)
+        share = chosen.missing * torch.rand(count, 1, generator=generator) ** 2
+        seen = torch.rand(count, len(POINTS), generator=generator) > share
+        seen[:, : len(TRUNK)] = True
+        return LifterPeople(points, seen, local, root, pelvis, betas)
+
+    def _person(
+        self, local: torch.Tensor, root: torch.Tensor, generator: torch.Generator
+    ) -> tuple[torch.Tensor, torch.Tensor, torch.Tensor]:
+        """Return points, pelvis and shape of one person in several poses."""
+        betas = self._settings.betas_sigma * torch.randn(NUM_BETAS, generator=generator)
+        bias = self._settings.offset_m * torch.randn(len(self._landmarks), 3, generator=generator)
+        posed = pose_landmarks(
+            self._body, self._landmarks, betas, root, local, torch.zeros(len(local), 3), offsets=bias
+        )
+        return posed.points[:, self._columns], posed.skeleton.joints[:, 0], betas.expand(len(local), -1)
+
+
+def _directions(count: int, generator: torch.Generator) -> torch.Tensor:
+    return nn.functional.normalize(torch.randn(count, 3, generator=generator), dim=-1)
+
 
 NAME = "lifter"
 CARD = Card(

@@ -20,7 +20,7 @@ from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.networks.softplus_stack import SoftplusStack
 from solver_backend.priors.pose_ndf.pose_field import PoseField
 from solver_backend.priors.pose_ndf.pose_ndf import PoseNDF, in_metric, metric_length
-from training.engine.devices import device_of
+from training.engine.loop import device_of
 from training.pose_ndf.negatives import Labelled, Noise
 
 

@@ -16,11 +16,8 @@ from solver_backend.priors.view_lifter import features, interpreted, load_view_l
 from training.data.corpus import Corpus
 from training.data.points import rotation_points
 from training.engine.loop import run_training
-from training.engine.model_card import Card
-from training.engine.publish import publish
-from training.engine.recipe import Finished, TrainingJob
-from training.view_lifter.filming import film
-from training.view_lifter.recordings import Recordings
+from training.engine.publish import Card, Finished, TrainingJob, publish
+from training.view_lifter.filming import Recordings, film
 
 NAME = "limb_slants"
 _BLOCK = 1000

@@ -11,8 +11,7 @@ from solver_backend.synthesis.simulation.cast import Take
 from tests.benchmarks.metric import BenchmarkSkipped
 from tests.support.recordings import recordings_folder
 from training.data.corpus import HELD_OUT
-from training.data.shoulder_rhythm import with_shoulder_rhythm
-from training.data.sources.clips import subject_of
+from training.data.sources.clips import subject_of, with_shoulder_rhythm
 
 
 def clip_paths(data: Path | None = None) -> list[Path]:

@@ -13,7 +13,7 @@ from solver_backend.body.hand_on_body import hand_skeletons
 from solver_backend.body.hands import load_body_with_hands
 from solver_backend.fitters.hands.marker_hand import MarkerHand
 from tests.support.lone_marker_hand import LAYOUTS, solve_marker_hand
-from training.hands.sources import marker_points
+from training.hands.train import marker_points
 
 RIGHT, STRIDE = 1, 3
 """All are right hands; 150 Hz is more than fingers need."""

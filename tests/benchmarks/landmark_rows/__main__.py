@@ -25,12 +25,10 @@ from tests.benchmarks.landmark_rows.tail_pictures import (
     representative,
 )
 from training.landmarks.cloud_stream import CloudStream, Variety
-from training.landmarks.evaluation import evaluation_clouds
 from training.landmarks.models import LandmarkModel
-from training.landmarks.poses import PoseTable
-from training.landmarks.rows import CLOUDS, evaluation_poses
-from training.landmarks.tail_poses import GROUPS
-from training.landmarks.trained import trained_model
+from training.landmarks.onnx_export import trained_model
+from training.landmarks.poses import GROUPS, PoseTable
+from training.landmarks.rows import CLOUDS, evaluation_clouds, evaluation_poses
 
 
 def main() -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[3] / "build" / "landmark_rows"
 SETS = ("ordinary", "tail", "floor")
-"""Of poses, as ``training.landmarks.evaluation`` has them, which needs torch."""
+"""Of poses, as ``training.landmarks.rows`` has them, which needs torch."""
 
 
 def folder_of(root: Path, row: str, seed: int) -> Path:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from training.landmarks.evaluation import LIMBS, SETS
+from training.landmarks.rows import LIMBS, SETS
 
 PCK_LIMITS_CM = (1, 3, 7)
 

@@ -31,11 +31,10 @@ from tests.benchmarks.landmark_rows.tail_pictures import (  # noqa: E402
 from tests.benchmarks.metric import BenchmarkSkipped, key_of  # noqa: E402
 from training.data.sources.clips import Clip  # noqa: E402
 from training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from training.landmarks.evaluation import LIMBS, SETS, evaluate  # noqa: E402
 from training.landmarks.loop import LandmarkTraining  # noqa: E402
+from training.landmarks.onnx_export import trained_model  # noqa: E402
 from training.landmarks.poses import PoseTable  # noqa: E402
-from training.landmarks.rows import FIXED, Row, evaluation_poses, train_row  # noqa: E402
-from training.landmarks.trained import trained_model  # noqa: E402
+from training.landmarks.rows import FIXED, LIMBS, SETS, Row, evaluate, evaluation_poses, train_row  # noqa: E402  # noqa: E402
 
 
 def figures(rmse: float) -> dict:

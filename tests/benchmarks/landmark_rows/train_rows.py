@@ -16,7 +16,7 @@ from pathlib import Path
 from solver_backend.body.body import load_body
 from solver_backend.priors.gaussian_vae import VaeName
 from tests.benchmarks.landmark_rows.row_folders import ROOT, folder_of, trained
-from training.engine.devices import check_device
+from training.engine.loop import check_device
 from training.landmarks.loop import LandmarkTraining
 from training.landmarks.rows import named_rows, train_row
 from training.landmarks.train import table_of

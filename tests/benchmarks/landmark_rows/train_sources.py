@@ -22,7 +22,7 @@ from solver_backend.priors.gaussian_vae import load_vae
 from tests.benchmarks.landmark_rows.row_folders import ROOT, folder_of, trained
 from training.data.corpus import HELD_OUT
 from training.data.sources.clips import Clip, load_clips, load_far_clips
-from training.engine.devices import check_device
+from training.engine.loop import check_device
 from training.landmarks.loop import LandmarkTraining
 from training.landmarks.poses import HELD_TAKES, PoseTable, pose_table
 from training.landmarks.rows import named_rows, train_row

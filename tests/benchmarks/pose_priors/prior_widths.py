@@ -19,8 +19,7 @@ from training.data.corpus import Corpus
 from training.engine.accuracy import reconstruction_accuracy
 from training.engine.dense_layers import linear_layers
 from training.engine.loop import TrainingSettings, run_training
-from training.sposer.network import SphericalAutoencoder
-from training.sposer.task import SPoserSettings, SPoserTask
+from training.sposer.train import SphericalAutoencoder, SPoserSettings, SPoserTask
 
 WIDTHS, SEEDS, STEPS = (128, 256, 512), (0, 1, 2), 1000
 DECODED, REPEATS = 2000, 3

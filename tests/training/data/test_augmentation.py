@@ -9,13 +9,7 @@ from solver_backend.body.joint_limits import JOINT_LIMITS, swing_and_twist
 from solver_backend.body.rest_skeleton import MIRROR
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.random_poses import poses
-from training.data.augmentation import (
-    beyond_reach,
-    exchanged_limbs,
-    mirrored,
-    near_limits,
-    penetrating,
-)
+from training.data.corpus import beyond_reach, exchanged_limbs, mirrored, near_limits, penetrating
 from training.data.points import rotation_points
 
 

@@ -7,11 +7,8 @@ import torch
 
 from solver_backend.body.joint_limits import JOINT_LIMITS, excess_deg, swing_and_twist
 from tests.support.random_poses import poses
-from training.data.augmentation import beyond_reach
-from training.data.corpus import build_corpus
-from training.data.recombination import ENDS, LIMBS, ends_reaching, limbs_turned
+from training.data.corpus import ENDS, LIMBS, WindowSampler, beyond_reach, build_corpus, ends_reaching, limbs_turned
 from training.data.sources.clips import Clip
-from training.data.windows import WindowSampler
 
 
 def _windows(count: int) -> torch.Tensor:

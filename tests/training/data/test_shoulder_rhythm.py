@@ -6,7 +6,7 @@ import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3, log_so3
 from tests.support.random_poses import poses
-from training.data.shoulder_rhythm import with_shoulder_rhythm
+from training.data.sources.clips import with_shoulder_rhythm
 
 
 def test_rhythm_keeps_the_arm() -> None:

@@ -9,8 +9,7 @@ import pytest
 import torch
 
 from tests.support.line_task import SETTINGS, LineTask
-from training.engine.batches import batches, step_generator
-from training.engine.loop import run_training
+from training.engine.loop import batches, run_training, step_generator
 
 
 def draw(generator: torch.Generator) -> torch.Tensor:

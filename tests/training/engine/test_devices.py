@@ -12,8 +12,7 @@ from solver_backend.cli.main import main
 from solver_backend.exchange.errors import BackendMissing, JobInvalid
 from tests.support.line_task import SETTINGS, LineTask
 from tests.support.swaying_corpus import job
-from training.engine.devices import check_device, dropout_state, set_dropout_state
-from training.engine.loop import run_training
+from training.engine.loop import check_device, dropout_state, run_training, set_dropout_state
 from training.gmm.train import train_gmm
 from training.train import train
 

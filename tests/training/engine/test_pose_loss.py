@@ -7,7 +7,7 @@ import pytest
 import torch
 
 from solver_backend.geometry.rotations import exp_so3
-from training.engine.pose_loss import pose_loss
+from training.engine.accuracy import pose_loss
 
 
 def test_loss_is_zero_at_the_truth_and_counts_distance() -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from training.gmm.expectation_maximisation import fit_mixture
+from training.gmm.train import fit_mixture
 
 
 def test_fit_recovers_separate_clusters() -> None:

@@ -11,8 +11,7 @@ from solver_backend.body.hand_angles import ANGLES
 from solver_backend.priors.hand_prior import PRIOR
 from solver_backend.priors.weights import ASSETS, read_weights
 from tests.support.recordings import ABSENT, recordings_folder
-from training.hands.sources import load_sources
-from training.hands.train import HELD, chi_square, moments, ranges, squared_distances, train_hands
+from training.hands.train import HELD, chi_square, load_sources, moments, ranges, squared_distances, train_hands
 
 DATA = recordings_folder() / "hands"
 needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=ABSENT)

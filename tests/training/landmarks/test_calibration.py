@@ -8,8 +8,8 @@ import pytest
 torch = pytest.importorskip("torch")
 
 from solver_backend.labelling.point_network import network_of  # noqa: E402
-from training.landmarks.calibration import GHOST_LOGIT, TEMPERATURE, calibrated  # noqa: E402
-from training.landmarks.point_net import PointNet, PointNetWidths  # noqa: E402
+from training.landmarks.models import PointNet, PointNetWidths  # noqa: E402
+from training.landmarks.train import GHOST_LOGIT, TEMPERATURE, calibrated  # noqa: E402
 
 
 def test_scores_are_divided_and_ghosts_lowered() -> None:

@@ -14,9 +14,15 @@ from solver_backend.body.landmarks import pose_landmarks  # noqa: E402
 from solver_backend.body.markers import marker_landmarks  # noqa: E402
 from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS, other_side  # noqa: E402
-from training.landmarks.body_points import PLACES, BodyPoints, rodrigues  # noqa: E402
-from training.landmarks.cloud_stream import Clouds, CloudStream, Variety  # noqa: E402
-from training.landmarks.corruption import Corruption  # noqa: E402
+from training.landmarks.cloud_stream import (  # noqa: E402  # noqa: E402
+    PLACES,
+    BodyPoints,
+    Clouds,
+    CloudStream,
+    Corruption,
+    Variety,
+    rodrigues,
+)
 
 PLAIN = Variety(layouts=False, ghosts=False, noise=False, pose_noise=0.0, exchanged=0.0, tilted=0.0)
 

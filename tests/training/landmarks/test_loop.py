@@ -13,12 +13,21 @@ from solver_backend.geometry.rotations import exp_so3  # noqa: E402
 from training.data.sources.clips import Clip  # noqa: E402
 from training.landmarks.cloud_stream import CloudStream  # noqa: E402
 from training.landmarks.loop import LandmarkTraining, train_landmarks  # noqa: E402
-from training.landmarks.models import Ours  # noqa: E402
-from training.landmarks.point_net import PointNetWidths  # noqa: E402
-from training.landmarks.pose_draws import FADES, Balance, drawer, relevance_of  # noqa: E402
-from training.landmarks.poses import PoseTable  # noqa: E402
+from training.landmarks.models import (  # noqa: E402
+    Ours,
+    PointNetWidths,
+)
+from training.landmarks.poses import (  # noqa: E402
+    FADES,
+    GROUPS,
+    Balance,
+    PoseTable,
+    drawer,
+    groups_of,
+    on_the_floor,
+    relevance_of,
+)
 from training.landmarks.rows import Row, named_rows, train_row  # noqa: E402
-from training.landmarks.tail_poses import GROUPS, groups_of, on_the_floor  # noqa: E402
 from training.landmarks.train import TABLES, table_of  # noqa: E402
 
 

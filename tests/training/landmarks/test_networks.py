@@ -11,29 +11,29 @@ torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
 from training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from training.landmarks.drawing import depth_maps, drawn, front_and_back, y_up  # noqa: E402
-from training.landmarks.evaluation import evaluate  # noqa: E402
-from training.landmarks.heatmaps import (  # noqa: E402
+from training.landmarks.models import (  # noqa: E402  # noqa: E402
+    PUBLISHED,
     SIGMA_PX,
+    DemocapLike,
+    FromCoordinates,
+    Ours,
+    PointNetWidths,
+    Published,
+    UNet,
+    balanced_mse,
+    depth_maps,
     divergence_from_gaussians,
+    drawn,
+    front_and_back,
     fused,
     gaussians_near,
     read_maps,
     relative_entropy,
+    spread_loss,
     welsch,
+    y_up,
 )
-from training.landmarks.models import (  # noqa: E402
-    PUBLISHED,
-    DemocapLike,
-    FromCoordinates,
-    Ours,
-    Published,
-    balanced_mse,
-)
-from training.landmarks.point_loss import spread_loss  # noqa: E402
-from training.landmarks.point_net import PointNetWidths  # noqa: E402
-from training.landmarks.rows import FIXED  # noqa: E402
-from training.landmarks.unet import UNet  # noqa: E402
+from training.landmarks.rows import FIXED, evaluate  # noqa: E402
 
 
 @pytest.fixture(scope="module")

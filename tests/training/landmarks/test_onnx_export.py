@@ -15,9 +15,8 @@ from solver_backend.cli.main import main  # noqa: E402
 from solver_backend.labelling.outputs import MARKERS  # noqa: E402
 from solver_backend.labelling.point_network import lower_median, network_of  # noqa: E402
 from training.landmarks.cloud_stream import Clouds  # noqa: E402
-from training.landmarks.models import DemocapLike, FromCoordinates, LandmarkModel, Published  # noqa: E402
+from training.landmarks.models import DemocapLike, FromCoordinates, LandmarkModel, PointNet, PointNetWidths, Published  # noqa: E402  # noqa: E402
 from training.landmarks.onnx_export import export_point_network, export_row, torch_network  # noqa: E402
-from training.landmarks.point_net import PointNet, PointNetWidths  # noqa: E402
 from training.landmarks.rows import Row  # noqa: E402
 
 

@@ -8,14 +8,14 @@ torch = pytest.importorskip("torch")
 
 from solver_backend.body.body import load_body  # noqa: E402
 from solver_backend.labelling.outputs import GHOST, LANDMARKS, MARKERS  # noqa: E402
-from training.landmarks.body_points import PLACES  # noqa: E402
-from training.landmarks.cloud_stream import CloudStream  # noqa: E402
-from training.landmarks.rows import CLOUDS, FIXED, THESIS  # noqa: E402
-from training.landmarks.thesis_corruption import (  # noqa: E402
+from training.landmarks.cloud_stream import (  # noqa: E402
     DOMINANT,
+    PLACES,
+    CloudStream,
     ThesisCorruption,
     thesis_shapes,
 )
+from training.landmarks.rows import CLOUDS, FIXED, THESIS  # noqa: E402
 
 COUNT = 4000
 

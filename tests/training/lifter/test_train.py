@@ -14,8 +14,7 @@ from solver_backend.exchange.errors import WeightsInvalid
 from solver_backend.priors.lifter import DEFAULT_WEIGHTS, POINTS, load_lifter
 from solver_backend.priors.sposer import load_sposer
 from tests.support.swaying_corpus import job, swaying
-from training.lifter.task import LifterSettings, LifterTask
-from training.lifter.train import train_lifter
+from training.lifter.train import LifterSettings, LifterTask, train_lifter
 
 
 def task(seed: int = 0) -> LifterTask:

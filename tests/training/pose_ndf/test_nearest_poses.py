@@ -9,7 +9,7 @@ import torch
 from solver_backend.geometry.quaternions import matrix_from_quat
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance
 from tests.support.swaying_people import random_quats
-from training.pose_ndf.nearest_poses import NearestPoses, unit_quats
+from training.pose_ndf.negatives import NearestPoses, unit_quats
 
 
 @pytest.mark.parametrize("scale", [0.1, 0.8])

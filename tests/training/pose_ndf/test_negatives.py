@@ -28,7 +28,7 @@ from training.pose_ndf.network import (
     PoseFieldNet,
     as_prior,
 )
-from training.pose_ndf.stages import manifold_of
+from training.pose_ndf.train import manifold_of
 
 
 def test_turned_poses_lie_as_far_as_they_are_turned() -> None:

@@ -10,9 +10,9 @@ from solver_backend.priors.joint_spread import JointSpread
 from solver_backend.priors.pose_ndf.pose_distance import pose_distance
 from solver_backend.priors.pose_ndf.pose_ndf import in_metric, metric_length
 from tests.support.swaying_people import SMALL, random_quats
-from training.pose_ndf.nearest_poses import NearestPoses
 from training.pose_ndf.negatives import (
     Labelled,
+    NearestPoses,
 )
 from training.pose_ndf.network import (
     PoseFieldNet,

@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.geometry.rotations import exp_so3
 from tests.support.swaying_people import swaying
-from training.pose_ndf.stages import manifold_of, possible_frames
+from training.pose_ndf.train import manifold_of, possible_frames
 
 
 def test_poses_out_of_reach_are_no_part_of_the_manifold() -> None:

@@ -13,8 +13,7 @@ from solver_backend.priors.sposer import load_sposer
 from solver_backend.priors.weights import read_weights
 from tests.support.swaying_corpus import job, swaying
 from training.engine.accuracy import reconstruction_accuracy
-from training.sposer.task import SPoserSettings
-from training.sposer.train import train_sposer
+from training.sposer.train import SPoserSettings, train_sposer
 
 
 def test_sposer_learns_and_exports_what_it_learned(tmp_path: Path) -> None:

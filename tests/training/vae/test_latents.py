@@ -10,8 +10,8 @@ import torch
 from scipy.special import ive
 
 from solver_backend.geometry.rotations import log_so3, matrix_from_6d
-from training.vae import latents
-from training.vae.latents import ROTATIONS, SPHERE_DIM, GaussianLatent, RotationLatent, SphereLatent
+from training.vae import train
+from training.vae.train import ROTATIONS, SPHERE_DIM, GaussianLatent, RotationLatent, SphereLatent
 
 
 def generator() -> torch.Generator:
@@ -39,10 +39,10 @@ def test_directions_follow_von_mises_fisher(raw: float) -> None:
 
 def test_direction_divergence_and_its_slope() -> None:
     kappa = torch.tensor([1.0, 8.0, 50.0, 700.0], dtype=torch.float64, requires_grad=True)
-    nats = latents.SphereDivergence.apply(kappa)
+    nats = train.SphereDivergence.apply(kappa)
     nats.sum().backward()
     nats = nats.detach()
-    ahead, behind = (latents.SphereDivergence.apply(kappa.detach() + s * 1e-4) for s in (1, -1))
+    ahead, behind = (train.SphereDivergence.apply(kappa.detach() + s * 1e-4) for s in (1, -1))
     np.testing.assert_allclose(kappa.grad.numpy(), ((ahead - behind) / 2e-4).numpy(), rtol=1e-5)
     assert 0 < float(nats[0]) < 0.05 and (nats.diff() > 0).all()
     # A sharp density on a sphere of 31 dimensions is a normal of variance 1/κ there.
@@ -72,5 +72,5 @@ def test_wrapped_density_has_mass_one() -> None:
     angle = 2 * torch.acos(quats[:, :1].abs().clamp(max=1.0))
     axis = torch.nn.functional.normalize(quats[:, 1:], dim=-1)
     for sigma in (0.7, 1.5):
-        density = latents._wrapped_log_density(angle * axis, torch.full((1, 3), math.log(sigma))).exp()
+        density = train._wrapped_log_density(angle * axis, torch.full((1, 3), math.log(sigma))).exp()
         assert float(density.mean()) * 8 * math.pi**2 == pytest.approx(1.0, abs=0.03)

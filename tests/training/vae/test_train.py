@@ -16,9 +16,7 @@ from solver_backend.priors.catalogue import load_prior
 from tests.support.swaying_corpus import job, swaying
 from training.engine.accuracy import reconstruction_accuracy
 from training.engine.dense_layers import linear_layers
-from training.vae.latents import Kind
-from training.vae.network import VariationalAutoencoder
-from training.vae.train import folded_encoder, train_vae
+from training.vae.train import Kind, VariationalAutoencoder, folded_encoder, train_vae
 
 
 @pytest.mark.parametrize("kind", get_args(Kind))

@@ -18,10 +18,8 @@ from tests.support.swaying_corpus import job as plain_job
 from tests.support.swaying_corpus import turning
 from training.data.points import rotation_points
 from training.view_lifter import filming
-from training.view_lifter.filming import film
-from training.view_lifter.recordings import Recordings, standing_place
-from training.view_lifter.task import ViewLifterSettings, ViewLifterTask
-from training.view_lifter.train import train_view_lifter
+from training.view_lifter.filming import Recordings, film, standing_place
+from training.view_lifter.task import ViewLifterSettings, ViewLifterTask, train_view_lifter
 
 SMALL = ViewLifterSettings(width=32, layers=1, heads=2)
 

@@ -12,7 +12,7 @@ import pytest
 from solver_backend.exchange.errors import FileDamaged, FileMissing
 from solver_backend.geometry.rotations import log_so3
 from solver_backend.io.motions.recorded_clip import body_rotations
-from training.data.sources.gltf_clips import gltf_clips, read_archive_clips
+from training.data.sources.clips import gltf_clips, read_archive_clips
 
 
 def quat_z(angle: float) -> list[float]:

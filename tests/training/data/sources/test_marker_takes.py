@@ -15,8 +15,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.priors.sposer import load_sposer
 from training.data.sources import marker_takes
-from training.data.sources.marker_fit import MarkerFit
-from training.data.sources.marker_takes import fitted_takes, read_markers
+from training.data.sources.marker_takes import MarkerFit, fitted_takes, read_markers
 from training.engine.accuracy import joint_distances
 
 LABELS = marker_layout("PLUGIN_GAIT_39")
