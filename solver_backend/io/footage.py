@@ -10,7 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
 
 import numpy as np
 
@@ -187,7 +187,8 @@ def with_sizes_of(
             made, filmed = ("{} x {}".format(*pair) for pair in (size, header.size))
             notes.append(diagnostic("calibration_scaled", how="scaled", cameras=[name], made=made, filmed=filmed))
         else:
-            figures = dict(zip(("width", "height", "video_width", "video_height"), (*size, *header.size), strict=True))
+            keys = ("width", "height", "video_width", "video_height")
+            figures: dict[str, Any] = dict(zip(keys, (*size, *header.size), strict=True))
             problems.append(diagnostic("video_size_differs", cameras=[name], **figures))
     if guessed:
         problems.append(diagnostic("image_size_assumed", cameras=guessed))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -153,7 +154,7 @@ def _residual(capture: Capture, motion: Motion, residuals: KeypointResiduals) ->
     extents = _extents(_body_px(capture, motion))[..., None]
     share = float(quantile((residuals.error_px / extents).ravel(), 0.5, axis=0))
     if share > DETECTOR_SHARE:
-        figures = {"size": residuals.median_px, "share": 100 * share, "limit": 100 * DETECTOR_SHARE}
+        figures: dict[str, Any] = {"size": residuals.median_px, "share": 100 * share, "limit": 100 * DETECTOR_SHARE}
         yield diagnostic("residual_large", severity=useless(share > USELESS_SHARE), **figures)
 
 

@@ -6,6 +6,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -218,7 +219,7 @@ def calibrate_by_board(
     R, t, note = _world(solved, options.origin_frame)
     measured = {n: lens for n in names if (lens := lenses[n][1]) is not None}
     advice = [item for lens in measured.values() for item in lens.advice]
-    figures = {"count": len(solved.moments), "left_out": solved.left_out}
+    figures: dict[str, Any] = {"count": len(solved.moments), "left_out": solved.left_out}
     return replace(
         moved_world(found, R, t),
         findings=(*findings, *_doubts(names, found, solved), *zoom_doubts(solved), *found.findings, *advice),

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -83,5 +84,5 @@ def _unseen(severity: Severity, place: str, where: np.ndarray, labels: Sequence[
     at = [label for label, frames in zip(labels, where.sum(axis=0), strict=True) if frames]
     if not at:
         return ()
-    figures = {"count": len(at), "positions": int(where.sum())}
+    figures: dict[str, Any] = {"count": len(at), "positions": int(where.sum())}
     return (diagnostic("markers_at_sentinel", severity=severity, place=place, markers=at, **figures),)

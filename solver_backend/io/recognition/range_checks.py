@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -123,7 +124,7 @@ def _focal_lengths(severity: Severity, cameras: Cameras, valid: tuple[float, flo
     outside = ((_focal_shares(cameras) < valid[0]) | (_focal_shares(cameras) > valid[1])).any(axis=1)
     for c in np.flatnonzero(outside):
         K, (width, height) = cameras.K[c], cameras.image_size[c].tolist()
-        figures = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
+        figures: dict[str, Any] = {"fx": K[0, 0], "fy": K[1, 1], "width": width, "height": height}
         yield diagnostic("focal_length_odd", severity=severity, cameras=[cameras.names[c]], **figures)
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -166,7 +167,7 @@ def _by_one_camera(
     done = (*stood.notes, *unused)
     if name not in lenses:
         severity = Severity.WARNING if focal.sigma else Severity.NOTE
-        figures = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
+        figures: dict[str, Any] = {"size": focal.px, "share": 100 * focal.sigma, "source": focal.source}
         done = (*done, diagnostic("focal_length_of_video", severity=severity, cameras=[name], **figures))
     return TakeCalibration(ONE_CAMERA, done)
 

@@ -81,9 +81,9 @@ class Clocks:
         sigma = np.sqrt(self.covariance[:, (0, 1), (0, 1)])
         found = []
         for c, name in enumerate(self.names):
-            figures: dict[str, float] = {}
+            figures: dict[str, Any] = {}
             if not self._in_sync(c):
-                figures = {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
+                figures: dict[str, Any] = {"offset_ms": self.offset_s[c] * 1e3, "offset_sigma_ms": sigma[c, 0] * 1e3}
                 figures |= {"rate_ppm": self.rate[c] * 1e6, "rate_sigma_ppm": sigma[c, 1] * 1e6}
             result = "offset" if figures else "sync"
             found.append(diagnostic("clock_estimated", result=result, cameras=[name], method=self.method, **figures))
