@@ -79,7 +79,7 @@ def _resolve_alone(job: Job, progress: Progress) -> Outcome:
     from solver_backend.fitters.pipeline import resolve_motion
     from solver_backend.io.motions.motion_checks import check_motion
     from solver_backend.io.native.motion_file import write_motion
-    from solver_backend.report.diagnose import by_gravity, recorded_diagnostics
+    from solver_backend.report.checks import by_gravity, recorded_diagnostics
 
     assert job.resolve is not None
     if job.report is not None:
@@ -109,7 +109,7 @@ def _solve_one(job: Job, capture: Capture, progress: Progress, each: Stretches) 
     from solver_backend.fitters.pipeline import resolve_range
     from solver_backend.fitters.pipeline import solve as solve_capture
     from solver_backend.io.native.motion_file import read_motion, read_subject
-    from solver_backend.report.diagnose import diagnose
+    from solver_backend.report.checks import diagnose
 
     start = time.monotonic()
     if job.labels is not None and job.settings.is_direct:

@@ -76,6 +76,8 @@ class DiagnosticEntry:
     """The usual cause, for the reference page."""
     remedy: str
     """Advice; empty if there is nothing to do."""
+    role: str = ""
+    """In the relation to a camera's faults: "explains", "doubts", "compares" or "compares all"."""
     words: Mapping[str, Mapping[str, str]] = field(default_factory=dict)
     """Text of each named value of a parameter, which may hold parameters itself."""
 
@@ -215,6 +217,8 @@ def diagnostic(
 def _plain(value: Any) -> Any:
     if isinstance(value, str | bool):
         return value
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
     if isinstance(value, Integral):  # NumPy's as well: a count has no decimals
         return int(value)
     if isinstance(value, Iterable):
@@ -266,9 +270,11 @@ def _read(item: Mapping[str, Any]) -> Diagnostic | None:
 
 
 def _kept(value: Any) -> Any:
-    """Return a value of a file if it is a text, a finite number or a list of these, else its beginning as text."""
+    """Return a value of a file if it is a text, a finite number or a list or object of these, else its beginning."""
     if isinstance(value, str | bool) or (isinstance(value, int | float) and math.isfinite(value)):
         return value
+    if isinstance(value, Mapping) and value:
+        return {str(key)[:40]: _kept(item) for key, item in value.items()}
     return [_kept(v) for v in value] if isinstance(value, list) else str(value)[:40]
 
 
@@ -342,9 +348,15 @@ def _fields(found: Diagnostic, entry: DiagnosticEntry) -> dict[str, Any]:
     for one, several in (("camera", where.cameras), ("marker", where.markers), ("joint", where.joints)):
         names |= {f"{one}s": listed(several), one: several[0] if several else ""}
         names |= {f"other_{one}": several[1]} if len(several) > 1 else {}
-    values = names | {k: listed(map(str, v)) if isinstance(v, list) else v for k, v in found.values.items()}
+    values = names | {key: _listed_value(value) for key, value in found.values.items()}
     chosen = {name: words.get(str(values.get(name))) for name, words in entry.words.items()}
     return values | {name: text.format(**values) for name, text in chosen.items() if text is not None}
+
+
+def _listed_value(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return listed(f"{key} {item}" for key, item in value.items())
+    return listed(map(str, value)) if isinstance(value, list) else value
 
 
 def _by_name(found: Diagnostic, fps: float) -> str:

@@ -12,7 +12,7 @@ from solver_backend.cameras.triangulation.triangulate import triangulate
 from solver_backend.exchange.diagnostics import warnings_in
 from solver_backend.exchange.outputs import write_text
 from solver_backend.geometry.quantiles import quantile
-from solver_backend.report.diagnose import by_gravity, capture_diagnostics
+from solver_backend.report.checks import by_gravity, capture_diagnostics
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
 from solver_backend.report.plan import plan

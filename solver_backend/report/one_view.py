@@ -8,7 +8,7 @@ import numpy as np
 
 from solver_backend.fitters.one_view.depth import LIMB_ENDS
 from solver_backend.geometry.symmetric import unpacked
-from solver_backend.report.diagnose import recorded_diagnostics
+from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.report.markup import section, text
 from solver_backend.report.plots import WIDTH, strip_plot
 from solver_backend.types import Capture, Motion

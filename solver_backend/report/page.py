@@ -15,7 +15,7 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
 from solver_backend.report import markers, sections
 from solver_backend.report.calibration import calibration_section
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.checks import diagnose
 from solver_backend.report.hands import hands_section
 from solver_backend.report.markup import Tile, number, text, tiles
 from solver_backend.report.one_view import one_view_section

@@ -9,7 +9,7 @@ import numpy as np
 
 from solver_backend.exchange.body_layout import SMPL
 from solver_backend.exchange.diagnostics import Severity, diagnostic, word
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.checks import diagnose
 from solver_backend.types import FLAG_UNSURE
 from tests.support.solved import GAP, OFF, solved
 

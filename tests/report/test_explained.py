@@ -5,13 +5,13 @@ from __future__ import annotations
 import pytest
 
 from solver_backend.exchange.diagnostics import Diagnostic, Remedy, diagnostic
-from solver_backend.report.explained import without_explained
+from solver_backend.report.checks import without_explained
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture
 
 DOUBTS = [
     diagnostic("camera_sees_elsewhere", cameras=["cam03"]),
-    diagnostic("cameras_shifted", cameras=["cam01", "cam03"], shifts=["cam01 by 20 px", "cam03 by 215 px"]),
+    diagnostic("cameras_shifted", cameras=["cam01", "cam03"], shifts={"cam01": 20, "cam03": 215}),
     diagnostic("scene_message", text="The views have different frame rates."),
 ]
 
@@ -22,9 +22,9 @@ def corrected(last: int, remedy: Remedy = Remedy.REPAIRED) -> Diagnostic:
 
 def test_only_the_explanation_stays() -> None:
     found = list(without_explained([*DOUBTS, corrected(99)], 100))
-    assert found[0] == diagnostic("cameras_shifted", cameras=["cam01"], shifts=["cam01 by 20 px"])
+    assert found[0] == diagnostic("cameras_shifted", cameras=["cam01"], shifts={"cam01": 20})
     assert [item.code for item in found[1:]] == ["scene_message", "image_mirrored"]
-    shifted = diagnostic("cameras_shifted", cameras=["cam03"], shifts=["cam03 by 30 px"])
+    shifted = diagnostic("cameras_shifted", cameras=["cam03"], shifts={"cam03": 30})
     alone = list(without_explained([DOUBTS[0], shifted, corrected(99)], 100))
     assert [item.code for item in alone] == ["image_mirrored"]
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from solver_backend.exchange.diagnostics import Severity, sentence
-from solver_backend.report.marker_plausibility import hips_never_move, marker_plausibility
+from solver_backend.report.checks import hips_never_move, marker_plausibility
 from solver_backend.types import MARKER_GHOST, Capture, MarkerCloud
 from tests.support.solved import solved
 

@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.diagnostics import Diagnostic, Severity
 from solver_backend.geometry.rotations import exp_so3
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.checks import diagnose
 from solver_backend.types import Capture, Motion, PersonInViews
 from tests.support.solved import solved
 

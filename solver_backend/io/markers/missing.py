@@ -47,7 +47,7 @@ def without_sentinels(
     place = f"{positions[sentinel][0].tolist()} or similar" if sentinel.any() else ""
     return (
         found,
-        _unseen(Severity.NOTE, "the origin", origin, labels),
+        _unseen(Severity.NOTE, "origin", origin, labels),
         _unseen(Severity.WARNING, place, sentinel, labels),
     )
 

@@ -115,8 +115,7 @@ class WorldCheck:
         near = {name: off for name, off in wrong.items() if name not in far}
         for code, some in (("cameras_shifted", near), ("cameras_elsewhere", far)):
             if some and self.residual_px <= LARGEST_RESIDUAL_PX:
-                shifts = [f"{name} by {off:.0f} px" for name, off in some.items()]
-                found.append(diagnostic(code, cameras=list(some), shifts=shifts))
+                found.append(diagnostic(code, cameras=list(some), shifts={n: round(off) for n, off in some.items()}))
         return tuple(found)
 
     def up_axis(self) -> str:

@@ -27,7 +27,7 @@ from solver_backend.io.calibration.search import find_calibration
 from solver_backend.io.native.capture_file import read_capture, write_capture
 from solver_backend.io.native.motion_file import read_motion, write_motion
 from solver_backend.io.recognition.range_checks import checked
-from solver_backend.report.diagnose import diagnose, recorded_diagnostics
+from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.report.page import write_report
 from solver_backend.types import Capture
 from solver_backend.videos.detect.assemble import KnownOfOne, assembled

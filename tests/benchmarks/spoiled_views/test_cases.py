@@ -15,7 +15,7 @@ from solver_backend.exchange.errors import CaptureNotRecognised, ResultRefused
 from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
 from solver_backend.io.load import load_capture
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.checks import diagnose
 from solver_backend.synthesis.embedded.demo import demo_capture
 from tests.benchmarks.spoiled_views.trial import CHANGES, error_mm, tilt_deg
 

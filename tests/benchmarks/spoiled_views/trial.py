@@ -16,7 +16,7 @@ from solver_backend.exchange.solve_settings import SolveSettings
 from solver_backend.fitters import solve
 from solver_backend.geometry.alignment import umeyama
 from solver_backend.io.load import load_capture
-from solver_backend.report.diagnose import diagnose
+from solver_backend.report.checks import diagnose
 from solver_backend.types import Capture
 from tests.benchmarks.spoiled_views.kinds import Recording
 from tests.support.calibration_files import toml_text

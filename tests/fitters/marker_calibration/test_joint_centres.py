@@ -13,7 +13,7 @@ from solver_backend.fitters.model.subject import Subject, pose
 from solver_backend.geometry.rotations import exp_so3
 from solver_backend.io.load import load_capture
 from solver_backend.io.markers.trc import write_trc
-from solver_backend.report.diagnose import diagnose, recorded_diagnostics
+from solver_backend.report.checks import diagnose, recorded_diagnostics
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import SMPL_JOINTS, Capture, MarkerCloud
 from tests.support.skeleton_labels import POSE2SIM, SUIT

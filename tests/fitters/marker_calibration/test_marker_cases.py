@@ -10,7 +10,7 @@ import pytest
 from solver_backend.exchange.diagnostics import sentence
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.io.load import load_capture
-from solver_backend.report.diagnose import recorded_diagnostics
+from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import FLAG_RESTING, SMPL_JOINTS, Motion
 from tests.support.recordings import ABSENT, recordings_folder
 

@@ -11,7 +11,7 @@ from solver_backend.exchange.diagnostics import Severity, refuse_errors, sentenc
 from solver_backend.exchange.errors import ResultRefused
 from solver_backend.fitters import SolveSettings, solve
 from solver_backend.fitters.marker_calibration.marker_places import off_place
-from solver_backend.report.diagnose import recorded_diagnostics
+from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.horse import NAMES, horse_markers
 from tests.support.worn_markers import worn_markers

@@ -9,7 +9,7 @@ from solver_backend.fitters.keyframes.frame_range import FrameRange, Pin
 from solver_backend.fitters.partial_body.rest_parts import listed
 from solver_backend.fitters.pipeline import resolve_range
 from solver_backend.io.native.motion_file import read_motion, write_motion
-from solver_backend.report.diagnose import recorded_diagnostics
+from solver_backend.report.checks import recorded_diagnostics
 from solver_backend.types import FLAG_RESTING, FLAG_UNSURE, SMPL_JOINTS, Capture, MarkerCloud
 from tests.support.worn_markers import worn_markers
 

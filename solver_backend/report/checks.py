@@ -1,0 +1,526 @@
+"""Check what a capture and its solve show, gravest findings first."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from solver_backend.agreement.detections import MIN_POINTS
+from solver_backend.agreement.epipolar_fit import report_focal_lengths
+from solver_backend.agreement.left_out import left_out_views
+from solver_backend.body.joint_names import is_joint_centre
+from solver_backend.body.label_choice import limb_of, of_one_limb
+from solver_backend.body.marker_layouts import load_layouts
+from solver_backend.cameras.projection import project
+from solver_backend.exchange.diagnostics import Diagnostic, Remedy, Severity, diagnostic, load_table, read_diagnostics
+from solver_backend.exchange.errors import NoDetections
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.runs import true_runs
+from solver_backend.io.motions.motion_checks import check_motion
+from solver_backend.io.recognition.gravity import upright_from_person
+from solver_backend.io.recognition.world_check import LEG_SHARE
+from solver_backend.metrics import foot_skating_cm_per_frame
+from solver_backend.report.statistics import KeypointResiduals, detected_share, residuals_of
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_GHOST, Capture, JointSet, Motion
+
+BELOW_FLOOR_M, ABOVE_FLOOR_M = 0.05, 0.25
+"""Height of a foot joint, under the floor and over it, beyond which the floor is doubted."""
+DRIFT_M, DRIFT_ENDS_S = 0.5, 0.5
+"""Metres by which the lowest joint is elsewhere in the last half second than in the first."""
+SKATING_CM_S = 15.0
+"""Of feet on the floor."""
+
+
+def _feet(motion: Motion) -> Iterator[Diagnostic]:
+    feet = joints_of(motion, "left_foot", "right_foot")
+    if feet is None or rests(motion, "left_foot", "right_foot"):
+        return
+    lowest = feet[..., 2].min(axis=1)
+    yield from _drift(motion)
+    below, usual = -float(lowest.min()), float(np.median(lowest))
+    if below > BELOW_FLOOR_M:
+        code = "floor_too_high" if usual < -BELOW_FLOOR_M else "foot_below_floor"
+        yield diagnostic(code, size=100 * below)
+    if usual > ABOVE_FLOOR_M:
+        yield diagnostic("feet_above_floor", size=100 * usual)
+    skating = foot_skating_cm_per_frame(feet)
+    if skating * motion.fps > SKATING_CM_S and usual > -BELOW_FLOOR_M:  # else they seem on the floor all the time
+        yield diagnostic("feet_slide", size=skating)
+
+
+def joints_of(motion: Motion, *names: str) -> np.ndarray | None:
+    """Return (F, N, 3) joints by name, None where the motion's body lacks one."""
+    known = motion.body_layout.joints
+    return motion.joints[:, [known.index(name) for name in names]] if set(names) <= set(known) else None
+
+
+def rests(motion: Motion, *names: str) -> bool:
+    """Return whether one of these joints is at rest in some frame."""
+    columns = [motion.body_layout.joints.index(name) for name in names]
+    return motion.resting is not None and bool(motion.resting[:, columns].any())
+
+
+def _drift(motion: Motion) -> Iterator[Diagnostic]:
+    # The height of the lowest joint changes between the ends of the take, but a floor does not move.
+    lowest, ends = motion.joints[..., 2].min(axis=1), max(1, round(DRIFT_ENDS_S * motion.fps))
+    change = float(lowest[-ends:].min() - lowest[:ends].min())
+    if len(lowest) > 2 * ends and abs(change) > DRIFT_M:
+        yield diagnostic("take_drifts", size=abs(change), way="sinks" if change < 0 else "rises")
+
+
+FAR_MM, CENTRES_FAR_MM = 10.0, 30.0
+"""Median residual of markers and of joint centres that is doubted: 60 recordings of other laboratories have 0.1 to 5
+(7 where a network named the points), 3D keypoints of networks up to 25."""
+ALWAYS_MM, WHILE_MM, WHILE_S = 20.0, 50.0, 0.3
+"""Median residual of one marker, and that of some frames and how long these last, from which on its label or place is
+doubted: of 60 recordings those that look right have medians up to 19, and 50 for 0.24 s at most."""
+STANDS_OUT = 2.0
+"""A marker that is far stands out where its residual is so many times the take's."""
+_WAIST = ("LFWT", "RFWT", "LBWT", "RBWT")
+_HIPS = (("=pelvis",), ("~mid_hip",), ("=left_hip", "=right_hip"), ("~left_hip", "~right_hip"), _WAIST, _WAIST[:2])
+HIPS_STILL_M, HIPS_BESIDE_M = 2e-4, 0.1
+"""Metres by which the middle of hips moves at most where positions are relative to it, as far as files round; and by
+which some other point moves then."""
+USELESS = 5.0
+"""So many times as far is a result useless."""
+
+
+def marker_plausibility(motion: Motion) -> Iterator[Diagnostic]:
+    """Yield how far the body is from its markers, and from single ones."""
+    error = motion.marker_residual_mm
+    if error is None or motion.marker_labels is None or not isinstance(motion.provenance.get("markers"), list):
+        return
+    centres = centres_of(motion)
+    size, limit = float(quantile(error[np.isfinite(error)], 0.5, axis=0)), CENTRES_FAR_MM if centres else FAR_MM
+    if size > limit:
+        severity, kind = useless(size > USELESS * limit), "joint centres" if centres else "markers"
+        yield diagnostic("markers_far", severity=severity, size=size, limit=limit, kind=kind)
+    yield from _far_markers(motion, size, limit / FAR_MM)
+    yield from _side_by_name(motion.layout or ())
+
+
+def _side_by_name(places: tuple[str, ...]) -> Iterator[Diagnostic]:
+    """Yield that only labels show the side of a single limb; the ankle shows it for a leg."""
+    named = [place for place in places if place[:1] in ("L", "R") and not is_joint_centre(place)]
+    if len(named) < len(places) or not of_one_limb(named, load_layouts()):
+        return
+    side, arm = named[0][0], any(limb_of(place, load_layouts()) == "arm" for place in named)
+    if arm or not {side + place for place in ("ANK", "HEE", "TOE")} <= set(named):
+        yield diagnostic(
+            "limb_side_found", basis="label", side="left" if side == "L" else "right", limb="arm" if arm else "leg"
+        )
+
+
+def useless(is_useless: bool) -> Severity:
+    """Return an error, which refuses the result, or a warning."""
+    return Severity.ERROR if is_useless else Severity.WARNING
+
+
+def centres_of(motion: Motion) -> bool:
+    """Return whether a motion was solved from joint centres."""
+    places = motion.provenance.get("markers")
+    return isinstance(places, list) and any(is_joint_centre(str(place)) for place in places)
+
+
+def hips_never_move(capture: Capture, motion: Motion) -> bool:
+    """Return whether the middle of pelvis or hips is at one place in all frames while other points move."""
+    cloud = capture.markers
+    if cloud is None or cloud.labels is None or motion.marker_labels is None or motion.layout is None:
+        return False
+    label_of = dict(zip(motion.layout, motion.marker_labels, strict=True))
+    spans = np.ptp(cloud.positions, axis=0).max(-1) if len(cloud.positions) > 1 else np.zeros(0)
+    if not (spans > HIPS_BESIDE_M).any():
+        return False
+    for places in _HIPS:
+        columns = [cloud.labels.index(label_of[name]) for name in places if label_of.get(name) in cloud.labels]
+        if len(columns) == len(places):
+            middle = cloud.positions[:, columns].mean(axis=1)
+            middle = middle[np.isfinite(middle).all(-1)]
+            if len(middle) > 1 and np.ptp(middle, axis=0).max() < HIPS_STILL_M:
+                return True
+    return False
+
+
+def _far_markers(motion: Motion, usual: float, scale: float) -> Iterator[Diagnostic]:
+    """Yield which markers are far from where the body has them, always or for a while.
+
+    Args:
+        motion: solved from markers.
+        usual: median residual of the take, millimetres.
+        scale: of the limits.
+    """
+    assert motion.marker_residual_mm is not None and motion.marker_labels is not None
+    thrown_out = 0 if motion.marker_flags is None else motion.marker_flags & MARKER_GHOST
+    error = np.where(thrown_out, np.nan, motion.marker_residual_mm)
+    always, least = quantile(error, 0.5, axis=0), max(scale * ALWAYS_MM, STANDS_OUT * usual)
+    for m in np.argsort(-np.nan_to_num(always)):
+        label, far = motion.marker_labels[int(m)], np.nan_to_num(error[:, m]) > scale * WHILE_MM
+        if always[m] > least:
+            yield diagnostic("marker_far", markers=[label], size=always[m])
+        elif runs := [run for run in true_runs(far) if run[1] + 1 - run[0] >= WHILE_S * motion.fps]:
+            largest = max(float(np.nanmax(error[a : b + 1, m])) for a, b in runs)
+            yield diagnostic("marker_far", markers=[label], frames=runs, size=largest)
+
+
+STATURES_M = (1.2, 2.2)
+"""Of people who are recorded: children of seven years to the tallest athletes."""
+IMPOSSIBLE_STATURES_M = (0.65, 2.8)
+"""Beyond babies who stand and the tallest man who was measured (2.72 m): the scale is wrong by half or more."""
+LEAST_AGREEMENT_PERCENT = 75.0
+"""Of the detections that are no outliers; where the tile of the report turns red."""
+LEAST_VIEWS_PERCENT = 75.0
+"""Of the views that should see the person and see somebody. Real captures and the demo reach 100 %."""
+USELESS_VIEWS_PERCENT, USELESS_VIEWS = 62.5, 2.75
+"""Share and number of agreeing views below which, both, a result is useless: two of four can meet by chance (cameras
+started seconds apart: 56 %, 2.2 views), two of three or three of five hardly. Of two cameras, less than three quarters
+leave half of the frames to one of them (the demo with one mirrored: 65 %, 201 mm off)."""
+AGREES_SHARE = 0.06
+"""A view agrees with the body up to this median distance over the person's extent in the picture; detectors are off by
+0.8 to 1.5 %."""
+DETECTOR_SHARE, USELESS_SHARE = 0.04, 0.1
+"""Median distance over the person's extent that no detector has, and that makes a result useless."""
+TILT_DEGREES, TILT_SIGMAS = 8.0, 3.0
+"""Between a person's stance and the world's up; both must be surpassed. Levelled takes stay within 5 degrees."""
+STANDS_SHARE = 0.5
+"""Of the frames: who is upright within half a right angle for less is no witness of what is up."""
+
+
+def _stature(motion: Motion) -> Iterator[Diagnostic]:
+    # By the legs, which every body of the family has in the same joints.
+    leg = joints_of(motion, "left_hip", "left_knee", "left_ankle")
+    if leg is None:
+        return
+    stature = float(np.linalg.norm(np.diff(leg[0], axis=0), axis=-1).sum()) / LEG_SHARE
+    for severity, (least, most) in ((Severity.ERROR, IMPOSSIBLE_STATURES_M), (Severity.WARNING, STATURES_M)):
+        if not least <= stature <= most:
+            yield diagnostic("stature_odd", severity=severity, size=stature, least=least, most=most)
+            return
+
+
+@dataclass(frozen=True)
+class ViewAgreement:
+    """Which views have the person where the body is."""
+
+    counted: np.ndarray
+    """(C, F) bool: the view sees the person, or somebody else where the person should be seen."""
+    agrees: np.ndarray
+    """(C, F) bool: what it sees is the person."""
+
+    @property
+    def percent(self) -> float:
+        """Share of the views that agree; NaN where nobody is seen."""
+        return 100.0 * self.agrees.sum() / self.counted.sum() if self.counted.any() else float("nan")
+
+    @property
+    def views(self) -> float:
+        """How many views agree in a frame, the mean over frames in which somebody is seen."""
+        return float(self.agrees.sum() / max(1, self.counted.any(0).sum()))
+
+
+def view_agreement(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> ViewAgreement:
+    """Return which views agree with the body, frame by frame.
+
+    A view of others counts against the person only where her body lies in its picture: two people in two corners, each
+    in the pictures of two cameras, contradict nobody. Views that the user left out do not count.
+    """
+    assert capture.cameras is not None and capture.keypoints is not None
+    px = _body_px(capture, motion)
+    inside = ((px >= 0) & (px < capture.cameras.image_size[:, None, None])).all(-1).mean(-1) > 0.5
+    seen = (capture.keypoints.confidence > 0).sum(-1) >= MIN_POINTS
+    with np.errstate(invalid="ignore"):
+        off = quantile(np.moveaxis(residuals.error_px, -1, 0), 0.5, axis=0) / _extents(px)
+    others = np.zeros_like(seen)
+    for person in capture.people:
+        if person.name != capture.person:
+            others |= inside & ((person.keypoints.confidence > 0).sum(-1) >= MIN_POINTS)
+    settings = motion.provenance.get("settings")
+    texts = settings.get("leave_out", ()) if isinstance(settings, dict) else ()
+    taken = ~left_out_views(texts or (), capture.cameras.names, motion.num_frames)
+    return ViewAgreement((seen | others) & taken, seen & taken & (off < AGREES_SHARE))
+
+
+def _body_px(capture: Capture, motion: Motion) -> np.ndarray:
+    """Return (C, F, K, 2) where the views have the body's keypoints; detections where the motion holds none."""
+    assert capture.cameras is not None and capture.keypoints is not None
+    c = capture.cameras
+    if motion.keypoints3d is None:
+        return np.where(capture.keypoints.confidence[..., None] > 0, capture.keypoints.xy, np.nan)
+    return project(c, motion.keypoints3d)
+
+
+def _extents(px: np.ndarray) -> np.ndarray:
+    """Return (C, F) the diagonal of the box around (C, F, K, 2) pixels, NaN where too few are known."""
+    known = np.isfinite(px)
+    size = np.where(known, px, -np.inf).max(-2) - np.where(known, px, np.inf).min(-2)
+    return np.where(known.all(-1).sum(-1) >= MIN_POINTS, np.hypot(size[..., 0], size[..., 1]), np.nan)
+
+
+def _views(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
+    percent = float(residuals.agreement_percent((0, 1, 2)))
+    if percent < LEAST_AGREEMENT_PERCENT:
+        yield diagnostic("views_disagree_with_result", percent=percent)
+    agreement = view_agreement(capture, motion, residuals)
+    if agreement.percent < LEAST_VIEWS_PERCENT:
+        assert capture.cameras is not None
+        few = agreement.percent < USELESS_VIEWS_PERCENT and agreement.views < USELESS_VIEWS
+        severity = useless(few or len(capture.cameras) == 2)
+        counted = np.maximum(agreement.counted.sum(1), 1)
+        poor = agreement.agrees.sum(1) / counted < LEAST_VIEWS_PERCENT / 100
+        names = [name for name, bad in zip(capture.cameras.names, poor, strict=True) if bad]
+        yield diagnostic("views_contradict", severity=severity, cameras=names, percent=agreement.percent)
+
+
+def _residual(capture: Capture, motion: Motion, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
+    extents = _extents(_body_px(capture, motion))[..., None]
+    share = float(quantile((residuals.error_px / extents).ravel(), 0.5, axis=0))
+    if share > DETECTOR_SHARE:
+        figures: dict[str, Any] = {"size": residuals.median_px, "share": 100 * share, "limit": 100 * DETECTOR_SHARE}
+        yield diagnostic("residual_large", severity=useless(share > USELESS_SHARE), **figures)
+
+
+_STANCE = JointSet.COCO_17
+
+
+def _tilt(motion: Motion) -> Iterator[Diagnostic]:
+    """Yield the angle between a person's stance, by trunk, balance and feet, and Z."""
+    limbs = ("shoulder", "elbow", "wrist", "hip", "knee", "ankle")
+    names = [f"{side}_{limb}" for limb in limbs for side in ("left", "right")]
+    joints = joints_of(motion, *names)
+    if joints is None or motion.num_frames < 2 or rests(motion, *names):
+        return
+    along = joints[:, 0:2].mean(1) - joints[:, -2:].mean(1)
+    along /= np.maximum(np.linalg.norm(along, axis=-1, keepdims=True), 1e-9)
+    if (along[:, 2] > np.sqrt(0.5)).mean() < STANDS_SHARE:
+        return
+    points = np.full((motion.num_frames, len(_STANCE.keypoints), 3), np.nan)
+    points[:, [_STANCE.keypoints.index(name) for name in names]] = joints
+    step = max(1, motion.num_frames // 240)
+    try:
+        upright = upright_from_person(points[::step], _STANCE)
+    except NoDetections:
+        return
+    tilt, sigma = np.degrees(np.arccos(np.clip(upright.R[2, 2], -1.0, 1.0))), np.degrees(upright.tilt_sigma)
+    if centres_of(motion):  # a suit that sinks has no floor to witness: the body has to lean, too
+        mean = along.mean(axis=0)
+        lean = np.degrees(np.arccos(np.clip(mean[2] / max(float(np.linalg.norm(mean)), 1e-9), -1.0, 1.0)))
+        tilt = tilt if lean > max(TILT_DEGREES, 0.5 * tilt) else 0.0
+    if tilt > max(TILT_DEGREES, TILT_SIGMAS * sigma):
+        yield diagnostic("person_tilted", size=float(tilt), sigma=float(sigma))
+
+
+MOST_FRAMES = 0.9
+"""Share of the take with a correction, from which the correction explains the camera."""
+LEAST_OTHERS = 3
+"""Other cameras that a comparison needs without the corrected one."""
+
+
+def without_explained(
+    found: Iterable[Diagnostic], num_frames: int, capture: Capture | None = None
+) -> Iterator[Diagnostic]:
+    """Yield the diagnostics without the reader's doubts about cameras that the solve corrected.
+
+    Comparisons with a corrected camera are dropped as well. Focal lengths are compared again without it.
+
+    Args:
+        found: diagnostics of the reader and the solve.
+        num_frames: frames of the take.
+        capture: what was solved.
+    """
+    found, table = tuple(found), load_table()
+    roles = {item.code: entry.role for item in found if (entry := table.get(item.code))}
+    explained = {
+        camera
+        for item in found
+        if roles.get(item.code) == "explains" and item.remedy is Remedy.REPAIRED
+        if sum(last - first + 1 for first, last in item.where.frames) >= MOST_FRAMES * num_frames
+        for camera in item.where.cameras
+    }
+    others = _others(capture, explained)
+    for item in found:
+        role, named = roles.get(item.code), [name for name in item.where.cameras if name not in explained]
+        if role == "compares all" and others is not None:
+            yield from _focal_lengths(capture, others)
+        elif role == "compares":
+            if named and (others is None or len(others) >= LEAST_OTHERS):
+                known = item.values.get("shifts")
+                shifts = {name: known[name] for name in named if isinstance(known, dict) and name in known}
+                yield replace(item, where=replace(item.where, cameras=tuple(named)), values={"shifts": shifts})
+        elif role != "doubts" or len(named) == len(item.where.cameras):
+            yield item
+
+
+def _others(capture: Capture | None, explained: set[str]) -> list[int] | None:
+    """Return the cameras that nothing explains, None where none is explained."""
+    if capture is None or capture.cameras is None or not explained:
+        return None
+    return [c for c, name in enumerate(capture.cameras.names) if name not in explained]
+
+
+def _focal_lengths(capture: Capture | None, chosen: list[int]) -> tuple[Diagnostic, ...]:
+    if capture is None or capture.cameras is None or capture.keypoints is None or len(chosen) < 2:
+        return ()
+    return report_focal_lengths(capture.cameras.subset(chosen), capture.keypoints.views(chosen))
+
+
+UNSURE_SHARE = 0.02
+"""Of the frames; where more are unsure, an animator has more than single frames to look at."""
+DISAGREES = 1.6
+"""A camera's median residual over the median of the others'."""
+SELDOM_PERCENT, OUTLIER_PERCENT = 50.0, 20.0
+"""Of a keypoint's frames in which two cameras detect it; of its detections in one view that are outliers."""
+
+
+def capture_diagnostics(capture: Capture) -> tuple[Diagnostic, ...]:
+    """Return what the reader of a capture found."""
+    return (*capture.notes, *capture.problems)
+
+
+def recorded_diagnostics(motion: Motion) -> tuple[Diagnostic, ...]:
+    """Return what a motion states was found when it was solved."""
+    return read_diagnostics(motion.provenance.get("diagnostics"))
+
+
+def by_gravity(found: Iterable[Diagnostic]) -> tuple[Diagnostic, ...]:
+    """Return each diagnostic once, errors and warnings before notes.
+
+    Two are the same if code, names and named values are: figures of a file that was read again differ in their last
+    digit.
+    """
+    first: dict[object, Diagnostic] = {}
+    for item in found:
+        entry, where = load_table().get(item.code), item.where
+        names = ("text", "part", *(entry.words if entry else ()))
+        chosen = tuple(str(item.values.get(name)) for name in names)
+        key = item.code, where.cameras, where.markers, where.joints, where.person, where.file, item.remedy, chosen
+        first.setdefault(key, item)
+    return tuple(sorted(first.values(), key=lambda item: ("error", "warning", "note").index(item.severity)))
+
+
+def _flagged(motion: Motion, one_view: bool) -> Iterator[Diagnostic]:
+    if motion.flags is None:
+        return
+    unseen, unsure = ((motion.flags & bit) > 0 for bit in (FLAG_UNSEEN, FLAG_UNSURE))
+    if unseen.any():
+        reason = "single" if one_view else "views" if motion.markers is None else "markers"
+        yield diagnostic("frames_unseen", reason=reason, frames=true_runs(unseen))
+    if unsure.any():
+        severity = Severity.NOTE if unsure.mean() <= UNSURE_SHARE else Severity.WARNING
+        data, percent = "views" if motion.markers is None else "markers", 100 * unsure.mean()
+        yield diagnostic("frames_unsure", severity=severity, data=data, frames=true_runs(unsure), percent=percent)
+
+
+def _cameras(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
+    assert capture.cameras is not None
+    seen = detected_share(capture)
+    assert seen is not None
+    medians = residuals.by_camera
+    angles = medians / capture.cameras.K[:, 0, 0]
+    for c, name in enumerate(capture.cameras.names):
+        others = np.delete(angles, c)
+        others = others[np.isfinite(others)]
+        percent = 100 * float(seen[c].mean())
+        usual = float(quantile(others, 0.5, axis=0) * capture.cameras.K[c, 0, 0]) if others.size else float("nan")
+        if medians[c] > DISAGREES * usual:
+            yield diagnostic("camera_disagrees", cameras=[name], size=medians[c], usual=usual)
+        if percent < SELDOM_PERCENT:
+            yield diagnostic("camera_sees_little", cameras=[name], percent=percent)
+
+
+def _keypoints(capture: Capture, residuals: KeypointResiduals) -> Iterator[Diagnostic]:
+    assert capture.cameras is not None and capture.keypoints is not None
+    agreement = residuals.agreement_percent(1)
+    names = [name.replace("_", " ") for name in capture.keypoints.joint_set.keypoints]
+    least = 1 if capture.is_one_view else 2
+    often = 100.0 * ((capture.keypoints.confidence > 0).sum(axis=0) >= least).mean(axis=0)
+    rare = [f"{names[k]} ({often[k]:.0f} %)" for k in np.argsort(often, kind="stable") if often[k] < SELDOM_PERCENT]
+    if rare:
+        yield diagnostic("keypoints_seldom_seen", shares=rare)
+    outliers = 100.0 - np.nan_to_num(agreement, nan=100.0)
+    poor = sorted((-float(outliers[c, k]), c, k) for c, k in np.argwhere(outliers > OUTLIER_PERCENT))
+    if poor:
+        shares = [f"{names[k]} in {capture.cameras.names[c]} ({-share:.0f} %)" for share, c, k in poor]
+        yield diagnostic("keypoints_often_outliers", shares=shares)
+
+
+@dataclass(frozen=True)
+class SolvedTake:
+    """A capture with its solve."""
+
+    capture: Capture
+    motion: Motion
+    residuals: KeypointResiduals | None
+    """None if no camera saw anything."""
+
+
+class Check(NamedTuple):
+    """One row of the table of checks."""
+
+    name: str
+    needs: Callable[[SolvedTake], bool]
+    """Whether the take has the data."""
+    find: Callable[[SolvedTake], Iterable[Diagnostic]]
+
+
+def _always(take: SolvedTake) -> bool:
+    return True
+
+
+def _of_views(take: SolvedTake) -> bool:
+    return take.residuals is not None
+
+
+def _of_views_or_centres(take: SolvedTake) -> bool:
+    # Recordings of markers are level.
+    return take.residuals is not None or centres_of(take.motion)
+
+
+def _hips_still(take: SolvedTake) -> bool:
+    return hips_never_move(take.capture, take.motion)
+
+
+def _hips_travel(take: SolvedTake) -> bool:
+    return not hips_never_move(take.capture, take.motion)
+
+
+CHECKS: tuple[Check, ...] = (
+    Check("numbers of the motion", _always, lambda take: check_motion(take.motion)),
+    Check("flagged frames", _always, lambda take: _flagged(take.motion, take.capture.is_one_view)),
+    Check("stature", _always, lambda take: _stature(take.motion)),
+    Check("residual", _of_views, lambda take: _residual(take.capture, take.motion, _known(take))),
+    Check("views", _of_views, lambda take: _views(take.capture, take.motion, _known(take))),
+    Check("tilt", _of_views_or_centres, lambda take: _tilt(take.motion)),
+    Check("markers", _always, lambda take: marker_plausibility(take.motion)),
+    Check("hips", _hips_still, lambda take: [diagnostic("hips_never_move")]),
+    Check("feet and floor", _hips_travel, lambda take: _feet(take.motion)),
+    Check("cameras", _of_views, lambda take: _cameras(take.capture, _known(take))),
+    Check("keypoints", _of_views, lambda take: _keypoints(take.capture, _known(take))),
+)
+"""Every check of a result, in the order of its diagnostics."""
+
+
+def _known(take: SolvedTake) -> KeypointResiduals:
+    assert take.residuals is not None
+    return take.residuals
+
+
+def diagnose(capture: Capture, motion: Motion, residuals: KeypointResiduals | None = None) -> tuple[Diagnostic, ...]:
+    """Return everything that was found, the gravest first; for a motion that has it already, the same again.
+
+    Args:
+        capture: what was solved.
+        motion: the solve, with the diagnostics of the solve in its provenance.
+        residuals: of the motion in the capture, measured here if None.
+
+    Raises:
+        MotionInvalid: the motion does not belong to the capture.
+    """
+    capture = capture.named
+    take = SolvedTake(capture, motion, residuals or residuals_of(capture, motion))
+    found = [*capture_diagnostics(capture), *recorded_diagnostics(motion)]
+    for check in CHECKS:
+        if check.needs(take):
+            found += check.find(take)
+    return by_gravity(without_explained(found, motion.num_frames, capture))
