@@ -6,8 +6,6 @@ import numpy as np
 
 from solver_backend.types import SMPL_JOINTS
 
-SIDES = ("left", "right")
-
 
 def flexion_deg(joints: np.ndarray, parent: str, joint: str, child: str) -> np.ndarray:
     """Return (F,) degrees by which a hinge is bent: ``180° - ∠(parent, joint, child)``, 0 when straight.
@@ -36,9 +34,9 @@ def elbow_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
 def hip_flexion_deg(joints: np.ndarray, side: str) -> np.ndarray:
     """Return (F,) degrees between thigh and trunk in the sagittal plane, positive forwards, negative backwards."""
     thigh = _between(joints, f"{side}_hip", f"{side}_knee")
-    down = _unit(-_trunk(joints))
+    down = _unit_vectors(-_trunk(joints))
     left = _between(joints, "right_hip", "left_hip")
-    forward = _unit(np.cross(down, left))
+    forward = _unit_vectors(np.cross(down, left))
     return np.degrees(np.arctan2((thigh * forward).sum(-1), (thigh * down).sum(-1)))
 
 
@@ -71,6 +69,6 @@ def _angle_deg(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return np.degrees(np.arctan2(cross, (a * b).sum(-1)))
 
 
-def _unit(vectors: np.ndarray) -> np.ndarray:
+def _unit_vectors(vectors: np.ndarray) -> np.ndarray:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
     return vectors / np.where(length > 0, length, 1.0)

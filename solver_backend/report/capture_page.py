@@ -15,10 +15,8 @@ from solver_backend.geometry.quantiles import quantile
 from solver_backend.report.checks import by_gravity, capture_diagnostics
 from solver_backend.report.markup import Tile, facts, heat_table, number, section, text, tiles
 from solver_backend.report.page import page_of
-from solver_backend.report.plan import plan
-from solver_backend.report.plots import strip_plot
+from solver_backend.report.plots import plan, space_drawing, strip_plot
 from solver_backend.report.sections import diagnostics_section
-from solver_backend.report.space_drawing import space_drawing
 from solver_backend.report.statistics import detected_share, located_share, share
 from solver_backend.types import Capture
 

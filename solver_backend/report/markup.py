@@ -27,6 +27,12 @@ def section(title: str, body: str, lead: str = "", identifier: str = "") -> str:
     return f'<section id="{text(identifier)}"><h2>{text(title)}</h2>{lead_html}{body}</section>'
 
 
+def figure(kind: str, width: float, height: float, parts: Iterable[str]) -> str:
+    """Return SVG parts as a figure of a kind that the style sheet knows."""
+    svg = f'<svg viewBox="0 0 {width:g} {height:g}" role="img">{"".join(parts)}</svg>'
+    return f'<figure class="{kind}">{svg}</figure>'
+
+
 @dataclass(frozen=True)
 class Tile:
     """One headline number."""

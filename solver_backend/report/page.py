@@ -13,14 +13,11 @@ from solver_backend.exchange.outputs import write_text
 from solver_backend.exchange.report_file import REPORT_MARK
 from solver_backend.geometry.quantiles import quantile
 from solver_backend.metrics import accel_error_m_s2, mpjpe_mm
-from solver_backend.report import markers, sections
-from solver_backend.report.calibration import calibration_section
+from solver_backend.report import sections
+from solver_backend.report.body_sections import hands_section, one_view_section, rest_pose_section
 from solver_backend.report.checks import diagnose
-from solver_backend.report.hands import hands_section
 from solver_backend.report.markup import Tile, number, text, tiles
-from solver_backend.report.one_view import one_view_section
-from solver_backend.report.props import props_section
-from solver_backend.report.rest_pose import rest_pose_section
+from solver_backend.report.sections import calibration_section, props_section
 from solver_backend.report.statistics import KeypointResiduals, located_share, residuals_of
 from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
 from solver_backend.types.cameras import CameraFits
@@ -59,17 +56,15 @@ def report_html(capture: Capture, motion: Motion, calibration: CameraFits | None
     capture = capture.named
     residuals = residuals_of(capture, motion)
     compared = _compared(capture, motion)
-    shades = sections.shades_of(motion)
     found = diagnose(capture, motion, residuals)
     body = [
         sections.diagnostics_section(found, motion.fps),
         one_view_section(capture, motion),
         sections.truth_section(capture, motion, compared.lines() if compared is not None else []),
-        sections.residual_section(motion, residuals),
-        markers.residual_over_time(motion, shades, sections.shades_key(motion)),
+        sections.residual_sections(motion, residuals),
         sections.missing_section(capture, motion),
-        markers.gaps_section(motion, shades),
-        markers.marker_section(motion),
+        sections.gaps_section(motion),
+        sections.marker_section(motion),
         hands_section(motion),
         props_section(motion),
         rest_pose_section(motion),
@@ -128,15 +123,8 @@ def headline_tiles(capture: Capture, motion: Motion, residuals: KeypointResidual
     if residuals is not None:
         found.append(Tile("Reprojection error", number(residuals.median_px), "px", "median of all detections"))
         agreement = float(residuals.agreement_percent((0, 1, 2)))
-        found.append(
-            Tile(
-                "View agreement",
-                number(agreement, 0),
-                "%",
-                "of the detections are not outliers",
-                _level(agreement, 90, 75),
-            )
-        )
+        note, level = "of the detections are not outliers", _level(agreement, 90, 75)
+        found.append(Tile("View agreement", number(agreement, 0), "%", note, level))
     if motion.marker_residual_mm is not None:
         error = motion.marker_residual_mm.ravel()
         middle, most = (number(float(quantile(error, q, axis=0))) for q in (0.5, 0.95))

@@ -1,4 +1,4 @@
-"""The page's sections, one function each; a section about data that is not there is left out ('')."""
+"""Write the page's sections, one function each; a section without data is empty."""
 
 from __future__ import annotations
 
@@ -8,14 +8,16 @@ from collections.abc import Sequence
 import numpy as np
 
 from solver_backend.exchange.diagnostics import Diagnostic, notes_in, warnings_in, word
+from solver_backend.exchange.hand_points import SIDES
+from solver_backend.geometry.quantiles import quantile
 from solver_backend.geometry.runs import true_runs
 from solver_backend.metrics import distances_m
 from solver_backend.report import angles
 from solver_backend.report.markup import facts, heat_table, number, section, text
-from solver_backend.report.plan import plan
-from solver_backend.report.plots import WIDTH, PlotCurve, Shade, strip_plot, time_plot
+from solver_backend.report.plots import WIDTH, PlotCurve, Shade, plan, strip_plot, time_plot
 from solver_backend.report.statistics import KeypointResiduals, detected_share, located_share
-from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, Capture, Motion
+from solver_backend.types import FLAG_UNSEEN, FLAG_UNSURE, MARKER_FILLED, MARKER_GHOST, MARKER_SWAPPED, Capture, Motion
+from solver_backend.types.cameras import COLUMNS, ROWS, CameraFits
 
 SIDES_KEY = '<p class="key"><b class="a">— left</b> &nbsp; <b class="b">— right</b>{truth}</p>'
 SHADES_KEY = (
@@ -119,18 +121,26 @@ def missing_section(capture: Capture, motion: Motion) -> str:
     return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
 
 
-def residual_section(motion: Motion, residuals: KeypointResiduals | None) -> str:
-    """The residual over time, with flagged frames shaded and keyframes ticked."""
-    if residuals is None:
-        return ""
-    lines = [
-        PlotCurve(residuals.by_frame(0.9), "90 % below", "quiet"),
-        PlotCurve(residuals.by_frame(0.5), "median", "a"),
-    ]
+def residual_sections(motion: Motion, residuals: KeypointResiduals | None) -> str:
+    """Plot the residual over time, of detections and of markers, with flagged frames and keyframes."""
+    if residuals is not None:
+        curves, points = (residuals.by_frame(0.5), residuals.by_frame(0.9)), "detections"
+        shown = _residual_section(motion, curves, "px", points, "the solved body and the detections of all cameras")
+    else:
+        shown = ""
+    error = motion.marker_residual_mm
+    if error is not None:
+        curves = quantile(error, 0.5, axis=1), quantile(error, 0.9, axis=1)
+        shown += _residual_section(motion, curves, "mm", "markers", "the solved body's markers and the recorded ones")
+    return shown
+
+
+def _residual_section(motion: Motion, curves: tuple[np.ndarray, np.ndarray], unit: str, points: str, ends: str) -> str:
+    lines = [PlotCurve(curves[1], "90 % below", "quiet"), PlotCurve(curves[0], "median", "a")]
     marks = None if motion.keyframes is None else np.flatnonzero(motion.keyframes)
-    plot = time_plot(lines, motion.fps, "px", shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
-    lead = "Distance between the solved body and the detections of all cameras. Look at the peaks first."
-    key = '<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the detections are below</p>'
+    plot = time_plot(lines, motion.fps, unit, shades=shades_of(motion), marks=marks, from_zero=True, size=(WIDTH, 190))
+    key = f'<p class="key"><b class="a">— median</b> &nbsp; — 90 % of the {points} are below</p>'
+    lead = f"Distance between {ends}. Look at the peaks first."
     return section("Residual over time", plot + key + shades_key(motion), lead, "residual")
 
 
@@ -146,24 +156,12 @@ def angles_section(capture: Capture, motion: Motion) -> str:
     ]
     plots = []
     for title, unit, measure in both:
-        lines = (
-            [PlotCurve(measure(truth, side), f"true {side}", "truth") for side in angles.SIDES]
-            if truth is not None
-            else []
-        )
-        lines += [
-            PlotCurve(measure(motion.joints, side), side, style) for side, style in zip(angles.SIDES, "ab", strict=True)
-        ]
+        lines = [] if truth is None else [PlotCurve(measure(truth, s), f"true {s}", "truth") for s in SIDES]
+        lines += [PlotCurve(measure(motion.joints, s), s, style) for s, style in zip(SIDES, "ab", strict=True)]
         plots.append(_small_plot(title, unit, lines, motion))
     lean = [PlotCurve(angles.trunk_lean_deg(truth), "true", "truth")] if truth is not None else []
-    plots.append(
-        _small_plot(
-            "Trunk lean from the vertical",
-            "°",
-            [*lean, PlotCurve(angles.trunk_lean_deg(motion.joints), "trunk")],
-            motion,
-        )
-    )
+    lean.append(PlotCurve(angles.trunk_lean_deg(motion.joints), "trunk"))
+    plots.append(_small_plot("Trunk lean from the vertical", "°", lean, motion))
     key = SIDES_KEY.format(truth=' &nbsp; <b class="truth">┄ truth</b>' if truth is not None else "")
     lead = "Curves should be smooth; spikes are jitter, steps are swapped limbs. 0° is straight or hanging."
     return section("Joint angles", f'<div class="pair">{"".join(plots)}</div>{key}', lead, "angles")
@@ -253,3 +251,105 @@ def provenance_section(capture: Capture, motion: Motion) -> str:
     plain = json.dumps(provenance, indent=1, sort_keys=True, default=str, ensure_ascii=False)
     raw = f"<details><summary>Everything the motion file records</summary><pre>{text(plain)}</pre></details>"
     return section("Settings and provenance", facts(rows) + raw, "", "provenance")
+
+
+def marker_section(motion: Motion) -> str:
+    """Each marker's residual, and in how many frames it is seen."""
+    error = motion.marker_residual_mm
+    if error is None or motion.marker_labels is None:
+        return ""
+    shares = [quantile(error, q, axis=0) for q in (0.5, 0.95)]
+    mean = np.nansum(error, axis=0) / np.maximum(np.isfinite(error).sum(axis=0), 1)
+    seen = 100 * np.isfinite(error).mean(axis=0)
+    mean = np.where(seen > 0, mean, np.nan)
+    usual = max(2.5 * float(np.nan_to_num(quantile(error.ravel(), 0.5, axis=0))), 1e-9)
+    values = np.stack([mean, *shares], axis=1)
+    names = [label.rpartition(":")[2] for label in motion.marker_labels]
+    left = heat_table(values, names, ["mean", "median", "95 % below"], strength=values / usual, unit="mm")
+    shares, heads = _shares(motion, seen)
+    faint = np.concatenate([(100 - shares[:, :1]) / 40, shares[:, 1:] / 10], axis=1)
+    right = heat_table(shares, names, heads, strength=faint, unit="%", digits=0)
+    lead = (
+        "How far the solved body's markers are from the recorded ones; each marker's place on the body was learned. "
+        "A marker that stands out may be named wrongly, lie elsewhere than its name states, or be loose."
+    )
+    body = (
+        f'<div class="pair"><div><h3>Residual in millimetres</h3>{left}</div>'
+        f"<div><h3>Frames, in percent</h3>{right}</div></div>"
+    )
+    return section("Markers", body, lead, "markers")
+
+
+def _shares(motion: Motion, seen: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Return (M, n) percentages of the frames in which each marker is seen, filled, exchanged and rejected."""
+    if motion.marker_flags is None:
+        return seen[:, None], ["seen"]
+    bits = {"filled": MARKER_FILLED, "exchanged": MARKER_SWAPPED, "rejected": MARKER_GHOST}
+    parts = [100 * ((motion.marker_flags & bit) > 0).mean(axis=0) for bit in bits.values()]
+    return np.stack([seen, *parts], axis=1), ["seen", *bits]
+
+
+def gaps_section(motion: Motion) -> str:
+    """Which markers are missing, frame by frame."""
+    if motion.marker_residual_mm is None or motion.marker_labels is None:
+        return ""
+    seen = np.isfinite(motion.marker_residual_mm)
+    incomplete = np.flatnonzero(~seen.all(axis=0))
+    rows = [(motion.marker_labels[i].rpartition(":")[2], seen[:, i].astype(float)) for i in incomplete]
+    rows.append(("all markers", seen.mean(axis=1)))
+    lead = "Where markers are seen; only those with gaps are named. The last row is the share of all markers."
+    return section("Missing data", strip_plot(rows, motion.fps, shades=shades_of(motion)), lead, "missing")
+
+
+def props_section(motion: Motion) -> str:
+    """Each prop's standard deviations over time, and how many of its markers are seen."""
+    lead = (
+        "Things with markers that the person does not wear, solved as rigid bodies. The curves are the standard "
+        "deviation of the origin, and that of the rotation about the axis that is known least."
+    )
+    parts = list[str]()
+    for prop in motion.props:
+        seen = 100 * (np.asarray(prop.seen) >= 3).mean()
+        who = f"{len(prop.labels)} markers ({', '.join(prop.labels)})"
+        facts = f"{who}; three or more are seen in {seen:.0f} % of the frames"
+        place = time_plot(
+            [PlotCurve(1000 * prop.sigma[:, 0], "origin", "a")], motion.fps, "mm", from_zero=True, size=(WIDTH, 120)
+        )
+        turn = time_plot(
+            [PlotCurve(np.degrees(prop.sigma[:, 1]), "rotation", "b")], motion.fps, "°", from_zero=True,
+            size=(WIDTH, 120),
+        )  # fmt: skip
+        parts.append(f"<h3>{text(prop.name)}</h3><p>{text(facts)}</p>{place}{turn}")
+    return section("Props", "".join(parts), lead, "props") if parts else ""
+
+
+def calibration_section(capture: Capture, fit: CameraFits | None) -> str:
+    """Return the section; nothing where it was not checked."""
+    if fit is None or capture.cameras is None:
+        return ""
+    names = capture.cameras.names
+    items = "".join(f'<li class="look">{text(word)}</li>' for word in fit.findings)
+    items = items or '<li class="good">Nothing contradicts the calibration.</li>'
+    grid = np.concatenate([fit.camera_px[:, None], fit.best_px[:, None], fit.region_px.reshape(len(names), 9)], axis=1)
+    columns = ["all", "at best", *(f"{row} {column}" for row in ROWS for column in COLUMNS)]
+    usual = max(float(np.nanmedian(fit.camera_px)), 1e-9)
+    table = heat_table(grid, names, columns, strength=grid / (3.0 * usual), unit="px")
+    windows = fit.epipolar_px.shape[1]
+    frames = capture.num_frames
+    where = np.minimum(np.arange(frames) * windows // max(frames, 1), windows - 1)
+    lines = [PlotCurve(fit.epipolar_px[c, where], name, "ab"[c] if c < 2 else "quiet") for c, name in enumerate(names)]
+    plot = time_plot(lines, capture.fps, "px", from_zero=True)
+    world = facts([
+        ("stature by the calibration's scale", f"{number(fit.stature_m, 2)} m"),
+        ("the person's up against the world's", f"{number(fit.tilt_deg)}° ± {number(fit.tilt_sigma_deg)}°"),
+    ])  # fmt: skip
+    lead = (
+        f"How well the cameras fit this take: {text(fit.verdict)}. <i>At best</i> is after the poses "
+        "were adjusted to the take: a camera far above it was moved. A rim far above the middle points at a lens of "
+        "another zoom. An epipolar distance that grows points at a camera that was touched, or a clock of another rate."
+    )
+    body = (
+        f'<ul class="findings">{items}</ul><h3>Reprojection error by part of the picture, px</h3>{table}'
+        f"<h3>Distance to epipolar lines over the take, px</h3>{plot}<h3>The world</h3>{world}"
+    )
+    return section("Calibration", body, lead, "calibration")

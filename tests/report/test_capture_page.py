@@ -14,7 +14,7 @@ from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.exchange.errors import OutputExists
 from solver_backend.io.native.capture_file import write_capture
 from solver_backend.report.capture_page import capture_html, write_capture_report
-from solver_backend.report.space_drawing import space_drawing
+from solver_backend.report.plots import space_drawing
 from solver_backend.synthesis.embedded.demo import demo_capture
 from solver_backend.types import Capture, MarkerCloud
 from tests.support.html_page import Strict

@@ -14,7 +14,7 @@ from solver_backend.body.hand_on_body import by_joint, hand_skeletons
 from solver_backend.body.hands import with_fingers
 from solver_backend.fitters.output.finger_turns import with_finger_turns
 from solver_backend.geometry.rotations import log_so3
-from solver_backend.report.hands import hands_section
+from solver_backend.report.body_sections import hands_section
 from solver_backend.report.page import report_html
 from solver_backend.types import Motion
 from tests.support.html_page import Strict

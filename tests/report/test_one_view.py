@@ -9,7 +9,7 @@ import pytest
 
 from solver_backend.exchange.diagnostics import diagnostic
 from solver_backend.geometry.symmetric import packed
-from solver_backend.report.one_view import MOMENTS, one_view_section, open_limbs, sight_sigma_m
+from solver_backend.report.body_sections import MOMENTS, one_view_section, open_limbs, sight_sigma_m
 from solver_backend.report.page import report_html
 from solver_backend.types import Capture, Motion
 from tests.support.html_page import Strict

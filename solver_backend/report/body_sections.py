@@ -1,0 +1,478 @@
+"""Write the sections about one camera, hands and marker places: drawings of the body."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver_backend.body.body import Body, load_body
+from solver_backend.body.landmarks import pose_landmarks
+from solver_backend.body.markers import marker_landmarks
+from solver_backend.exchange.hand_points import FINGERS, SIDES
+from solver_backend.exchange.joint_sets import NUM_BODY_JOINTS
+from solver_backend.fitters.one_view.depth import LIMB_ENDS
+from solver_backend.geometry.quantiles import quantile
+from solver_backend.geometry.runs import true_runs
+from solver_backend.geometry.symmetric import unpacked
+from solver_backend.report.checks import recorded_diagnostics
+from solver_backend.report.markup import facts, figure, heat_table, number, section, text
+from solver_backend.report.plots import WIDTH, strip_plot
+from solver_backend.types import Capture, Motion
+
+MOMENTS = 4
+"""Moments that are drawn, one of each equal part of the take: where it knows least along the line of sight."""
+ROW, MARGIN, CAPTION = 230.0, 8.0, 20.0
+"""Height of a row of drawings, its edges and the line of text above, in units of the drawing."""
+ELLIPSE = 5.991**0.5
+"""Standard deviations of an ellipse that holds 95 % of a normal distribution in the plane (chi square, 2 degrees)."""
+OPEN_CODES = ("limb_depth_open",)
+"""Diagnostics that name limbs whose depth is open."""
+TRUNK = "pelvis"
+_LEAD = (
+    "Ellipses hold 95 %: of hands, feet and head in colour, of the pelvis in grey. All joints share the grey one, "
+    "with the person's distance and size. Dashed limbs are open in depth: they may point towards the camera or away. "
+    "From the side the camera is on the left."
+)
+
+
+@dataclass(frozen=True)
+class _SideProjection:
+    """A parallel projection: from metres about the pelvis to a column of the drawing."""
+
+    axes: np.ndarray
+    """(2, 3) to the right and up."""
+    left: float
+    top: float
+    scale: float
+    """Units of the drawing a metre."""
+    middle: np.ndarray
+    """(2,) metres."""
+    width: float
+
+    def __call__(self, points: np.ndarray) -> np.ndarray:
+        flat = (points @ self.axes.T - self.middle) * self.scale * [1.0, -1.0]
+        return flat + [self.left + self.width / 2, self.top + ROW / 2]
+
+    def ellipse(self, centre: np.ndarray, covariance: np.ndarray, kind: str, name: str) -> str:
+        """Return the ellipse of a joint's (3, 3) covariance about its place."""
+        values, vectors = np.linalg.eigh(self.axes @ covariance @ self.axes.T)
+        short, long = ELLIPSE * self.scale * np.sqrt(np.maximum(values, 0.0))
+        turn = -np.degrees(np.arctan2(vectors[1, 1], vectors[0, 1]))
+        x, y = self(centre)
+        return (
+            f'<ellipse class="{kind}" cx="{x:.1f}" cy="{y:.1f}" rx="{long:.1f}" ry="{short:.1f}" '
+            f'transform="rotate({turn:.1f} {x:.1f} {y:.1f})"><title>{text(name)}</title></ellipse>'
+        )
+
+
+def one_view_section(capture: Capture, motion: Motion) -> str:
+    """Return the camera's view beside the side view, and when the depth of which limb is open."""
+    if not capture.is_one_view or capture.cameras is None or motion.joint_covariance is None:
+        return ""
+    assert capture.keypoints is not None
+    view = int(np.flatnonzero((capture.keypoints.confidence > 0).any(axis=(1, 2)))[0])
+    is_open = open_limbs(motion)
+    sigma = sight_sigma_m(motion, capture.cameras.centres[view])
+    frames = _moments(np.nan_to_num(sigma).max(axis=1))
+    drawing = _drawing(motion, capture.cameras.centres[view], frames, is_open)
+    rows = [(part, flags.astype(float)) for part, flags in is_open.items()]
+    strip = strip_plot(rows, motion.fps)
+    body = f"{drawing}<h3>Limbs whose depth is open</h3>{strip}"
+    return section("From the camera and from the side", body, _LEAD, "side")
+
+
+def open_limbs(motion: Motion) -> dict[str, np.ndarray]:
+    """Return for each limb the (F,) frames in which its depth was reported as open."""
+    found = {part: np.zeros(motion.num_frames, dtype=bool) for part in LIMB_ENDS.values()}
+    for item in recorded_diagnostics(motion):
+        part = item.values.get("part")
+        if item.code in OPEN_CODES and part in found:
+            for first, last in item.where.frames:
+                found[part][first : last + 1] = True
+    return found
+
+
+def sight_sigma_m(motion: Motion, centre: np.ndarray) -> np.ndarray:
+    """Return (F, J) standard deviations of the joints along the line of sight, metres.
+
+    Args:
+        motion: with covariances.
+        centre: (3,) the camera's place.
+    """
+    assert motion.joint_covariance is not None
+    away = motion.joints - centre
+    sight = away / np.linalg.norm(away, axis=-1, keepdims=True)
+    covariance = unpacked(motion.joint_covariance.astype(np.float64))
+    return np.sqrt(np.einsum("fja,fjab,fjb->fj", sight, covariance, sight))
+
+
+def _moments(worth: np.ndarray) -> list[int]:
+    parts = [part for part in np.array_split(np.arange(len(worth)), MOMENTS) if len(part)]
+    return [int(part[worth[part].argmax()]) for part in parts]
+
+
+def _drawing(motion: Motion, centre: np.ndarray, frames: list[int], is_open: dict[str, np.ndarray]) -> str:
+    width, names = WIDTH / len(frames), motion.body_layout.joints
+    root = names.index(TRUNK)
+    sides = [_axes(motion.joints[frame, root] - centre) for frame in frames]
+    about = [motion.joints[frame] - motion.joints[frame, root] for frame in frames]
+    assert motion.joint_covariance is not None
+    covariances = [unpacked(motion.joint_covariance[frame].astype(np.float64)) for frame in frames]
+    corners = [
+        _corners(points, covariance, axes)
+        for points, covariance, both in zip(about, covariances, sides, strict=True) for axes in both
+    ]  # fmt: skip
+    low, high = np.min([c[0] for c in corners], axis=0), np.max([c[1] for c in corners], axis=0)
+    scale = float(min((width - 2 * MARGIN) / (high - low)[0], (ROW - 2 * MARGIN) / (high - low)[1]))
+    parts = []
+    for column, frame in enumerate(frames):
+        for row, (axes, name) in enumerate(zip(sides[column], ("from the camera", "from the side"), strict=True)):
+            top = CAPTION + row * (ROW + CAPTION)
+            view = _SideProjection(axes, column * width, top, scale, (low + high) / 2, width)
+            message = f"frame {frame} · {frame / motion.fps:.2f} s, {name}"
+            parts.append(f'<text class="x" x="{view.left + width / 2:.0f}" y="{top - 6:.0f}">{message}</text>')
+            open_now = {part for part, flags in is_open.items() if flags[frame]}
+            floor = -motion.joints[frame, root, 2] if row == 1 else None
+            parts += _person(view, about[column], covariances[column], motion, open_now, floor)
+    height = 2 * (ROW + CAPTION)
+    return figure("sides", WIDTH, height, parts)
+
+
+def _axes(sight: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the (2, 3) axes of the picture, and of the side view: away from the camera over the floor, and up."""
+    sight = sight / np.linalg.norm(sight)
+    right = np.cross(sight, [0.0, 0.0, 1.0])
+    right = right / np.linalg.norm(right) if np.linalg.norm(right) > 1e-6 else np.array([1.0, 0.0, 0.0])
+    return np.stack([right, np.cross(right, sight)]), np.stack([np.cross([0.0, 0.0, 1.0], right), [0.0, 0.0, 1.0]])
+
+
+def _corners(points: np.ndarray, covariance: np.ndarray, axes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return the lowest and highest place on each axis that a person and their ellipses reach, metres."""
+    flat, reach = points @ axes.T, ELLIPSE * np.sqrt(np.einsum("ka,jab,kb->jk", axes, covariance, axes))
+    return (flat - reach).min(axis=0), (flat + reach).max(axis=0)
+
+
+def _person(
+    view: _SideProjection, points: np.ndarray, covariance: np.ndarray, motion: Motion, open_now: set[str],
+    floor: float | None,
+) -> list[str]:  # fmt: skip
+    names, parts = motion.body_layout.joints, []
+    if floor is not None:
+        y = float(view(np.array([0.0, 0.0, floor]))[1])
+        right = view.left + view.width
+        parts.append(f'<line class="axis" x1="{view.left:.1f}" x2="{right:.1f}" y1="{y:.1f}" y2="{y:.1f}"/>')
+    for end in (TRUNK, *LIMB_ENDS):
+        if end in names:
+            joint = names.index(end)
+            parts.append(view.ellipse(points[joint], covariance[joint], f"spread {_side(end)}", end.replace("_", " ")))
+    for joint, parent in enumerate(motion.body_layout.parents):
+        if parent >= 0:
+            kind = f"bone {_side(names[joint])}" + (" open" if _limb_of(names[joint]) in open_now else "")
+            (x1, y1), (x2, y2) = view(points[[parent, joint]])
+            parts.append(f'<line class="{kind}" x1="{x1:.1f}" y1="{y1:.1f}" x2="{x2:.1f}" y2="{y2:.1f}"/>')
+    return parts
+
+
+def _side(joint: str) -> str:
+    """Return the class of the side's colour."""
+    return {"left": "a", "right": "b"}.get(joint.partition("_")[0], "c")
+
+
+def _limb_of(joint: str) -> str:
+    """Return which limb a bone that ends in this joint belongs to, "" for none."""
+    side, _, part = joint.partition("_")
+    limb = {"elbow": "arm", "wrist": "arm", "hand": "arm", "knee": "leg", "ankle": "leg", "foot": "leg"}.get(part)
+    return f"{side} {limb}" if limb else ("head" if joint == "head" else "")
+
+
+HAND_MOMENTS = 3
+"""Moments at which the hands are drawn."""
+_JOINTS = 3
+"""Joints of a finger that a motion has."""
+_FIST_DEG = 180.0
+"""Bend of knuckle and middle joint together that is a whole curl: a fist has 90° each."""
+_SURE_MM, _UNSURE_MM = 3.0, 20.0
+"""Standard deviations of a finger's joints at which its cell begins to be tinted, and is so wholly."""
+_SIZE, _SPAN_M = 150.0, 0.24
+"""A hand's picture in the drawing's units, and how many metres it shows: a long hand is 0.21."""
+
+
+def hands_section(motion: Motion) -> str:
+    """Each finger's share of frames that are informed, deviation and bends; curls over time; pictures."""
+    names = motion.body_layout.joints
+    if not all(f"{side}_{finger}{k + 1}" in names for side in SIDES for finger in FINGERS for k in range(_JOINTS)):
+        return ""
+    columns = np.array(
+        [[[names.index(f"{s}_{f}{k + 1}") for k in range(_JOINTS)] for f in FINGERS] for s in SIDES], dtype=int
+    )
+    wrists = np.array([names.index(f"{side}_wrist") for side in SIDES])
+    seen = np.ones(motion.num_frames)[:, None, None] * np.ones((2, 5))
+    if motion.resting is not None:
+        seen = 1.0 * ~motion.resting[:, columns].all(axis=-1)
+    bends = _bends_deg(motion.joints[:, wrists], motion.joints[:, columns])
+    table = _table(motion, columns, seen, bends)
+    curls = [
+        (f"{side} {finger}", np.clip(bends[:, s, f].sum(-1) / _FIST_DEG, 0.0, 1.0))
+        for s, side in enumerate(SIDES) for f, finger in enumerate(FINGERS)
+    ]  # fmt: skip
+    unseen = [
+        f"the {side} hand in {100 * (1 - seen[:, s].max(axis=1).mean()):.0f} %" for s, side in enumerate(SIDES)
+        if (seen[:, s].max(axis=1) == 0).any()
+    ]  # fmt: skip
+    lead = "Fingers that nothing informs rest relaxed and are flagged; joints' deviations are the solver's own."
+    if unseen:
+        lead += f" Nobody sees {' and '.join(unseen)} of the frames."
+    body = (
+        f'<div class="pair">{table}{facts(_rows(motion))}</div><h3>Curl of each finger over time</h3>'
+        f"{strip_plot(curls, motion.fps)}<h3>Hands from the back and from the side of the index finger</h3>"
+        f"{_pictures(motion, wrists, columns, seen)}"
+    )
+    return section("Hands", body, lead, "hands")
+
+
+def _bends_deg(wrists: np.ndarray, joints: np.ndarray) -> np.ndarray:
+    """Return (F, 2, 5, 2) degrees by which knuckles and middle joints are bent.
+
+    Args:
+        wrists: (F, 2, 3) metres.
+        joints: (F, 2, 5, 3, 3).
+    """
+    start = np.broadcast_to(wrists[:, :, None, None], (*joints.shape[:3], 1, 3))
+    bones = np.diff(np.concatenate([start, joints], axis=3), axis=3)
+    before, after = bones[..., :-1, :], bones[..., 1:, :]
+    sine = np.linalg.norm(np.cross(before, after), axis=-1)
+    return np.degrees(np.arctan2(sine, (before * after).sum(-1)))
+
+
+def _table(motion: Motion, columns: np.ndarray, seen: np.ndarray, bends: np.ndarray) -> str:
+    rows = [f"{side} {finger}" for side in SIDES for finger in FINGERS]
+    known = seen > 0
+    share = 100.0 * known.mean(axis=0).reshape(-1)
+    sigma = np.full(len(rows), np.nan)
+    if motion.joint_sigma is not None:
+        spread = 1000.0 * np.where(known, motion.joint_sigma[:, columns].mean(axis=-1), np.nan)
+        count = known.sum(axis=0)
+        sigma = np.where(count > 0, np.nansum(spread, axis=0) / np.maximum(count, 1), np.nan).reshape(-1)
+    middle = bends[..., 1].reshape(len(bends), -1)
+    values = np.stack([share, sigma, np.median(middle, axis=0), middle.max(axis=0)], axis=1)
+    doubt = np.clip((sigma - _SURE_MM) / (_UNSURE_MM - _SURE_MM), 0.0, 1.0)
+    nothing = np.zeros(len(rows))
+    strength = np.stack([1.0 - share / 100.0, np.nan_to_num(doubt), nothing, nothing], axis=1)
+    heads = ["informed %", "deviation mm", "middle joint, median °", "most °"]
+    return heat_table(values, rows, heads, strength=strength, unit="")
+
+
+def _rows(motion: Motion) -> list[tuple[str, object]]:
+    """Return what the solve recorded of the hands."""
+    record = motion.provenance.get("hands", {})
+    rows: list[tuple[str, object]] = []
+    if "size" in record:
+        rows.append(("size of the hands", f"{100 * float(record['size']):.0f} % of what the shape gives"))
+    words = {
+        "seen_percent": ("frames in which it is measured", "{} %"),
+        "reprojection_median_px": ("median distance from the detections", "{} px"),
+        "residual_median_mm": ("median distance from the markers", "{} mm"), "status": ("solve", "{}"),
+    }  # fmt: skip
+    for side in SIDES:
+        own = record.get(side, {})
+        rows += [
+            (f"{side}: {words[key][0]}", words[key][1].format(value)) for key, value in own.items() if key in words
+        ]
+    gloves = motion.provenance.get("gloves", ())
+    rows += [("gloves", f"{item.get('file')} from {item.get('offset_s')} s") for item in gloves]
+    return rows
+
+
+def _pictures(motion: Motion, wrists: np.ndarray, columns: np.ndarray, seen: np.ndarray) -> str:
+    """Return both hands at moments at which most of them is known, from their backs and from the side, as SVG."""
+    parts = [part for part in np.array_split(np.arange(motion.num_frames), HAND_MOMENTS) if len(part)]
+    frames = [int(part[seen[part].sum(axis=(1, 2)).argmax()]) for part in parts]
+    drawn = []
+    for row, frame in enumerate(frames):
+        top = row * (_SIZE + 18)
+        drawn.append(f'<text class="x" x="28" y="{top + 12:.0f}">{frame / motion.fps:.2f} s</text>')
+        for side in range(len(SIDES)):
+            chains = _own_axes(motion.joints[frame, wrists[side]], motion.joints[frame, columns[side]], side)
+            for view, across in enumerate((1, 2)):
+                left = 60 + (2 * side + view) * _SIZE
+                drawn += _hand(chains[..., [0, across]], left, top, "ab"[side], seen[frame, side])
+    width, height = 60 + 4 * _SIZE, len(frames) * (_SIZE + 18)
+    return figure("space", width, height, drawn)
+
+
+def _own_axes(wrist: np.ndarray, joints: np.ndarray, side: int) -> np.ndarray:
+    """Return (5, 4, 3) metres of the fingers' chains, from the wrist: along the palm, across it, out of its back."""
+    chains = np.concatenate([np.broadcast_to(wrist, (5, 1, 3)), joints], axis=1) - wrist
+    along = _unit(chains[2, 1])
+    back = np.cross(chains[4, 1], chains[1, 1]) * (1.0 if side else -1.0)
+    back = _unit(back - (back @ along) * along)
+    # Seen from its back, fingers up, a right hand has its thumb on the left.
+    return chains @ np.stack([along, np.cross(along, back), back], axis=1)
+
+
+def _hand(chains: np.ndarray, left: float, top: float, style: str, seen: np.ndarray) -> list[str]:
+    """Return the lines of a hand's fingers; those that rest are faint.
+
+    Args:
+        chains: (5, 4, 2) metres up and to the right.
+        left: of the picture.
+        top: of the picture.
+        style: class of the bones.
+        seen: (5,) fingers that something informs.
+    """
+    scale = _SIZE / _SPAN_M
+    parts = []
+    for finger, chain in enumerate(chains):
+        x, y = left + _SIZE / 2 + scale * chain[:, 1], top + _SIZE - 12 - scale * chain[:, 0]
+        way = "L".join(f"{a:.1f} {b:.1f}" for a, b in zip(x, y, strict=True))
+        faint = "" if seen[finger] else ' style="opacity:0.35"'
+        parts.append(f'<path class="line bone {style}" d="M{way}"{faint}/>')
+        parts += [
+            f'<circle class="point" cx="{a:.1f}" cy="{b:.1f}" r="1.6"{faint}/>' for a, b in zip(x, y, strict=True)
+        ]
+    return parts
+
+
+def _unit(vector: np.ndarray) -> np.ndarray:
+    return vector / max(float(np.linalg.norm(vector)), 1e-12)
+
+
+CELL_M = 0.006
+"""Of the raster that the body is drawn on."""
+TONES = 4
+"""Shades of the body, by how far its surface is turned away."""
+SAMPLES = 9
+"""Points along an edge of a triangle; triangles are some centimetres large."""
+BEHIND_M = 0.03
+"""A marker that lies so far behind what is seen of the body is on the other side."""
+PX_PER_M = 330.0
+"""CSS pixels a metre; chosen by hand."""
+MARGIN_M = 0.1
+"""Around the body, metres; chosen by hand."""
+
+
+@dataclass(frozen=True)
+class SurfaceView:
+    """The body from one side: a raster of the surface nearest to the viewer."""
+
+    title: str
+    side: float
+    """1 from the front, -1 from behind."""
+    low: np.ndarray
+    """(2,) metres, the raster's corner."""
+    depth: np.ndarray
+    """(H, W) metres towards the viewer, -inf where there is no body; rows from below."""
+    tone: np.ndarray
+    """(H, W) 0..1, how much the surface faces the viewer."""
+
+    @classmethod
+    def of(cls, title: str, side: float, vertices: np.ndarray, faces: np.ndarray) -> SurfaceView:
+        """Return the view of a mesh (V, 3) that faces +Z, Y up."""
+        corners = (vertices * [side, 1.0, side])[faces]
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        facing = normal[:, 2] / np.maximum(np.linalg.norm(normal, axis=1), 1e-12)
+        corners, facing = corners[facing > 0], facing[facing > 0]
+        shares = (
+            np.array([(i, j, SAMPLES - i - j) for i in range(SAMPLES + 1) for j in range(SAMPLES + 1 - i)]) / SAMPLES
+        )
+        points = np.einsum("sk,tkx->tsx", shares, corners).reshape(-1, 3)
+        low = points[:, :2].min(0) - MARGIN_M
+        size = np.ceil((points[:, :2].max(0) + MARGIN_M - low) / CELL_M).astype(int)
+        column, row = ((points[:, :2] - low) / CELL_M).astype(int).T
+        order = np.argsort(points[:, 2], kind="stable")  # of several at one place the last written is the nearest
+        depth, tone = np.full(size[::-1], -np.inf), np.zeros(size[::-1])
+        depth[row[order], column[order]] = points[order, 2]
+        tone[row[order], column[order]] = np.repeat(facing, len(shares))[order]
+        return cls(title, side, low, depth, tone)
+
+    def place(self, point: np.ndarray) -> tuple[float, float]:
+        """Return where a point (3,) of the body is drawn."""
+        x, y = (point[:2] * [self.side, 1.0] - self.low) * PX_PER_M
+        return round(float(x), 1), round(float(self.depth.shape[0] * CELL_M * PX_PER_M - y), 1)
+
+    def faces_viewer(self, point: np.ndarray) -> bool:
+        """Return whether a point (3,) is on this side of the body, or beside it."""
+        column, row = ((point[:2] * [self.side, 1.0] - self.low) / CELL_M).astype(int)
+        height, width = self.depth.shape
+        if not (0 <= row < height and 0 <= column < width):
+            return True
+        return bool(point[2] * self.side > self.depth[row, column] - BEHIND_M)
+
+
+def rest_pose_section(motion: Motion) -> str:
+    """The body in the rest pose with its markers where the solve found them, and whence they were expected."""
+    body = load_body()
+    if motion.offsets is None or motion.layout is None or motion.marker_labels is None or motion.body != body.id:
+        return ""
+    found, expected = (
+        rest_markers(body, motion, offsets) for offsets in (motion.offsets, np.zeros_like(motion.offsets))
+    )
+    error = motion.marker_residual_mm
+    usual = np.full(len(found), np.nan) if error is None else quantile(error, 0.5, axis=0)
+    vertices = body.v_template + body.shapedirs @ motion.betas
+    views = (
+        SurfaceView.of("From the front", 1.0, vertices, body.faces),
+        SurfaceView.of("From behind", -1.0, vertices, body.faces),
+    )
+    figures = [_figure(view, motion.marker_labels, found, expected, usual) for view in views]
+    lead = (
+        "The person's body with every marker where the solve learned that it sits; a line leads to it from where its "
+        "name puts it. Larger and redder is farther from the recording (median). The person's left is on the "
+        "right from the front."
+    )
+    return section("Where the markers sit", f'<div class="pair">{"".join(figures)}</div>', lead, "places")
+
+
+def rest_markers(body: Body, motion: Motion, offsets: np.ndarray) -> np.ndarray:
+    """Return (M, 3) metres: the markers on the body in its rest pose, Y up, facing +Z.
+
+    Args:
+        body: the motion's.
+        motion: of markers, for shape and layout.
+        offsets: (M, 3) metres from the places' rules.
+    """
+    assert motion.layout is not None
+    still = np.broadcast_to(np.eye(3), (1, NUM_BODY_JOINTS, 3, 3))
+    landmarks = marker_landmarks(body, motion.layout)
+    posed = pose_landmarks(body, landmarks, motion.betas, still[:, 0], still, np.zeros((1, 3)), offsets=offsets)
+    return np.asarray(posed.points)[0]
+
+
+def _figure(
+    view: SurfaceView, labels: tuple[str, ...], found: np.ndarray, expected: np.ndarray, usual: np.ndarray
+) -> str:
+    height, width = (CELL_M * PX_PER_M * n for n in view.depth.shape)
+    everything = np.nanmedian(usual) if np.isfinite(usual).any() else 1.0
+    parts = _silhouette(view)
+    for label, here, there, error in zip(labels, found, expected, usual, strict=True):
+        if not view.faces_viewer(here):
+            continue
+        (x, y), (x0, y0) = view.place(here), view.place(there)
+        worse = float(np.clip(np.nan_to_num(error / max(2.5 * everything, 1e-9)), 0.0, 1.0))
+        name = label.rpartition(":")[2]
+        moved = number(1000 * float(np.linalg.norm(here - there)), 0)
+        tooltip = f"{text(name)}: {number(error)} mm, {moved} mm from its rule"
+        parts.append(
+            f'<line class="moved" x1="{x0}" y1="{y0}" x2="{x}" y2="{y}"/>'
+            f'<circle class="marker" style="--h:{100 * worse:.0f}%" cx="{x}" cy="{y}" r="{3 + 3 * worse:.1f}">'
+            f'<title>{tooltip}</title></circle><text class="place" x="{x + 5}" y="{y - 4}">{text(name)}</text>'
+        )
+    drawing = f'<svg viewBox="0 0 {width:.0f} {height:.0f}" role="img">{"".join(parts)}</svg>'
+    return f"<figure><h3>{view.title}</h3>{drawing}</figure>"
+
+
+def _silhouette(view: SurfaceView) -> list[str]:
+    """Return the body as a path of horizontal strokes for each tone."""
+    step, rows = CELL_M * PX_PER_M, view.depth.shape[0]
+    there = np.isfinite(view.depth)
+    level = np.minimum((view.tone * TONES).astype(int), TONES - 1)
+    paths = []
+    for tone in range(TONES):
+        strokes = [
+            f"M{first * step:.1f} {(rows - row - 0.5) * step:.1f}h{(last - first + 1) * step:.1f}"
+            for row, cells in enumerate(there & (level == tone))
+            for first, last in true_runs(cells)
+        ]
+        paths.append(f'<path class="skin" style="--t:{tone / (TONES - 1):.2f}" d="{"".join(strokes)}"/>')
+    return paths
